@@ -1,0 +1,25 @@
+"""The errors of the project: one root, and a message that says what was wrong and what is allowed."""
+
+
+class StrideTwinError(Exception):
+    """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
+
+
+class ConfigError(StrideTwinError):
+    """A value in a file or a call that is not allowed.
+
+    Args:
+        source: File (or object) that holds the value.
+        field: Dotted path of the field inside it, or "" for the whole.
+        value: The offending value.
+        valid: What would have been valid, in words.
+    """
+
+    def __init__(self, source: object, field: str, value: object, valid: str) -> None:
+        self.source, self.field, self.value, self.valid = str(source), field, value, valid
+        where = f"{source}: {field}" if field else str(source)
+        super().__init__(f"{where}: {value!r} is not valid; valid: {valid}")
+
+
+class RecordingError(StrideTwinError):
+    """A recording that cannot be read, or that would silently spoil an estimate."""

@@ -1,0 +1,263 @@
+"""MCAP files written in bulk: equal-sized messages become a chunk's records without a loop over them.
+
+The format is that of https://mcap.dev/spec; the `mcap` library's record classes write everything but the
+messages themselves and their indexes.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zstandard
+from mcap import records
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+MAGIC = b"\x89MCAP0\r\n"
+CHUNK_BYTES = 2 << 20
+CHUNK_NS = 1_000_000_000
+_RECORD_HEAD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<u8"),
+        ("publish", "<u8"),
+    ]
+)
+
+
+def message_rows(
+    channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]
+) -> tuple[Any, Any]:
+    """N message records that all hold `payload`.
+
+    Args:
+        channel: Channel they belong to.
+        payload: Serialised message, the template.
+        layout: Structured type of the payload.
+        t_ns: (N,) log and publish times.
+
+    Returns:
+        (N,) records of one contiguous buffer, and the (N,) payloads inside them as a view to be filled in.
+    """
+    row = np.dtype(
+        {
+            "names": ["head", "payload"],
+            "formats": [_RECORD_HEAD, layout],
+            "offsets": [0, _RECORD_HEAD.itemsize],
+            "itemsize": _RECORD_HEAD.itemsize + len(payload),
+        }
+    )
+    head = np.zeros((), _RECORD_HEAD)
+    head["opcode"], head["length"], head["channel"] = Opcode.MESSAGE, row.itemsize - 9, channel
+    template = np.frombuffer(head.tobytes() + payload, np.uint8)
+    rows = np.tile(template, (len(t_ns), 1)).reshape(-1).view(row)
+    rows["head"]["log"] = rows["head"]["publish"] = t_ns
+    return rows, rows["payload"]
+
+
+class McapWriter:
+    """Appends channels, messages, attachments and metadata to one MCAP file, chunk by chunk.
+
+    Chunks are compressed (zstd) and carry a CRC; the whole data section and the summary carry theirs. Every
+    finished chunk is handed to the operating system at once, so that a killed process loses only the open
+    chunk.
+    """
+
+    def __init__(self, path: Path, library: str) -> None:
+        self._file = path.open("wb")
+        self._crc = 0
+        self._compressor = zstandard.ZstdCompressor(level=1)
+        self._schemas: list[records.Schema] = []
+        self._channels: list[records.Channel] = []
+        self._chunk_indexes: list[records.ChunkIndex] = []
+        self._attachment_indexes: list[records.AttachmentIndex] = []
+        self._metadata_indexes: list[records.MetadataIndex] = []
+        self._counts: dict[int, int] = {}
+        self._times: tuple[int, int] | None = None
+        self._new_chunk()
+        self._append(MAGIC)
+        self._append(_encoded(records.Header(profile="ros2", library=library)))
+
+    def channel(self, topic: str, typename: str, definition: str) -> int:
+        """Registers a channel of CDR messages and returns its id."""
+        schema = next((s for s in self._schemas if s.name == typename), None)
+        if schema is None:
+            schema = records.Schema(len(self._schemas) + 1, definition.encode(), "ros2msg", typename)
+            self._schemas.append(schema)
+            self._add(_encoded(schema))
+        channel = records.Channel(len(self._channels) + 1, topic, "cdr", {}, schema.id)
+        self._channels.append(channel)
+        self._add(_encoded(channel))
+        return channel.id
+
+    def messages(self, rows: NDArray[np.void]) -> None:
+        """Appends records made by `message_rows`, splitting them over chunks as they fill up."""
+        channel = int(rows["head"]["channel"][0])
+        data = memoryview(rows.view(np.uint8).data)
+        times = rows["head"]["log"]
+        size = rows.itemsize
+        start = 0
+        while start < len(rows):
+            if self._messages and int(times[start]) - self._chunk_times[0] >= CHUNK_NS:
+                self._finish_chunk()
+            count = max(1, (CHUNK_BYTES - self._chunk_size) // size)
+            count = min(
+                count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start
+            )
+            part = slice(start, start + count)
+            self._index(channel, times[part], self._chunk_size + size * np.arange(count, dtype=np.uint64))
+            self._add(data[start * size : (start + count) * size])
+            start += count
+            if self._chunk_size >= CHUNK_BYTES - size:
+                self._finish_chunk()
+
+    def attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """Appends an attachment."""
+        body = _encoded(
+            records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+        )
+        self._attachment_indexes.append(
+            records.AttachmentIndex(
+                offset=self._file.tell(),
+                length=len(body),
+                log_time=0,
+                create_time=0,
+                data_size=len(data),
+                name=name,
+                media_type=media_type,
+            )
+        )
+        self._append(body)
+
+    def metadata(self, name: str, values: dict[str, str]) -> None:
+        """Appends a metadata record."""
+        body = _encoded(records.Metadata(name=name, metadata=values))
+        self._metadata_indexes.append(
+            records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name)
+        )
+        self._append(body)
+
+    def finish(self) -> None:
+        """Writes the open chunk, the summary and the footer, and closes the file."""
+        self._finish_chunk()
+        self._append(_encoded(records.DataEnd(self._crc)))
+        start = self._file.tell()
+        groups: list[tuple[Opcode, list[Any]]] = [
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
+            (Opcode.ATTACHMENT_INDEX, self._attachment_indexes),
+            (Opcode.METADATA_INDEX, self._metadata_indexes),
+        ]
+        summary, offsets = b"", b""
+        for opcode, items in groups:
+            body = b"".join(_encoded(item) for item in items)
+            if body:
+                offsets += _encoded(records.SummaryOffset(opcode, start + len(summary), len(body)))
+            summary += body
+        footer = _encoded(records.Footer(start, start + len(summary), 0))[:-4]
+        tail = summary + offsets + footer
+        self._file.write(tail + zlib.crc32(tail).to_bytes(4, "little") + MAGIC)
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Writes the open chunk and closes the file without a summary."""
+        self._finish_chunk()
+        self._file.close()
+
+    def _statistics(self) -> records.Statistics:
+        first, last = self._times or (0, 0)
+        return records.Statistics(
+            attachment_count=len(self._attachment_indexes),
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunk_indexes),
+            message_count=sum(self._counts.values()),
+            message_end_time=last,
+            message_start_time=first,
+            metadata_count=len(self._metadata_indexes),
+            schema_count=len(self._schemas),
+        )
+
+    def _new_chunk(self) -> None:
+        self._parts: list[bytes | memoryview] = []
+        self._chunk_size = 0
+        self._messages: dict[int, list[NDArray[np.uint64]]] = {}
+        self._chunk_times = (0, 0)
+
+    def _add(self, data: bytes | memoryview) -> None:
+        self._parts.append(data)
+        self._chunk_size += len(data)
+
+    def _index(self, channel: int, times: NDArray[np.uint64], offsets: NDArray[np.uint64]) -> None:
+        first, last = int(times[0]), int(times[-1])
+        if self._messages:
+            first, last = min(first, self._chunk_times[0]), max(last, self._chunk_times[1])
+        self._chunk_times = first, last
+        self._messages.setdefault(channel, []).append(np.column_stack((times, offsets)))
+        self._counts[channel] = self._counts.get(channel, 0) + len(times)
+
+    def _finish_chunk(self) -> None:
+        if not self._messages:
+            return
+        data = b"".join(self._parts)
+        first, last = self._chunk_times
+        chunk = _encoded(
+            records.Chunk(
+                compression="zstd",
+                data=(compressed := self._compressor.compress(data)),
+                message_start_time=first,
+                message_end_time=last,
+                uncompressed_crc=zlib.crc32(data),
+                uncompressed_size=len(data),
+            )
+        )
+        start = self._file.tell()
+        index_start = start + len(chunk)
+        indexes, offsets = b"", {}
+        for channel, entries in self._messages.items():
+            offsets[channel] = index_start + len(indexes)
+            body = np.concatenate(entries).astype("<u8").tobytes()
+            builder = RecordBuilder()
+            builder.start_record(Opcode.MESSAGE_INDEX)
+            builder.write2(channel)
+            builder.write4(len(body))
+            builder.write(body)
+            builder.finish_record()
+            indexes += builder.end()
+        self._append(chunk + indexes)
+        self._file.flush()
+        self._chunk_indexes.append(
+            records.ChunkIndex(
+                chunk_length=len(chunk),
+                chunk_start_offset=start,
+                compression="zstd",
+                compressed_size=len(compressed),
+                message_end_time=last,
+                message_index_length=len(indexes),
+                message_index_offsets=offsets,
+                message_start_time=first,
+                uncompressed_size=len(data),
+            )
+        )
+        earliest, latest = self._times or (first, last)
+        self._times = min(earliest, first), max(latest, last)
+        self._new_chunk()
+
+    def _append(self, data: bytes) -> None:
+        self._crc = zlib.crc32(data, self._crc)
+        self._file.write(data)
+
+
+def _encoded(record: records.McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()

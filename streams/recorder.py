@@ -1,0 +1,190 @@
+"""Writing a recording: blocks and samples in, one MCAP file with ROS 2 messages out."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from stridetwin.streams.cdr import Layout
+from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.streams.files import partial_path
+from stridetwin.streams.kalibr import rig_to_yaml
+from stridetwin.streams.mcap_writer import McapWriter, message_rows
+from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.ros_pictures import (
+    CAMERA_INFO,
+    COMPRESSED,
+    DEPTH_ENCODINGS,
+    RAW,
+    camera_info_message,
+    depth_message,
+    image_message,
+)
+from stridetwin.streams.ros_samples import SMALL, block_of, fill
+from stridetwin.streams.ros_types import definition
+from stridetwin.streams.samples import Block, Depth, Image, Sample
+
+METADATA_NAME = "stridetwin"
+RIG_NAME = "rig.yaml"
+_INFO_PERIOD_NS = 1_000_000_000
+_ENCODERS = 2
+_PICTURES_IN_FLIGHT = 8
+_LATEST_NS = 2**31 * 1_000_000_000
+
+
+class RecordingWriter:
+    """Writes one recording; a context manager.
+
+    The file grows under a hidden name beside `path` and takes its place only when it is complete; after an
+    error or a kill the hidden file stays, readable up to its last whole chunk. The same input gives the same
+    bytes.
+
+    Args:
+        path: Recording to make, `.mcap`.
+        rig: What the wearer carries; stored inside as Kalibr YAML.
+        metadata: Stored inside as text (seed, versions, ...).
+        depth_encoding: `16UC1` (mm, as the RealSense driver) or `32FC1` (m, lossless).
+        jpeg_quality: 0 to 100.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        rig: Rig,
+        metadata: Mapping[str, str] | None = None,
+        *,
+        depth_encoding: str = "16UC1",
+        jpeg_quality: int = 90,
+    ) -> None:
+        if depth_encoding not in DEPTH_ENCODINGS:
+            raise ConfigError(
+                "RecordingWriter", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS)
+            )
+        self.path = Path(path)
+        self._rig = rig
+        self._depth_encoding, self._quality = depth_encoding, jpeg_quality
+        self._last: dict[str, int] = {}
+        self._kinds: dict[str, type[Sample]] = {}
+        self._channels: dict[str, int] = {}
+        self._templates: dict[str, tuple[bytes, Layout, Mapping[str, Any]]] = {}
+        self._next_info: dict[str, int] = {}
+        self._cameras = _by_picture_topic(rig)
+        self._queue: deque[tuple[str, Future[bytes], int]] = deque()
+        self._pool = ThreadPoolExecutor(_ENCODERS)
+        try:
+            self._file = McapWriter(partial_path(self.path), "stridetwin")
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
+        self._file.attachment(RIG_NAME, "application/yaml", rig_to_yaml(rig).encode())
+        self._file.metadata(METADATA_NAME, dict(metadata or {}))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._drain(0)
+            if error is None:
+                self._file.finish()
+                os.replace(partial_path(self.path), self.path)
+            else:
+                self._file.abandon()
+        finally:
+            self._pool.shutdown(cancel_futures=True)
+
+    def write(self, item: Block[Any] | Sample) -> None:
+        """Appends a sample, or a block of samples of one topic.
+
+        Raises:
+            RecordingError: A stamp of the topic does not lie after the one before, or the topic changes its
+                kind.
+        """
+        if isinstance(item, (Image, Depth)):
+            self._check(item.topic, type(item), np.array([item.t_ns], np.int64))
+            self._write_picture(item)
+        elif isinstance(item, Sample):
+            self.write(block_of([item]))
+        elif item.kind in (Image, Depth):
+            for picture in item:
+                self.write(picture)
+        elif len(item):
+            self._check(item.topic, item.kind, item.t_ns)
+            self._drain(0)
+            self._write_block(item)
+
+    def _check(self, topic: str, kind: type[Sample], t_ns: NDArray[np.int64]) -> None:
+        known = self._kinds.setdefault(topic, kind)
+        if known is not kind:
+            raise RecordingError(
+                f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there"
+            )
+        before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))
+        bad = np.flatnonzero((t_ns <= before) | (t_ns >= _LATEST_NS))
+        if bad.size:
+            i = int(bad[0])
+            raise RecordingError(
+                f"{self.path}: {topic}: stamp {t_ns[i] * 1e-9:.9f} s after {before[i] * 1e-9:.9f} s "
+                "is not valid; valid: stamps from 0 on that increase strictly"
+            )
+        self._last[topic] = int(t_ns[-1])
+
+    def _channel(self, topic: str, typename: str) -> int:
+        if topic not in self._channels:
+            self._channels[topic] = self._file.channel(topic, typename, definition(typename))
+        return self._channels[topic]
+
+    def _write_block(self, block: Block[Any]) -> None:
+        small = SMALL[block.kind]
+        if block.topic not in self._templates:
+            payload, layout = small.template(block.topic, self._rig, block.constants)
+            self._templates[block.topic] = payload, layout, dict(block.constants)
+        payload, layout, constants = self._templates[block.topic]
+        if constants != dict(block.constants):
+            raise RecordingError(
+                f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}"
+            )
+        rows, payloads = message_rows(
+            self._channel(block.topic, small.typename), payload, layout.dtype, block.t_ns
+        )
+        fill(payloads, small, block)
+        self._file.messages(rows)
+
+    def _write_picture(self, sample: Image | Depth) -> None:
+        camera = self._cameras.get(sample.topic)
+        if camera and sample.t_ns >= self._next_info.get(sample.topic, 0):
+            self._next_info[sample.topic] = sample.t_ns + _INFO_PERIOD_NS
+            info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
+            self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, sample.t_ns)
+        if isinstance(sample, Image):
+            self._submit(sample.topic, COMPRESSED, partial(image_message, sample, self._quality), sample.t_ns)
+        else:
+            self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), sample.t_ns)
+        self._drain(_PICTURES_IN_FLIGHT)
+
+    def _submit(self, topic: str, typename: str, encode: partial[bytes], t_ns: int) -> None:
+        self._channel(topic, typename)
+        self._queue.append((topic, self._pool.submit(encode), t_ns))
+
+    def _drain(self, leave: int) -> None:
+        """Appends encoded pictures in the order in which they came, until `leave` are left in the queue."""
+        while len(self._queue) > leave:
+            topic, encoded, t_ns = self._queue.popleft()
+            payload = encoded.result()
+            layout = np.dtype(f"V{len(payload)}")
+            rows, _ = message_rows(self._channels[topic], payload, layout, np.array([t_ns], np.int64))
+            self._file.messages(rows)
+
+
+def _by_picture_topic(rig: Rig) -> dict[str, CameraCalibration]:
+    cameras = dict(rig.cameras)
+    return cameras | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}

@@ -1,0 +1,269 @@
+"""What a recording holds and what is wrong with it, found by reading the file once, front to back."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap import records
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.kalibr import rig_from_yaml
+from stridetwin.streams.mcap_scan import (
+    CutOffError,
+    DamagedError,
+    Messages,
+    chunk_contents,
+    decompress,
+    parse,
+    top_records,
+)
+from stridetwin.streams.recorder import METADATA_NAME, RIG_NAME
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Sample
+from stridetwin.streams.topic_reader import READABLE, TopicReader, finite, increasing
+
+RATE_TOLERANCE = 0.2
+_RATE_SAMPLES = 10
+_LENIENT = "; to read it all the same: Recording(..., lenient=True), on the command line --lenient"
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """What a topic holds.
+
+    Attributes:
+        kind: Type of its samples.
+        count: Samples.
+        first_ns: Stamp of the first.
+        last_ns: Stamp of the last.
+    """
+
+    kind: type[Sample]
+    count: int
+    first_ns: int
+    last_ns: int
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate; 0 for less than two samples."""
+        return (self.count - 1) * 1e9 / (self.last_ns - self.first_ns) if self.count > 1 else 0.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something that would spoil an estimate.
+
+    Attributes:
+        topic: Where, or "" for the file as a whole.
+        t_ns: When it is first met, None for the file as a whole.
+        what: In words.
+        count: How many samples it concerns.
+    """
+
+    topic: str
+    t_ns: int | None
+    what: str
+    count: int = 1
+
+    def __str__(self) -> str:
+        at = f"{self.topic} at {self.t_ns * 1e-9:.6f} s: " if self.topic and self.t_ns is not None else ""
+        more = f" ({self.count} samples)" if self.count > 1 else ""
+        return f"{at or (self.topic and self.topic + ': ')}{self.what}{more}"
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one chunk holds of one topic: samples kept, first and last stamp, last stamp before it."""
+
+    count: int
+    first: int
+    last: int
+    before: int
+
+
+@dataclass(frozen=True)
+class ChunkInfo:
+    """Where a chunk lies in the file, and what it holds by topic."""
+
+    offset: int
+    parts: dict[str, Part]
+
+
+class RecordingIndex:
+    """The contents of one MCAP file.
+
+    Args:
+        path: The file.
+        lenient: Keep problems in mind instead of refusing the file at the first.
+
+    Attributes:
+        topics: What is read of each topic.
+        metadata: Texts stored in the file.
+        problems: What would spoil an estimate.
+        unread: Message type of every topic that is not read.
+        rig: The calibration, if the file has one.
+        channels: Topic of every channel.
+        readers: Decoder of every topic.
+        chunks: Where the samples lie.
+        picture_times: (N,) ns a chunk, for every topic of pictures.
+
+    Raises:
+        RecordingError: The file cannot be read, or (unless `lenient`) would spoil an estimate.
+    """
+
+    def __init__(self, path: Path, lenient: bool) -> None:
+        self.path, self.lenient = path, lenient
+        self.topics: dict[str, TopicInfo] = {}
+        self.metadata: dict[str, str] = {}
+        self.problems: list[Problem] = []
+        self.unread: dict[str, str] = {}
+        self.rig: Rig | None = None
+        self.channels: dict[int, str] = {}
+        self.readers: dict[str, TopicReader] = {}
+        self.chunks: list[ChunkInfo] = []
+        self.picture_times: dict[str, list[NDArray[np.int64]]] = {}
+        self._schemas: dict[int, records.Schema] = {}
+        self._scan()
+        self._check_rates()
+
+    def _scan(self) -> None:
+        try:
+            for opcode, offset, body in top_records(self.path):
+                try:
+                    self._top_record(opcode, offset, body)
+                except DamagedError as error:
+                    self.note(Problem("", None, f"{error} (at byte {offset}, {self._until()})"))
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
+        except CutOffError as error:
+            self.note(Problem("", None, f"{error}; {self._until()}"))
+        except DamagedError as error:
+            if "no MCAP" in str(error):
+                raise RecordingError(f"{self.path}: {error}") from error
+            self.note(Problem("", None, str(error)))
+
+    def _until(self) -> str:
+        last = max((t.last_ns for t in self.topics.values()), default=None)
+        return "no sample lies before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
+
+    def _top_record(self, opcode: int, offset: int, body: bytes) -> None:
+        if opcode == Opcode.CHUNK:
+            found, messages = chunk_contents(decompress(parse(records.Chunk, body)))
+            for record in found:
+                self._register(record)
+            self._index_chunk(offset, messages)
+        elif opcode == Opcode.ATTACHMENT:
+            self._attachment(body)
+        elif opcode == Opcode.METADATA:
+            metadata = parse(records.Metadata, body)
+            if metadata.name == METADATA_NAME:
+                self.metadata.update(metadata.metadata)
+        elif opcode == Opcode.SCHEMA:
+            self._register(parse(records.Schema, body))
+        elif opcode == Opcode.CHANNEL:
+            self._register(parse(records.Channel, body))
+        elif opcode == Opcode.MESSAGE:
+            raise RecordingError(f"{self.path}: messages outside chunks are not read; valid: chunked MCAP")
+
+    def _attachment(self, body: bytes) -> None:
+        attachment = parse(records.Attachment, body)
+        if int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
+            raise DamagedError(f"CRC mismatch of the attachment {attachment.name}")
+        if attachment.name == RIG_NAME:
+            try:
+                self.rig = rig_from_yaml(attachment.data.decode(), RIG_NAME)
+            except (UnicodeDecodeError, StrideTwinError) as error:
+                raise DamagedError(f"its calibration is not valid: {error}") from error
+
+    def _register(self, record: Any) -> None:
+        if isinstance(record, records.Schema):
+            self._schemas[record.id] = record
+        elif record.id not in self.channels:
+            schema = self._schemas.get(record.schema_id)
+            name = schema.name if schema else ""
+            self.channels[record.id] = record.topic
+            if schema is None or name not in READABLE or record.message_encoding != "cdr":
+                self.unread[record.topic] = name
+            elif record.topic in self.readers:
+                self.note(Problem(record.topic, None, "a second publisher, which is not read"))
+            else:
+                text = schema.data.decode(errors="replace")
+                try:
+                    self.readers[record.topic] = TopicReader(record.topic, name, schema.encoding, text)
+                except ValueError as error:
+                    self.unread[record.topic] = name
+                    self.note(Problem(record.topic, None, str(error)))
+
+    def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
+        parts: dict[str, Part] = {}
+        for channel, messages in by_channel.items():
+            topic = self.channels.get(channel, "")
+            if topic in self.readers and topic not in parts:
+                part = self._index_topic(topic, messages)
+                if part is not None and part.count:
+                    parts[topic] = part
+        if parts:
+            self.chunks.append(ChunkInfo(offset, parts))
+
+    def _index_topic(self, topic: str, messages: Messages) -> Part | None:
+        reader = self.readers[topic]
+        known = self.topics.get(topic)
+        before = known.last_ns if known else -1
+        try:
+            block = None if reader.is_picture else reader.block(messages)
+            t = reader.times(messages) if block is None else block.t_ns
+        except ValueError as error:
+            self.note(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
+            return None
+        rising = increasing(t, before)
+        if not rising.all():
+            i = int(np.argmin(rising))
+            earlier = max(before, int(t[:i].max(initial=before)))
+            what = f"the stamp does not lie after the one before, {earlier * 1e-9:.6f} s"
+            self.note(Problem(topic, int(t[i]), what, int((~rising).sum())))
+        keep = rising
+        if block is not None and not topic.startswith("/truth/"):
+            sound = finite(block)
+            if not sound.all():
+                self.note(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
+            keep = rising & sound
+        kept = t[keep]
+        if not len(kept) or reader.kind is None:
+            return None
+        if block is None:
+            self.picture_times.setdefault(topic, []).append(kept)
+        part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
+        count, first = (known.count, known.first_ns) if known else (0, part.first)
+        self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
+        return part
+
+    def _check_rates(self) -> None:
+        if self.rig is None:
+            return
+        declared = {t: imu.rate_hz for t, imu in self.rig.imus.items()}
+        declared |= {t: other.rate_hz for t, other in self.rig.others.items()}
+        for camera in self.rig.cameras.values():
+            declared |= {camera.topic: camera.rate_hz, camera.depth_topic: camera.rate_hz}
+        for topic, rate in declared.items():
+            info = self.topics.get(topic)
+            if (
+                info
+                and rate > 0
+                and info.count >= _RATE_SAMPLES
+                and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE
+            ):
+                what = (
+                    f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
+                )
+                self.note(Problem(topic, info.first_ns, what))
+
+    def note(self, problem: Problem) -> None:
+        """Refuses the recording, or (when lenient) keeps the problem in mind."""
+        if not self.lenient:
+            raise RecordingError(f"{self.path}: {problem}{_LENIENT}")
+        self.problems.append(problem)

@@ -1,0 +1,171 @@
+"""The rig: which sensors the wearer carries, where they sit and what they are told to be.
+
+One `Rig` describes everything that an estimator may know about the hardware: mounts, intrinsics, noise densities and
+rates. It is read and written as one Kalibr-style YAML file (`streams.kalibr`). What an estimator is told may differ
+from what the twin really has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """Where something sits.
+
+    Attributes:
+        body: Name of the body that carries it: pelvis, torso, head, thigh_l, shank_l, foot_l, exo_back, ...
+        T_body_sensor: (4, 4) rigid transform, sensor frame to body frame, m. The foot frame has its origin on the
+            sole under the heel's centre, x forward, y left, z up; a camera's frame is optical (x right, y down,
+            z forward).
+    """
+
+    body: str
+    T_body_sensor: Array = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImuCalibration:
+    """Inertial sensor: noise as continuous-time densities (Kalibr's convention).
+
+    Attributes:
+        topic: Stream it feeds.
+        part: Name of the part.
+        rate_hz: Sample rate.
+        mount: Where it sits.
+        gyroscope_noise_density: rad/s/√Hz.
+        gyroscope_random_walk: rad/s²/√Hz.
+        accelerometer_noise_density: m/s²/√Hz.
+        accelerometer_random_walk: m/s³/√Hz.
+        gyroscope_bias_sd: Turn-on bias, rad/s.
+        accelerometer_bias_sd: Turn-on bias, m/s².
+    """
+
+    topic: str
+    part: str
+    rate_hz: float
+    mount: Mount
+    gyroscope_noise_density: float
+    gyroscope_random_walk: float
+    accelerometer_noise_density: float
+    accelerometer_random_walk: float
+    gyroscope_bias_sd: float = 0.0
+    accelerometer_bias_sd: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraCalibration:
+    """Camera, pinhole with distortion.
+
+    Attributes:
+        topic: Stream of its pictures.
+        part: Name of the part.
+        rate_hz: Frame rate.
+        mount: Where it sits (optical frame).
+        width: Pixels.
+        height: Pixels.
+        intrinsics: (fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0), as in OpenCV.
+        distortion_model: `radtan` (k1, k2, p1, p2) or `equidistant`.
+        distortion: (4,) coefficients.
+        depth_topic: Stream of the depth picture registered to it, or "".
+        imu_topic: Topic of the IMU that Kalibr's `T_cam_imu` refers to, or "".
+        timeshift_cam_imu_s: t_imu = t_cam + shift.
+    """
+
+    topic: str
+    part: str
+    rate_hz: float
+    mount: Mount
+    width: int
+    height: int
+    intrinsics: tuple[float, float, float, float]
+    distortion_model: str = "radtan"
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    depth_topic: str = ""
+    imu_topic: str = ""
+    timeshift_cam_imu_s: float = 0.0
+
+    @property
+    def K(self) -> Array:
+        """(3, 3) camera matrix."""
+        fu, fv, pu, pv = self.intrinsics
+        return np.array([[fu, 0.0, pu], [0.0, fv, pv], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Board:
+    """Checkerboard that a camera looks at.
+
+    Attributes:
+        name: Such as `foot_l`.
+        mount: Pose of the board frame: origin at the board's centre, x along the columns, y along the rows,
+            z out of the printed face.
+        squares: (columns, rows) of squares.
+        square_m: Edge of a square.
+    """
+
+    name: str
+    mount: Mount
+    squares: tuple[int, int]
+    square_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherSensor:
+    """A sensor without a Kalibr section: sonar, insole, AHRS, encoder, interaction cells, actuator.
+
+    Attributes:
+        topic: Stream it feeds.
+        kind: range, insole, ahrs, encoder, interaction or actuator.
+        part: Name of the part.
+        rate_hz: Sample rate.
+        mount: Where it sits.
+        parameters: What else an estimator is told (noise, cell positions, resolution), numbers or lists of numbers.
+    """
+
+    topic: str
+    kind: str
+    part: str
+    rate_hz: float
+    mount: Mount
+    parameters: Mapping[str, float | list[float] | list[list[float]]] = field(default_factory=dict)
+
+    def number(self, name: str) -> float:
+        """One parameter that is a number.
+
+        Raises:
+            StrideTwinError: The sensor has no such number; the message lists those it has.
+        """
+        value = self.parameters.get(name)
+        if not isinstance(value, int | float):
+            numbers = sorted(k for k, v in self.parameters.items() if isinstance(v, int | float))
+            raise StrideTwinError(f"{self.topic} has no number {name!r}; it has {', '.join(numbers) or 'none'}")
+        return float(value)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rig:
+    """Every sensor of one wearer, keyed by topic (boards by name)."""
+
+    imus: Mapping[str, ImuCalibration] = field(default_factory=dict)
+    cameras: Mapping[str, CameraCalibration] = field(default_factory=dict)
+    boards: Mapping[str, Board] = field(default_factory=dict)
+    others: Mapping[str, OtherSensor] = field(default_factory=dict)
+
+    def imu(self, topic: str) -> ImuCalibration:
+        """Calibration of one IMU.
+
+        Raises:
+            StrideTwinError: The rig has no such IMU; the message lists those it has.
+        """
+        if topic not in self.imus:
+            raise StrideTwinError(
+                f"the rig has no IMU {topic!r}; it has {', '.join(sorted(self.imus)) or 'none'}"
+            )
+        return self.imus[topic]

@@ -1,0 +1,127 @@
+"""Pictures and camera calibrations as ROS 2 messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys.store import Typestore
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.ros_samples import frame_id
+from stridetwin.streams.ros_types import serialise
+from stridetwin.streams.samples import Depth, Image
+
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+RAW = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+PICTURES = (COMPRESSED, RAW)
+DEPTH_ENCODINGS = ("16UC1", "32FC1")
+_PIXELS = {
+    "mono8": ("u1", 1), "8UC1": ("u1", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3),
+    "16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1),
+}  # fmt: skip
+
+
+def _header(topic: str, t_ns: int) -> dict[str, Any]:
+    sec, nanosec = divmod(t_ns, 1_000_000_000)
+    return {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame_id(topic)}
+
+
+def image_message(sample: Image, quality: int) -> bytes:
+    """A picture as a JPEG in a CompressedImage."""
+    pixels = sample.pixels if sample.pixels.ndim == 2 else cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    return serialise(
+        COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": "jpeg", "data": data.ravel()}
+    )
+
+
+def depth_message(sample: Depth, encoding: str) -> bytes:
+    """A depth picture as an Image: 16UC1 in mm as the RealSense driver, or 32FC1 in m; 0 = none."""
+    if encoding == "16UC1":
+        mm = np.rint(np.nan_to_num(sample.depth, nan=0.0, posinf=0.0, neginf=0.0) * np.float32(1000.0))
+        pixels: NDArray[Any] = np.where((mm > 0) & (mm < 65535), mm, 0).astype("<u2")
+    else:
+        pixels = np.ascontiguousarray(sample.depth, "<f4")
+    height, width = pixels.shape
+    values = {
+        "height": height,
+        "width": width,
+        "encoding": encoding,
+        "step": width * pixels.itemsize,
+        "data": pixels.reshape(-1).view(np.uint8),
+    }
+    return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
+
+
+def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
+    """A camera's intrinsics, under the names that ROS has for them, for the picture stream `topic`."""
+    fu, fv, pu, pv = camera.intrinsics
+    is_radtan = camera.distortion_model == "radtan"
+    values = {
+        "height": camera.height,
+        "width": camera.width,
+        "distortion_model": "plumb_bob" if is_radtan else camera.distortion_model,
+        "d": np.array([*camera.distortion, 0.0] if is_radtan else camera.distortion),
+        "k": camera.K.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": np.array([fu, 0, pu, 0, 0, fv, pv, 0, 0, 0, 1.0, 0]),
+    }
+    return serialise(CAMERA_INFO, _header(topic, t_ns) | values)
+
+
+def picture_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
+    """Whether a topic whose first message is `payload` carries colour (or grey) or depth.
+
+    Raises:
+        ValueError: The encoding is none that we read.
+    """
+    message: Any = store.deserialize_cdr(payload, typename)
+    if typename == COMPRESSED:
+        if "compressedDepth" in message.format:
+            raise ValueError(
+                f"format {message.format!r} is not read; valid: JPEG or PNG colour, or raw depth"
+            )
+        return Image
+    return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
+
+
+def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_ns: int) -> Image | Depth:
+    """The sample in a CompressedImage or Image message.
+
+    Raises:
+        ValueError: The encoding is none that we read, or the data is damaged.
+    """
+    message: Any = store.deserialize_cdr(payload, typename)
+    if typename == COMPRESSED:
+        pixels: Any = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+        if pixels is None or pixels.dtype != np.uint8:
+            raise ValueError(f"a picture of format {message.format!r} that cannot be decoded to 8 bits")
+        return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else _rgb(pixels))
+    if message.encoding not in _PIXELS:
+        raise ValueError(f"encoding {message.encoding!r} is not read; valid: {', '.join(_PIXELS)}")
+    form, channels = _PIXELS[message.encoding]
+    dtype = np.dtype(form).newbyteorder(">" if message.is_bigendian else "<")
+    width = message.width * channels * dtype.itemsize
+    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)[:, :width]
+    raw = np.ascontiguousarray(rows).view(dtype)
+    if dtype.kind == "f":
+        return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
+    if dtype.itemsize == 2:
+        none = raw == 65535
+        return Depth(
+            topic=topic, t_ns=t_ns, depth=np.where(none, 0, raw).astype(np.float32) / np.float32(1000.0)
+        )
+    if channels == 1:
+        return Image(topic=topic, t_ns=t_ns, pixels=raw)
+    colour = raw.reshape(message.height, message.width, 3)
+    return Image(
+        topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy()
+    )
+
+
+def _rgb(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    code = cv2.COLOR_BGRA2RGB if bgr.shape[2] == 4 else cv2.COLOR_BGR2RGB
+    return np.asarray(cv2.cvtColor(bgr, code))

@@ -1,0 +1,258 @@
+"""The samples that flow through the house: what a sensor of the rig, or the twin's truth, says at one instant.
+
+A sample belongs to a topic and carries `t_ns`, integer nanoseconds on the recording's clock. Units are SI and
+radians. Frames: world x forward, y left, z up; quaternions are Hamilton, scalar first (w, x, y, z).
+
+`Block` holds N consecutive samples of one topic as columns, so that a producer can work on arrays; iterating over
+it yields the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sample:
+    """What one topic says at one instant.
+
+    Attributes:
+        topic: Name of the stream, such as `/foot_l/imu`.
+        t_ns: Time in integer nanoseconds on the recording's clock.
+    """
+
+    topic: str
+    t_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Imu(Sample):
+    """Inertial measurement in the sensor frame, the mean over the interval that ends at `t_ns`.
+
+    Attributes:
+        angular_rate: (3,) rad/s.
+        specific_force: (3,) m/s²; +9.8 along the axis that points up at rest.
+    """
+
+    angular_rate: Array
+    specific_force: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Image(Sample):
+    """Camera picture.
+
+    Attributes:
+        pixels: (H, W) grey or (H, W, 3) RGB, uint8.
+    """
+
+    pixels: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Depth(Sample):
+    """Depth picture.
+
+    Attributes:
+        depth: (H, W) float32, m along the optical axis; 0 = none.
+    """
+
+    depth: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Range(Sample):
+    """Sonar range.
+
+    Attributes:
+        distance: m; 0 = no echo.
+    """
+
+    distance: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Insole(Sample):
+    """Pressure insole.
+
+    Attributes:
+        force: (4,) N on the cells heel, lateral ball, medial ball, toe.
+    """
+
+    force: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ahrs(Sample):
+    """Attitude and heading reference.
+
+    Attributes:
+        q_world_sensor: (4,) unit quaternion (w, x, y, z), sensor to world.
+        angular_rate: (3,) rad/s in the sensor frame.
+    """
+
+    q_world_sensor: Array
+    angular_rate: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Encoder(Sample):
+    """Joint encoder.
+
+    Attributes:
+        angle: rad, flexion positive.
+    """
+
+    angle: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Interaction(Sample):
+    """Pair of force cells between cuff and limb.
+
+    Attributes:
+        force: (2,) N, front and back of the limb, each ≥ 0.
+    """
+
+    force: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Actuator(Sample):
+    """Actuation module of one joint.
+
+    Attributes:
+        torque_command: N m, flexion positive.
+        torque: measured, N m.
+        speed: joint side, rad/s.
+    """
+
+    torque_command: float
+    torque: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Odometry(Sample):
+    """Truth: pose and velocity of a frame.
+
+    Attributes:
+        p_frame_in_world: (3,) m.
+        q_world_frame: (4,) unit quaternion (w, x, y, z), frame to world.
+        v_frame_in_world: (3,) m/s of the frame's origin, world axes.
+        angular_rate: (3,) rad/s in the frame's own axes.
+    """
+
+    p_frame_in_world: Array
+    q_world_frame: Array
+    v_frame_in_world: Array
+    angular_rate: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Joints(Sample):
+    """Truth: joint angles, speeds and torques.
+
+    Attributes:
+        names: (J) joint names, the same in every sample of a topic.
+        position: (J,) rad.
+        velocity: (J,) rad/s.
+        torque: (J,) N m.
+    """
+
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    torque: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Wrench(Sample):
+    """Truth: load of the ground on one foot.
+
+    Attributes:
+        force_in_world: (3,) N.
+        torque_in_world: (3,) N m about the foot frame's origin, world axes.
+    """
+
+    force_in_world: Array
+    torque_in_world: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Point(Sample):
+    """Truth: a point, such as the centre of pressure under one foot (present only while the foot is loaded).
+
+    Attributes:
+        p_in_world: (3,) m.
+    """
+
+    p_in_world: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FootPhase(Sample):
+    """Truth: phase of one foot.
+
+    Attributes:
+        phase: 0 swing, 1 heel (or first) contact, 2 foot flat, 3 heel off.
+    """
+
+    phase: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Footprint(Sample):
+    """Truth: one footprint, sent when the foot touches down.
+
+    Attributes:
+        foot: `l` or `r`.
+        p_foot_in_world: (3,) m, sole reference point where the foot rests flat.
+        q_world_foot: (4,) unit quaternion (w, x, y, z) of the flat foot.
+        terrain: Class of the ground under the foot: level, stair or ramp.
+        mode: Locomotion mode of the step that ends here: LG, SA, SD, RA or RD.
+    """
+
+    foot: str
+    p_foot_in_world: Array
+    q_world_foot: Array
+    terrain: str
+    mode: str
+
+
+S = TypeVar("S", bound=Sample)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Block(Generic[S]):
+    """N consecutive samples of one topic as columns.
+
+    Attributes:
+        topic: Name of the stream.
+        kind: Type of its samples.
+        t_ns: (N,) int64, strictly increasing.
+        columns: One array a field of `kind` (besides topic and t_ns), leading axis N.
+        constants: Fields that are the same in every sample (such as joint names).
+    """
+
+    topic: str
+    kind: type[S]
+    t_ns: NDArray[np.int64]
+    columns: Mapping[str, NDArray[Any]]
+    constants: Mapping[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def __iter__(self) -> Iterator[S]:
+        names = list(self.columns)
+        for i, t in enumerate(self.t_ns.tolist()):
+            row = {n: self.columns[n][i] for n in names}
+            yield self.kind(topic=self.topic, t_ns=t, **row, **self.constants)

@@ -1,0 +1,81 @@
+"""Trajectories as TUM text files: `t x y z qx qy qz qw`, a row a pose (https://cvg.cit.tum.de/data/datasets/rgbd-dataset)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.files import whole_file
+from stridetwin.streams.trajectory import Trajectory
+
+_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def write_tum(trajectory: Trajectory, path: str | Path) -> None:
+    """Writes a trajectory, whole or not at all. Its covariance is not part of the format.
+
+    Args:
+        trajectory: N poses; N rows are written, s and m.
+        path: File to make.
+    """
+    poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
+    with whole_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        for t, pose in zip(trajectory.t_ns.tolist(), poses.tolist()):
+            file.write(f"{t // 1_000_000_000}.{t % 1_000_000_000:09d} {' '.join(f'{v:.9g}' for v in pose)}\n")
+
+
+def read_tum(path: str | Path) -> Trajectory:
+    """Reads a trajectory; `#` begins a comment. Quaternions are normalised.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or a row is not valid; names line, column and what is valid.
+    """
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise StrideTwinError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from error
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, 1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if words:
+            rows.append(_row(path, number, words))
+            stamps.append(_nanoseconds(words[0]))
+            if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
+                raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the row before")
+    if not rows:
+        raise StrideTwinError(f"{path}: no pose in it; valid: rows of {' '.join(_COLUMNS)}")
+    table = np.array(rows)
+    q = table[:, [7, 4, 5, 6]]
+    return Trajectory(
+        t_ns=np.array(stamps, np.int64),
+        p_frame_in_world=table[:, 1:4],
+        q_world_frame=q / np.linalg.norm(q, axis=1, keepdims=True),
+    )
+
+
+def _row(path: str | Path, number: int, words: list[str]) -> list[float]:
+    if len(words) != len(_COLUMNS):
+        raise ConfigError(path, f"line {number}", " ".join(words), f"8 numbers: {' '.join(_COLUMNS)}")
+    values: list[float] = []
+    for name, word in zip(_COLUMNS, words, strict=True):
+        try:
+            values.append(float(word))
+        except ValueError:
+            values.append(np.nan)
+        if not np.isfinite(values[-1]):
+            raise ConfigError(path, f"line {number}, {name}", word, "a finite number")
+    if not 0.9 < float(np.linalg.norm(values[4:])) < 1.1:
+        raise ConfigError(path, f"line {number}, qx qy qz qw", values[4:], "a unit quaternion")
+    return values
+
+
+def _nanoseconds(word: str) -> int:
+    """Seconds as text to integer nanoseconds, without a float's rounding of large epochs."""
+    whole, _, fraction = word.partition(".")
+    if whole.isdigit() and fraction.isdigit():
+        return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+    return round(float(word) * 1e9)
