@@ -1,0 +1,86 @@
+"""Leg inverse kinematics in closed form: three hip angles, knee, two ankle angles from pelvis and foot.
+
+The leg is hip (flexion, adduction, rotation), knee (flexion), ankle (dorsiflexion, inversion); its thigh and shank
+span a plane normal to the knee's axis, which fixes every angle (Kajita et al., Introduction to Humanoid Robotics,
+ch. 2.5, with this model's order of axes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.sim.body import Wearer
+from stridetwin.sim.rotation import rot_x, rot_y
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegAngles:
+    """Angles of one leg, rad (N,): flexion, adduction, internal rotation, dorsiflexion and inversion positive.
+
+    Attributes:
+        stretch: (N,) m that the hip-ankle distance exceeds what the limit of the knee allows (0 = reached).
+    """
+
+    hip_flexion: Array
+    hip_adduction: Array
+    hip_rotation: Array
+    knee_flexion: Array
+    ankle_dorsiflexion: Array
+    ankle_inversion: Array
+    stretch: Array
+
+
+def ankle_in_world(size: Wearer, p_foot_in_world: Array, R_world_foot: Array) -> Array:
+    """(N, 3) ankle centres of feet at (N, 3) with (N, 3, 3)."""
+    arm = np.array([size.ankle_x, 0.0, size.body.ankle_height_m])
+    return p_foot_in_world + R_world_foot @ arm
+
+
+def reach(size: Wearer, knee_flexion: Array | float) -> Array:
+    """Hip-ankle distance at a knee angle, by the law of cosines."""
+    a, b = size.body.thigh_m, size.body.shank_m
+    return np.sqrt(a * a + b * b + 2 * a * b * np.cos(knee_flexion))
+
+
+def solve_leg(
+    size: Wearer, side: str, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot_in_world: Array, R_world_foot: Array,
+    knee_min: float,
+) -> LegAngles:  # fmt: skip
+    """Joint angles that bring the foot to its pose.
+
+    Args:
+        size: Wearer.
+        side: `l` or `r`.
+        p_pelvis_in_world: (N, 3) midpoint of the hip centres.
+        R_world_pelvis: (N, 3, 3).
+        p_foot_in_world: (N, 3) foot frame's origin.
+        R_world_foot: (N, 3, 3).
+        knee_min: Smallest knee flexion, rad; a foot out of reach is approached, and `stretch` says by how much it is missed.
+    """
+    sign = 1.0 if side == "l" else -1.0
+    p_hip = p_pelvis_in_world + R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
+    p_ankle = ankle_in_world(size, p_foot_in_world, R_world_foot)
+    r = np.einsum("nji,nj->ni", R_world_foot, p_hip - p_ankle)  # ankle to hip, in the foot's frame
+    inversion = np.arctan2(r[:, 1], r[:, 2])
+    a, b = size.body.thigh_m, size.body.shank_m
+    distance = np.linalg.norm(r, axis=1)
+    longest = reach(size, knee_min)
+    within = np.minimum(distance, longest)
+    knee = np.arccos(np.clip((within**2 - a * a - b * b) / (2 * a * b), -1.0, 1.0))
+    lean_of_leg = np.arctan2(-a * np.sin(knee), b + a * np.cos(knee))
+    dorsiflexion = np.arctan2(r[:, 0], np.hypot(r[:, 1], r[:, 2])) - lean_of_leg
+    R_world_shank = R_world_foot @ rot_x(-inversion) @ rot_y(dorsiflexion)
+    R = np.swapaxes(R_world_pelvis, 1, 2) @ R_world_shank @ rot_y(-knee)  # = Ry(-flexion) Rx(roll) Rz(yaw)
+    roll = -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0))
+    return LegAngles(
+        hip_flexion=-np.arctan2(R[:, 0, 2], R[:, 2, 2]),
+        hip_adduction=-sign * roll,
+        hip_rotation=-sign * np.arctan2(R[:, 1, 0], R[:, 1, 1]),
+        knee_flexion=knee,
+        ankle_dorsiflexion=dorsiflexion,
+        ankle_inversion=-sign * inversion,
+        stretch=distance - within,
+    )

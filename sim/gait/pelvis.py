@@ -1,0 +1,74 @@
+"""Path of the pelvis: over the ground by the zero-moment point, in height by what the legs reach."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import solve_banded, solveh_banded
+
+from stridetwin.sim.body import SIDES, Wearer
+from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
+from stridetwin.streams.samples import Array
+
+KNEE_MIN_RAD = np.radians(7.0)  # the pelvis keeps this low; the legs may straighten to KNEE_HARD_MIN_RAD
+KNEE_HARD_MIN_RAD = np.radians(1.5)
+_SMOOTHNESS = 3.2e-4
+_ABOVE_REACH = 300.0
+
+
+def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
+    """Path c whose zero-moment point c - kappa c'' is the wanted one (linear inverted pendulum, Kajita 2003).
+
+    Args:
+        wanted: (N, k) zero-moment point, m; at rest at both ends.
+        kappa: (N,) (z_com - z_zmp) / (g + z_com''), s².
+        dt: Time between rows, s.
+    """
+    n = len(wanted)
+    k = kappa / dt**2
+    bands = np.zeros((3, n))
+    bands[1] = 1 + 2 * k
+    bands[0, 1:], bands[2, :-1] = -k[:-1], -k[1:]
+    bands[1, 0], bands[0, 1], bands[1, -1], bands[2, -2] = 1.0, 0.0, 1.0, 0.0
+    return solve_banded((1, 1), bands, wanted)
+
+
+def highest(
+    size: Wearer, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot: dict[str, Array], R_foot: dict[str, Array]
+) -> Array:
+    """(N,) height of the pelvis at which one of the legs is as straight as `KNEE_MIN_RAD` allows."""
+    limits = []
+    for side in SIDES:
+        sign = 1.0 if side == "l" else -1.0
+        hip = R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
+        ankle = ankle_in_world(size, p_foot[side], R_foot[side])
+        away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)
+        limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, KNEE_MIN_RAD) ** 2 - away, 0.04)))
+    return np.minimum(*limits)
+
+
+def height_below(limit: Array, dt: float) -> Array:
+    """Smoothest height that stays close below a limit: least squares with a third-derivative penalty.
+
+    Args:
+        limit: (N,) m.
+        dt: Time between rows, s.
+    """
+    n = len(limit)
+    D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
+    penalty = (_SMOOTHNESS**2 * (D.T @ D)).todia()
+    bands = np.zeros((4, n))
+    for offset, row in zip(penalty.offsets, penalty.data):
+        if offset >= 0:
+            bands[3 - offset, offset:] = row[offset:n]
+    weight = np.ones(n)
+    z = limit.copy()
+    for _ in range(40):
+        system = bands.copy()
+        system[3] += weight
+        z = solveh_banded(system, weight * limit)
+        weight_new = np.where(z > limit, _ABOVE_REACH, 1.0)
+        if np.array_equal(weight_new, weight):
+            break
+        weight = weight_new
+    return z

@@ -1,0 +1,178 @@
+"""The reference motion: every coordinate of the wearer as a smooth function of time.
+
+Route -> footsteps -> foot paths -> pelvis path whose zero-moment point lies where the feet can take it -> leg inverse
+kinematics -> exoskeleton -> quintic splines through all coordinates. The zero-moment point is first that of a linear
+inverted pendulum, then corrected by the inverse dynamics of the whole body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from stridetwin.sim.body import EXO_LEG_JOINTS, LEG_JOINTS, SIDES, Wearer
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.coordinates import Coordinates
+from stridetwin.sim.gait.exo_fit import ExoLeg, fit_exo_leg
+from stridetwin.sim.gait.foot_path import FootPath, foot_path
+from stridetwin.sim.gait.footsteps import Footstep, plan, step_length
+from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
+from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend
+from stridetwin.sim.gait.pelvis import KNEE_HARD_MIN_RAD, cart_table, height_below, highest
+from stridetwin.sim.gait.posture import Posture, posture
+from stridetwin.sim.rotation import from_euler, rot_x, rot_y, rot_z
+from stridetwin.sim.terrain import Terrain
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.samples import Array
+
+GRID_S = 0.005
+_ZMP_ROUNDS = 4
+_COM_ABOVE_PELVIS_M = 0.03
+_GRAVITY = 9.81
+_REACH_TOLERANCE_M = 2e-4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference:
+    """A walk as functions of time.
+
+    Attributes:
+        duration_s: Length of the walk.
+        steps: Footsteps of each foot in order of time, the standing ones first.
+        coordinates: Layout of the generalised coordinates.
+        splines: Quintic splines of the coordinates (`Coordinates.names`).
+        loads: Quintic splines of share (1) and wanted centre of pressure (3) of the left, then the right foot, and the
+            fore-aft cuff forces thigh_l, shank_l, thigh_r, shank_r: 12 columns.
+        paths: Foot paths on the grid, for the phases.
+        grid: (N,) s.
+    """
+
+    duration_s: float
+    steps: dict[str, list[Footstep]]
+    coordinates: Coordinates
+    splines: BSpline
+    loads: BSpline
+    paths: dict[str, FootPath]
+    grid: Array
+
+    def state(self, t: Array) -> tuple[Array, Array, Array]:
+        """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
+        t = np.clip(t, 0.0, self.duration_s)
+        return self.coordinates.to_mujoco(self.splines(t), self.splines(t, 1), self.splines(t, 2))
+
+
+def reference(
+    config: TwinConfig, model: mujoco.MjModel, size: Wearer, terrain: Terrain, rng: np.random.Generator
+) -> Reference:
+    """Plans the whole walk.
+
+    Args:
+        config: Scenario.
+        model: Compiled model of the wearer on the terrain.
+        size: Wearer.
+        terrain: Ground.
+        rng: Step-to-step variability.
+
+    Raises:
+        StrideTwinError: The legs cannot reach the footsteps.
+    """
+    footsteps, duration = plan(terrain.profile, size, config.gait, config.person.height_m, rng)
+    steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
+    # the grid reaches beyond the walk, so that nothing at its ends is the spline's own
+    t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
+    paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
+    shares = standing_blend(load_shares(steps, t), steps, t)
+    centres = {side: pressure_centres(steps[side], paths[side], size.shoe, t) for side in SIDES}
+    wanted = sum(shares[side][:, None] * centres[side] for side in SIDES)
+    p_foot = {side: paths[side].p_foot_in_world for side in SIDES}
+    R_foot = {side: paths[side].R_world_foot for side in SIDES}
+    pose = posture(p_foot, shares, step_length(config.gait, config.person.height_m), GRID_S, terrain.height)
+    R_pelvis = from_euler(pose.pelvis)
+
+    hip_height = size.body.thigh_m + size.body.shank_m + size.body.ankle_height_m
+    kappa = np.full(len(t), (hip_height + _COM_ABOVE_PELVIS_M) / _GRAVITY)
+    over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
+    layout = Coordinates.of(model)
+    for _ in range(_ZMP_ROUNDS):
+        p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
+        p_pelvis[:, 2] = height_below(highest(size, p_pelvis, R_pelvis, p_foot, R_foot), GRID_S)
+        legs = _legs(size, p_pelvis, R_pelvis, paths)
+        exo = _exo(size, p_pelvis, R_pelvis, paths, legs)
+        values = _coordinates(layout, p_pelvis, pose, legs, exo, paths)
+        splines = make_interp_spline(t, values, k=5)
+        zmp, kappa = _zero_moment_point(model, layout, splines, t, wanted[:, 2])
+        over_ground = over_ground + cart_table(wanted[:, :2] - zmp, kappa, GRID_S)
+    worst = max(float(leg.stretch.max()) for leg in legs.values())
+    if worst > _REACH_TOLERANCE_M:
+        side = max(legs, key=lambda s: legs[s].stretch.max())
+        when = t[legs[side].stretch.argmax()]
+        raise StrideTwinError(f"the {side} leg misses its footstep by {1e3 * worst:.1f} mm at {when:.2f} s: steps too long")
+    loads = np.column_stack(
+        [shares["l"], centres["l"], shares["r"], centres["r"]]
+        + [force for side in SIDES for force in (exo[side].thigh_force, exo[side].shank_force)]
+    )
+    return Reference(
+        duration_s=duration, steps=steps, coordinates=layout, splines=splines,
+        loads=make_interp_spline(t, loads, k=3), paths=paths, grid=t,
+    )  # fmt: skip
+
+
+def _legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath]) -> dict[str, LegAngles]:
+    return {
+        side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
+                        KNEE_HARD_MIN_RAD)
+        for side in SIDES
+    }  # fmt: skip
+
+
+def _exo(
+    size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles]
+) -> dict[str, ExoLeg]:
+    fitted = {}
+    for side in SIDES:
+        sign, leg = (1.0 if side == "l" else -1.0), legs[side]
+        R_thigh = R_pelvis @ rot_y(-leg.hip_flexion) @ rot_x(-sign * leg.hip_adduction) @ rot_z(-sign * leg.hip_rotation)
+        fitted[side] = fit_exo_leg(
+            size, side, R_pelvis, p_pelvis, R_thigh, R_thigh @ rot_y(leg.knee_flexion),
+            paths[side].p_foot_in_world, paths[side].R_world_foot,
+        )  # fmt: skip
+    return fitted
+
+
+def _coordinates(
+    layout: Coordinates, p_pelvis: Array, pose: Posture, legs: dict[str, LegAngles], exo: dict[str, ExoLeg],
+    paths: dict[str, FootPath],
+) -> Array:  # fmt: skip
+    columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
+    columns |= pose.joints
+    for side in SIDES:
+        for joint in LEG_JOINTS[:-1]:
+            columns[f"{joint}_{side}"] = getattr(legs[side], joint)
+        columns[f"toe_extension_{side}"] = paths[side].toe_extension
+        for i, joint in enumerate(EXO_LEG_JOINTS):
+            columns[f"{joint}_{side}"] = exo[side].angles[:, i]
+    return np.column_stack([columns[name] for name in layout.names])
+
+
+def _zero_moment_point(
+    model: mujoco.MjModel, layout: Coordinates, splines: BSpline, t: Array, z: Array
+) -> tuple[Array, Array]:
+    """(N, 2) zero-moment point at height z by the whole body's inverse dynamics, and (N,) kappa for its correction."""
+    data = mujoco.MjData(model)
+    q, v, a = layout.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
+    force, torque, com_z = np.empty((len(t), 3)), np.empty((len(t), 3)), np.empty(len(t))
+    for i in range(len(t)):
+        data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
+        mujoco.mj_inverse(model, data)
+        wrench = data.qfrc_inverse
+        force[i] = wrench[:3]
+        torque[i] = data.xmat[1].reshape(3, 3) @ wrench[3:6]
+        com_z[i] = data.subtree_com[0, 2]
+    root = q[:, :3]
+    x = root[:, 0] + ((z - root[:, 2]) * force[:, 0] - torque[:, 1]) / force[:, 2]
+    y = root[:, 1] + ((z - root[:, 2]) * force[:, 1] + torque[:, 0]) / force[:, 2]
+    mass = float(model.body_subtreemass[0])
+    return np.stack([x, y], -1), mass * (com_z - z) / force[:, 2]

@@ -1,0 +1,26 @@
+"""Smooth steps in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stridetwin.streams.samples import Array
+
+
+def ease(s: Array | float) -> Array:
+    """Minimum-jerk step from 0 at s = 0 to 1 at s = 1 (Flash & Hogan 1985), held outside."""
+    s = np.clip(s, 0.0, 1.0)
+    return s**3 * (10.0 + s * (-15.0 + 6.0 * s))
+
+
+def bump(s: Array) -> Array:
+    """1 in the middle, 0 with two derivatives at s = 0 and s = 1."""
+    s = np.clip(s, 0.0, 1.0)
+    return 64.0 * (s * (1.0 - s)) ** 3
+
+
+def quintic(s: Array, x0: float, v0: float, x1: float, v1: float) -> Array:
+    """Quintic on [0, 1] from (x0, v0) to (x1, v1) with no acceleration at its ends."""
+    d = x1 - x0
+    c3, c4, c5 = 10 * d - 6 * v0 - 4 * v1, -15 * d + 8 * v0 + 7 * v1, 6 * d - 3 * (v0 + v1)
+    return x0 + v0 * s + s**3 * (c3 + s * (c4 + s * c5))

@@ -1,0 +1,52 @@
+"""Sensor noise: one child stream per topic, so that no sensor's noise depends on which others there are."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Self
+
+import numpy as np
+from stridetwin.streams.samples import Array
+
+
+class Noise:
+    """Source of normal deviates for one sensor, silent where sensors are ideal.
+
+    Args:
+        seeds: Child sequence of this sensor, or None for no noise at all.
+    """
+
+    def __init__(self, seeds: np.random.SeedSequence | None) -> None:
+        self._seeds = seeds
+        self._rng = None if seeds is None else np.random.default_rng(seeds)
+
+    @classmethod
+    def of_topic(cls, seed: int, topic: str, ideal: bool = False) -> Self:
+        """Noise of one topic: its key is a checksum of the name, never its place in a list.
+
+        Args:
+            seed: Seed of the walk.
+            topic: Name of the stream.
+            ideal: No noise at all.
+        """
+        key = zlib.crc32(topic.encode())
+        return cls(None if ideal else np.random.SeedSequence(seed, spawn_key=(key,)))
+
+    @property
+    def ideal(self) -> bool:
+        """Whether the sensor is free of noise."""
+        return self._seeds is None
+
+    def normal(self, sd: float | Array, shape: int | tuple[int, ...]) -> Array:
+        """Normal deviates of standard deviation `sd`, drawn row by row; zeros where ideal."""
+        return np.zeros(shape) if self._rng is None else sd * self._rng.standard_normal(shape)
+
+    def at(self, t_ns: int) -> Noise:
+        """Noise of one picture, whichever pictures were drawn before it."""
+        if self._seeds is None:
+            return self
+        return Noise(np.random.SeedSequence(self._seeds.entropy, spawn_key=(*self._seeds.spawn_key, t_ns)))
+
+    def integers(self, high: tuple[int, ...]) -> tuple[int, ...]:
+        """One whole number below each of `high`; zeros where ideal."""
+        return tuple(int(i) for i in self._rng.integers(high)) if self._rng is not None else (0,) * len(high)

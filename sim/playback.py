@@ -1,0 +1,139 @@
+"""Kinematic physics: plays the reference exactly and finds by inverse dynamics what the ground must carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.body import SIDES, TRACKED
+from stridetwin.sim.contact import FootLoad, share_out
+from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.sim.track import Track
+from stridetwin.streams.samples import Array
+
+_CUFFS = ("thigh_l", "shank_l", "thigh_r", "shank_r")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What the wearer did at N instants.
+
+    Attributes:
+        t_ns: (N,) increasing.
+        qpos: (N, nq) in MuJoCo's layout.
+        tracks: Track by body name (`body.TRACKED`).
+        angle: (N,) rad by hinge name.
+        speed: (N,) rad/s by hinge name.
+        cuff_force: (N,) N by place (thigh_l, ...), force of the cuff on the wearer, forward positive.
+    """
+
+    t_ns: NDArray[np.int64]
+    qpos: Array
+    tracks: dict[str, Track]
+    angle: dict[str, Array]
+    speed: dict[str, Array]
+    cuff_force: dict[str, Array]
+
+    def rows(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Rows of given instants, which must be among `t_ns`."""
+        return np.searchsorted(self.t_ns, t_ns)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loads:
+    """What the ground carried at N instants.
+
+    Attributes:
+        t_ns: (N,).
+        feet: Load of each foot, `l` and `r`.
+        joint_torque: (N, J) N m of the hinges, in the order of `Coordinates.names[6:]`; those of the frame's joints are
+            what its unpowered leg needs and come from the wearer through the cuffs.
+        residual_force: (N, 3) N, world: what the contacts do not explain.
+        residual_torque: (N, 3) N m about the pelvis.
+    """
+
+    t_ns: NDArray[np.int64]
+    feet: dict[str, FootLoad]
+    joint_torque: Array
+    residual_force: Array
+    residual_torque: Array
+
+
+class Playback:
+    """Plays a reference on a model.
+
+    Args:
+        model: Compiled model of the wearer on the terrain.
+        reference: Motion to play.
+    """
+
+    def __init__(self, model: mujoco.MjModel, reference: Reference) -> None:
+        self._model, self._reference = model, reference
+        self._data = mujoco.MjData(model)
+
+    def motion(self, t_ns: NDArray[np.int64]) -> Motion:
+        """Poses, velocities and cuff forces at (N,) instants."""
+        model, data, reference = self._model, self._data, self._reference
+        q, v, _ = reference.state(t_ns * 1e-9)
+        read = np.empty((len(t_ns), model.nsensordata))
+        for i in range(len(t_ns)):
+            data.qpos, data.qvel = q[i], v[i]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_sensorPos(model, data)
+            mujoco.mj_sensorVel(model, data)
+            read[i] = data.sensordata
+        names, layout = reference.coordinates.names[6:], reference.coordinates
+        cuffs = reference.loads(t_ns * 1e-9)[:, 8:]
+        return Motion(
+            t_ns=t_ns,
+            qpos=q,
+            tracks={body: _track(t_ns, read[:, 13 * i : 13 * i + 13]) for i, body in enumerate(TRACKED)},
+            angle={name: q[:, layout.qpos[i]] for i, name in enumerate(names)},
+            speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
+            cuff_force={place: cuffs[:, i] for i, place in enumerate(_CUFFS)},
+        )
+
+    def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
+        """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body."""
+        model, data, reference = self._model, self._data, self._reference
+        t = t_ns * 1e-9
+        q, v, a = reference.state(t)
+        needed = np.empty((len(t), model.nv))
+        jacobians = {side: np.empty((len(t), 6, model.nv)) for side in SIDES}
+        foot_id = {side: model.body(f"foot_{side}").id for side in SIDES}
+        for i in range(len(t)):
+            data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
+            mujoco.mj_inverse(model, data)
+            needed[i] = data.qfrc_inverse
+            for side in SIDES:
+                J = jacobians[side][i]
+                mujoco.mj_jac(model, data, J[:3], J[3:], data.xpos[foot_id[side]], foot_id[side])
+        R_root = matrix_from_quat(q[:, 3:7])
+        force, torque = needed[:, :3], np.einsum("nij,nj->ni", R_root, needed[:, 3:6])
+        planned = reference.loads(t)
+        rows = motion.rows(t_ns)
+        feet, left_force, left_torque = share_out(
+            force, torque, q[:, :3],
+            {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
+            {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
+            {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
+        )  # fmt: skip
+        carried = sum(
+            np.einsum("nkj,nk->nj", jacobians[side], np.hstack([feet[side].force, feet[side].torque])) for side in SIDES
+        )
+        return Loads(
+            t_ns=t_ns, feet=feet, joint_torque=(needed - carried)[:, reference.coordinates.dof],
+            residual_force=left_force, residual_torque=left_torque,
+        )  # fmt: skip
+
+
+def _track(t_ns: NDArray[np.int64], read: Array) -> Track:
+    p, q, v, w_world = read[:, :3], read[:, 3:7], read[:, 7:10], read[:, 10:13]
+    w_body = np.einsum("nji,nj->ni", matrix_from_quat(q), w_world)
+    return Track(t_ns=t_ns, p_body_in_world=p, q_world_body=q, v_body_in_world=v, w_body=w_body)

@@ -1,0 +1,260 @@
+"""Pictures of the twin: calibrated sensor views with colour and depth from one render, and a film camera.
+
+A sensor view needs no camera in the model: it is drawn from any pose with any pinhole intrinsics, so that a
+mount can move without compiling again. Rendering is off screen, by EGL, or by OSMesa where there is no EGL;
+the environment variable MUJOCO_GL overrules that. An OpenGL context belongs to the thread that made it.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array
+
+NEAR_M = 0.02
+FAR_M = 200.0
+SEEN_M = 50.0  # what is farther may be the sky, which is drawn on a dome well inside the far plane
+_MAX_GEOMS = 2000
+_OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
+
+Rgb = NDArray[np.uint8]
+DepthImage = NDArray[np.float32]
+
+
+def swap_camera_convention(T: ArrayLike) -> Array:
+    """Turns the frame of a MuJoCo camera into the optical frame of the same camera, and back.
+
+    MuJoCo's camera has x right, y up and looks down −z; the optical frame has x right, y down, z forward.
+
+    Args:
+        T: (..., 4, 4) pose of a camera in some frame.
+
+    Returns:
+        (..., 4, 4) pose of the same camera under the other convention. Applied twice it changes nothing.
+    """
+    return np.asarray(T, dtype=float) @ _OPTICAL_MUJOCO
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Quality:
+    """What a context takes from the model when it is made.
+
+    Attributes:
+        samples: Samples a pixel; 0 keeps depth exact at outlines.
+        shadow_size: Edge of the shadow map, pixels; 0 for no shadows.
+        slices: Facets about the axis of round shapes.
+        stacks: Facets along it.
+    """
+
+    samples: int
+    shadow_size: int
+    slices: int
+    stacks: int
+
+
+_SENSOR = _Quality(samples=0, shadow_size=0, slices=12, stacks=8)
+_FILM = _Quality(samples=4, shadow_size=4096, slices=32, stacks=20)
+
+
+class _OffScreen:
+    """OpenGL context and scene for one picture size; freed by `close` or at the end of a `with` block."""
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> None:
+        self.model, self.width, self.height = model, width, height
+        self._gl = _gl_context(width, height)
+        self._gl.make_current()
+        with _set_for_a_moment(model, width, height, quality):
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self.scene = mujoco.MjvScene(model, _MAX_GEOMS)
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = quality.shadow_size > 0
+        self._option = mujoco.MjvOption()
+        self._option.sitegroup[:] = 0
+
+    def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
+        """Takes over the bodies' poses."""
+        mujoco.mjv_updateScene(
+            self.model, data, self._option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, self.scene
+        )
+
+    def draw(self, rgb: Rgb | None, depth: DepthImage | None) -> None:
+        """Draws the scene into upside-down pictures of this size."""
+        self._gl.make_current()
+        mujoco.mjr_render(self._rect, self.scene, self._context)
+        mujoco.mjr_readPixels(rgb, depth, self._rect, self._context)
+
+    def close(self) -> None:
+        """Frees the context; closing twice does no harm."""
+        if self._gl is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._gl = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class SensorView(_OffScreen):
+    """Draws what a calibrated camera sees: no shadows, reflections or smoothing, so that depth is exact.
+
+    Args:
+        model: Compiled model.
+        width: Pixels.
+        height: Pixels.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
+        super().__init__(model, width, height, _SENSOR)
+        self._anywhere = mujoco.MjvCamera()
+
+    def frame(
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: tuple[float, float, float, float]
+    ) -> tuple[Rgb, DepthImage]:
+        """Colour and depth from one render.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            T_world_camera: (4, 4) pose of the optical frame in the world.
+            intrinsics: (fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0).
+
+        Returns:
+            (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m; 0 where nothing is seen
+            nearer than `SEEN_M`.
+        """
+        buffer = np.empty((self.height, self.width), np.float32)
+        rgb = self._look(data, T_world_camera, intrinsics, buffer)
+        return rgb, _metric_depth(buffer[::-1])
+
+    def color(
+        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: tuple[float, float, float, float]
+    ) -> Rgb:
+        """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as `frame`."""
+        return self._look(data, T_world_camera, intrinsics, None)
+
+    def _look(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        depth: DepthImage | None,
+    ) -> Rgb:
+        self.update(data, self._anywhere)
+        self._aim(swap_camera_convention(T_world_camera), intrinsics)
+        rgb = np.empty((self.height, self.width, 3), np.uint8)
+        self.draw(rgb, depth)
+        return np.ascontiguousarray(rgb[::-1])
+
+    def _aim(self, T_world_mujoco: Array, intrinsics: tuple[float, float, float, float]) -> None:
+        fu, fv, pu, pv = intrinsics
+        for camera in self.scene.camera:  # the left and the right eye, which a mono view averages
+            camera.pos = T_world_mujoco[:3, 3]
+            camera.forward, camera.up = -T_world_mujoco[:3, 2], T_world_mujoco[:3, 1]
+            # Picture borders lie half a pixel outside the outermost pixel centres.
+            camera.frustum_top = NEAR_M * (pv + 0.5) / fv
+            camera.frustum_bottom = NEAR_M * (pv + 0.5 - self.height) / fv
+            camera.frustum_center = NEAR_M * (self.width / 2 - pu - 0.5) / fu
+            camera.frustum_width = NEAR_M * self.width / 2 / fu
+            camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
+
+
+class FilmCamera(_OffScreen):
+    """Third-person view with shadows and smooth edges, for people to look at.
+
+    Args:
+        model: Compiled model.
+        width: Pixels.
+        height: Pixels.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
+        super().__init__(model, width, height, _FILM)
+        self._camera = mujoco.MjvCamera()
+
+    def frame(
+        self, data: mujoco.MjData, lookat: ArrayLike, azimuth: float, elevation: float, distance: float
+    ) -> Rgb:
+        """One picture.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            lookat: (3,) point in the world at the middle of the picture, m.
+            azimuth: Direction of view about the vertical, degrees; 0 looks along +x, 90 along +y.
+            elevation: Degrees; negative looks down.
+            distance: From the camera to `lookat`, m.
+
+        Returns:
+            (H, W, 3) uint8 RGB.
+        """
+        self._camera.lookat[:] = lookat
+        self._camera.azimuth, self._camera.elevation, self._camera.distance = azimuth, elevation, distance
+        self.update(data, self._camera)
+        rgb = np.empty((self.height, self.width, 3), np.uint8)
+        self.draw(rgb, None)
+        return np.ascontiguousarray(rgb[::-1])
+
+
+def camera_pose(data: mujoco.MjData, camera: CameraCalibration) -> Array:
+    """(4, 4) pose of a camera's optical frame in the world, from the body that carries it."""
+    body = data.body(camera.mount.body)
+    T_world_body = np.eye(4)
+    T_world_body[:3, :3], T_world_body[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+    return T_world_body @ camera.mount.T_body_sensor
+
+
+def _metric_depth(z: DepthImage) -> DepthImage:
+    """Depth, m, from the z-buffer, in which 1 is the near plane and 0 the far one."""
+    near, far = np.float32(NEAR_M), np.float32(FAR_M)
+    depth = near * far / (z * (far - near) + near)
+    depth[depth > SEEN_M] = 0
+    return depth
+
+
+def _gl_context(width: int, height: int) -> Any:
+    if os.environ.get("MUJOCO_GL"):
+        from mujoco.gl_context import GLContext
+    elif ctypes.util.find_library("EGL"):
+        from mujoco.egl import GLContext
+    else:
+        from mujoco.osmesa import GLContext
+    return GLContext(width, height)
+
+
+@contextmanager
+def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> Iterator[None]:
+    """Gives the model a picture size and quality, and puts back its own."""
+    screen, look = model.vis.global_, model.vis.quality
+    values = (
+        (screen, "offwidth", width),
+        (screen, "offheight", height),
+        (look, "offsamples", quality.samples),
+        (look, "shadowsize", quality.shadow_size),
+        (look, "numslices", quality.slices),
+        (look, "numstacks", quality.stacks),
+    )
+    kept = [getattr(group, name) for group, name, _ in values]
+    for group, name, value in values:
+        setattr(group, name, value)
+    try:
+        yield
+    finally:
+        for (group, name, _), value in zip(values, kept):
+            setattr(group, name, value)

@@ -1,0 +1,106 @@
+"""Rotations on stacks of arrays: elementary matrices, Euler angles (yaw, pitch, roll) and quaternions (w, x, y, z)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stridetwin.streams.samples import Array
+
+
+def rot_x(angle: Array) -> Array:
+    """(..., 3, 3) rotation about x by (...) rad."""
+    c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    return _rows((i, o, o), (o, c, -s), (o, s, c))
+
+
+def rot_y(angle: Array) -> Array:
+    """(..., 3, 3) rotation about y by (...) rad."""
+    c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    return _rows((c, o, s), (o, i, o), (-s, o, c))
+
+
+def rot_z(angle: Array) -> Array:
+    """(..., 3, 3) rotation about z by (...) rad."""
+    c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    return _rows((c, -s, o), (s, c, o), (o, o, i))
+
+
+def from_euler(yaw_pitch_roll: Array) -> Array:
+    """(..., 3, 3) matrix Rz(yaw) Ry(pitch) Rx(roll) of (..., 3) angles; pitch positive nose down."""
+    y, p, r = np.moveaxis(yaw_pitch_roll, -1, 0)
+    return rot_z(y) @ rot_y(p) @ rot_x(r)
+
+
+def to_euler(R: Array) -> Array:
+    """(..., 3) yaw, pitch, roll of (..., 3, 3) matrices, |pitch| < pi/2."""
+    yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
+    pitch = -np.arcsin(np.clip(R[..., 2, 0], -1.0, 1.0))
+    roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
+    return np.stack([yaw, pitch, roll], -1)
+
+
+def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:
+    """(..., 3) angular rate in body axes of a frame whose yaw, pitch, roll change at (..., 3) `rates`."""
+    _, p, r = np.moveaxis(yaw_pitch_roll, -1, 0)
+    dy, dp, dr = np.moveaxis(rates, -1, 0)
+    sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)
+    return np.stack([dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy], -1)
+
+
+def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, accelerations: Array) -> Array:
+    """(..., 3) time derivative of `euler_rates_to_body`."""
+    _, p, r = np.moveaxis(yaw_pitch_roll, -1, 0)
+    dy, dp, dr = np.moveaxis(rates, -1, 0)
+    sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)
+    of_rates = np.stack(
+        [
+            -cp * dp * dy,
+            -sr * dr * dp + (-sp * dp * sr + cp * cr * dr) * dy,
+            -cr * dr * dp + (-sp * dp * cr - cp * sr * dr) * dy,
+        ],
+        -1,
+    )
+    return euler_rates_to_body(yaw_pitch_roll, accelerations) + of_rates
+
+
+def quat_from_matrix(R: Array) -> Array:
+    """(..., 4) unit quaternions (w, x, y, z), w >= 0, of (..., 3, 3) matrices."""
+    m = R
+    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    q2 = np.stack(
+        [
+            1 + trace,
+            1 + 2 * m[..., 0, 0] - trace,
+            1 + 2 * m[..., 1, 1] - trace,
+            1 + 2 * m[..., 2, 2] - trace,
+        ],
+        -1,
+    )  # 4 q_i^2: the largest one divides safely
+    a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    d, e, f = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    rows = np.stack(
+        [
+            np.stack([q2[..., 0], a, b, c], -1),
+            np.stack([a, q2[..., 1], d, e], -1),
+            np.stack([b, d, q2[..., 2], f], -1),
+            np.stack([c, e, f, q2[..., 3]], -1),
+        ],
+        -2,
+    )
+    q = np.take_along_axis(rows, q2.argmax(-1)[..., None, None], -2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def matrix_from_quat(q: Array) -> Array:
+    """(..., 3, 3) matrices of (..., 4) unit quaternions (w, x, y, z)."""
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    return _rows(
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def _rows(*rows: tuple[Array, ...]) -> Array:
+    return np.stack([np.stack(row, -1) for row in rows], -2)

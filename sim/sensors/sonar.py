@@ -1,0 +1,92 @@
+"""Ultrasonic ranger: the nearest thing in its cone that sends an echo back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.track import Track
+from stridetwin.streams.rig import OtherSensor
+from stridetwin.streams.samples import Array, Block, Range
+
+# The other shoe as balls (x, y, z, radius) in its foot frame, m.
+SHOE = np.array([[-0.005, 0.0, 0.040, 0.038], [0.060, 0.0, 0.040, 0.036], [0.125, 0.0, 0.030, 0.034]])
+# A smooth face sends sound back only where the beam meets it near its normal: a floor seen at a slant is
+# silent.
+_ECHO_SLANT_RAD = math.radians(40.0)
+_RINGS = ((0.0, 1), (1 / 3, 6), (2 / 3, 12), (1.0, 18))
+
+
+class SonarModel:
+    """Range of the nearest echo; 0 beyond the largest range.
+
+    Args:
+        calibration: The sensor as it really is; its frame's x axis is the beam's axis.
+        terrain: Where it is carried.
+        noise: White noise of `range_sd_m`.
+    """
+
+    def __init__(self, calibration: OtherSensor, terrain: Terrain, noise: Noise) -> None:
+        self._calibration, self._terrain, self._noise = calibration, terrain, noise
+        self._half_beam = calibration.number("beam_rad") / 2
+        self._max = calibration.number("range_max_m")
+        self._sd = calibration.number("range_sd_m")
+        self._fan = _fan(self._half_beam)
+
+    def read(self, body: Track, other_foot: Track) -> Block[Range]:
+        """Samples at the tracks' instants.
+
+        Args:
+            body: Track of the body that carries the sonar.
+            other_foot: Track of the other foot's frame at the same instants.
+        """
+        T_world_sensor = body.mounted(self._calibration.mount.T_body_sensor).poses()
+        balls = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
+        balls += other_foot.p_body_in_world[:, None]
+        in_sensor = np.einsum(
+            "nji,nbj->nbi", T_world_sensor[:, :3, :3], balls - T_world_sensor[:, None, :3, 3]
+        )
+        nearest = np.minimum(
+            np.min(_range_of_balls(in_sensor, SHOE[:, 3], self._half_beam), axis=-1),
+            self._range_of_terrain(T_world_sensor),
+        )
+        heard = nearest + self._noise.normal(self._sd, len(body))
+        return Block(
+            topic=self._calibration.topic,
+            kind=Range,
+            t_ns=body.t_ns,
+            columns={"distance": np.where(nearest <= self._max, np.clip(heard, 0.0, None), 0.0)},
+        )
+
+    def _range_of_terrain(self, T_world_sensor: Array) -> Array:
+        n, m = len(T_world_sensor), len(self._fan)
+        rays = np.einsum("nij,mj->nmi", T_world_sensor[:, :3, :3], self._fan).reshape(-1, 3)
+        distance, normal = self._terrain.ray_hit(np.repeat(T_world_sensor[:, :3, 3], m, axis=0), rays)
+        echo = -np.sum(rays * normal, axis=-1) > math.cos(_ECHO_SLANT_RAD)
+        return np.min(np.where(echo, distance, np.inf).reshape(n, m), axis=-1)
+
+
+def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
+    """Shortest way in the cone about x from its apex to each ball (..., B, 3); inf where it misses."""
+    away = np.linalg.norm(centre, axis=-1)
+    off_axis = np.arctan2(np.linalg.norm(centre[..., 1:], axis=-1), centre[..., 0])
+    slant = np.clip(off_axis - half_beam, 0.0, math.pi / 2)  # between the centre and the cone's nearest ray
+    depth = radius**2 - (away * np.sin(slant)) ** 2
+    hit = (depth >= 0) & (off_axis - half_beam < math.pi / 2)
+    return np.where(hit, away * np.cos(slant) - np.sqrt(np.maximum(depth, 0.0)), np.inf)
+
+
+def _fan(half_beam: float) -> Array:
+    """Unit rays (M, 3) that fill the cone about x in rings."""
+    rays = []
+    for share, count in _RINGS:
+        turn = 2 * math.pi * np.arange(count) / count
+        off = share * half_beam
+        rays.append(
+            np.column_stack(
+                [np.full(count, math.cos(off)), math.sin(off) * np.cos(turn), math.sin(off) * np.sin(turn)]
+            )
+        )
+    return np.concatenate(rays)

@@ -1,0 +1,240 @@
+"""Upright solids with a flat or a sloping top, and exact questions about many of them at once.
+
+Terrain is made of these: a `Box` for a level piece, a tread or a landing, a `Wedge` for a ramp. Each may be
+turned about the vertical. A `SolidSet` answers for N points or rays and all solids in one go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from stridetwin.streams.samples import Array
+
+_TOUCH = 1e-9  # m; points this close to a footprint's border belong to it
+_RAYS_AT_ONCE = 4096
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """Upright box with a level top.
+
+    Attributes:
+        x: Centre of the footprint in the world, m.
+        y: Centre of the footprint in the world, m.
+        yaw: Turn about the vertical, rad.
+        length: Extent along its own x axis, m.
+        width: Extent along its own y axis, m.
+        bottom: Height of the underside, m.
+        top: Height of the top, m.
+        terrain: Class of its top: level, stair or ramp.
+    """
+
+    x: float
+    y: float
+    length: float
+    width: float
+    bottom: float
+    top: float
+    yaw: float = 0.0
+    terrain: str = "level"
+
+    @property
+    def start(self) -> float:
+        """Height of the top at its low-x end, m."""
+        return self.top
+
+    @property
+    def end(self) -> float:
+        """Height of the top at its high-x end, m."""
+        return self.top
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wedge:
+    """Upright prism whose top slopes along its own x axis; fields as in `Box`.
+
+    Attributes:
+        start: Height of the top at its low-x end, m.
+        end: Height of the top at its high-x end, m.
+    """
+
+    x: float
+    y: float
+    length: float
+    width: float
+    bottom: float
+    start: float
+    end: float
+    yaw: float = 0.0
+    terrain: str = "ramp"
+
+
+Solid = Box | Wedge
+
+
+def corners(solid: Solid) -> Array:
+    """(8, 3) corners in the world: the underside, then the top, each from low x, low y anticlockwise."""
+    x, y = np.array([-1, 1, 1, -1]) * solid.length / 2, np.array([-1, -1, 1, 1]) * solid.width / 2
+    cos, sin = np.cos(solid.yaw), np.sin(solid.yaw)
+    plan = np.stack([solid.x + cos * x - sin * y, solid.y + sin * x + cos * y], axis=-1)
+    under = np.column_stack([plan, np.full(4, solid.bottom)])
+    top = np.column_stack([plan, [solid.start, solid.end, solid.end, solid.start]])
+    return np.concatenate([under, top])
+
+
+class SolidSet:
+    """Solids compiled to arrays, above a ground plane."""
+
+    def __init__(self, solids: Sequence[Solid], ground: float) -> None:
+        column = {
+            name: np.array([getattr(s, name) for s in solids])
+            for name in ("x", "y", "yaw", "length", "width", "bottom", "start", "end")
+        }
+        self._centre = np.stack([column["x"], column["y"]], axis=-1)
+        self._half = np.stack([column["length"], column["width"]], axis=-1) / 2
+        cos, sin = np.cos(column["yaw"]), np.sin(column["yaw"])
+        self._axes = np.stack(
+            [np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], axis=-2
+        )  # rows: own x, y
+        self._plan = np.array([corners(s)[:4, :2] for s in solids])
+        self._bottom = column["bottom"]
+        self._mid = (column["start"] + column["end"]) / 2
+        self._slope = (column["end"] - column["start"]) / column["length"]
+        self._ground = ground
+        self.edges = self._find_edges()
+
+    def top_facet(self, xy: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
+        """Height of the surface and which solid makes it.
+
+        Args:
+            xy: (..., 2) points in the world, m. A point on a border belongs to the higher side.
+
+        Returns:
+            (...) height, m, and (...) index of the solid, -1 for the ground plane.
+        """
+        points = np.asarray(xy, dtype=float)[..., None, :]
+        local = np.einsum("sij,...sj->...si", self._axes, points - self._centre)
+        inside = np.all(np.abs(local) <= self._half + _TOUCH, axis=-1)
+        along = np.clip(local[..., 0], -self._half[:, 0], self._half[:, 0])
+        z = np.where(inside, self._mid + self._slope * along, -np.inf)
+        which = np.argmax(z, axis=-1)
+        height = np.take_along_axis(z, which[..., None], axis=-1)[..., 0]
+        on_ground = height < self._ground
+        return np.where(on_ground, self._ground, height), np.where(on_ground, -1, which)
+
+    def top_normal(self, which: NDArray[np.intp]) -> Array:
+        """(..., 3) unit normals in the world of the tops of solids (...); -1 is the ground plane."""
+        gradient = self._slope[:, None] * self._axes[:, 0]
+        normal = np.concatenate([-gradient, np.ones((len(gradient), 1))], axis=-1)
+        normal = np.concatenate([normal, [[0.0, 0.0, 1.0]]])  # index -1
+        return normal[which] / np.linalg.norm(normal[which], axis=-1, keepdims=True)
+
+    def edge_distance(self, xy: ArrayLike) -> Array:
+        """Horizontal distance from (..., 2) points to the nearest edge of the surface, m, (...)."""
+        points = np.asarray(xy, dtype=float)[..., None, :]
+        start, run = self.edges[:, 0], self.edges[:, 1] - self.edges[:, 0]
+        share = np.sum((points - start) * run, axis=-1) / np.sum(run * run, axis=-1)
+        nearest = start + np.clip(share, 0.0, 1.0)[..., None] * run
+        return np.min(np.linalg.norm(points - nearest, axis=-1), axis=-1)
+
+    def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+        """Where rays first meet a surface.
+
+        Args:
+            origins: (N, 3) in the world, m.
+            directions: (N, 3) in the world, any length but zero.
+
+        Returns:
+            (N,) distance, m: inf where nothing is hit, 0 where the origin lies inside a solid; and (N, 3)
+            outward normal of the face that is hit, zero where there is none.
+        """
+        o, d = np.broadcast_arrays(np.asarray(origins, dtype=float), np.asarray(directions, dtype=float))
+        d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+        normals, offsets = self._half_spaces
+        distance, normal = np.empty(len(o)), np.empty((len(o), 3))
+        for k in range(0, len(o), _RAYS_AT_ONCE):
+            part = slice(k, k + _RAYS_AT_ONCE)
+            distance[part], normal[part] = self._cast(o[part], d[part], normals, offsets)
+        return distance, normal
+
+    def _cast(self, o: Array, d: Array, normals: Array, offsets: Array) -> tuple[Array, Array]:
+        # A convex solid is the cut of half-spaces n·p <= c: the ray is inside from its last entry to its
+        # first exit.
+        speed = np.einsum("spi,ni->nsp", normals, d, optimize=True)
+        gap = offsets - np.einsum("spi,ni->nsp", normals, o, optimize=True)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = gap / speed
+            to_ground = np.where(d[:, 2] < 0, np.maximum((self._ground - o[:, 2]) / d[:, 2], 0.0), np.inf)
+        entries = np.where(speed < 0, crossing, -np.inf)
+        entry = np.max(entries, axis=-1)
+        leave = np.min(np.where(speed > 0, crossing, np.inf), axis=-1)
+        beside = np.any((speed == 0) & (gap < 0), axis=-1)
+        hit = (entry <= leave) & (leave >= 0) & ~beside
+        distances = np.where(hit, np.maximum(entry, 0.0), np.inf)
+        rows, solid = np.arange(len(o)), np.argmin(distances, axis=-1)
+        distance = distances[rows, solid]
+        normal = normals[solid, np.argmax(entries[rows, solid], axis=-1)]
+        normal = np.where((to_ground < distance)[:, None], [0.0, 0.0, 1.0], normal)
+        distance = np.minimum(distance, to_ground)
+        return distance, np.where(np.isfinite(distance)[:, None], normal, 0.0)
+
+    @cached_property
+    def _half_spaces(self) -> tuple[Array, Array]:
+        """Outward normals (S, 6, 3) and offsets (S, 6) of front, back, left, right, bottom and top."""
+        n = len(self._mid)
+        flat = np.concatenate([self._axes, -self._axes], axis=1)
+        sides = np.concatenate([flat, np.zeros((n, 4, 1))], axis=-1)
+        side_offsets = np.einsum("spi,si->sp", flat, self._centre) + np.tile(self._half, 2)
+        down = np.tile([0.0, 0.0, -1.0], (n, 1, 1))
+        up = self.top_normal(np.arange(n))[:, None]
+        centre = np.concatenate([self._centre, self._mid[:, None]], axis=-1)
+        up_offset = np.einsum("spi,si->sp", up, centre)
+        return (
+            np.concatenate([sides, down, up], axis=1),
+            np.concatenate([side_offsets, -self._bottom[:, None], up_offset], axis=1),
+        )
+
+    def _find_edges(self) -> Array:
+        """Segments (E, 2, 2) where the surface jumps or bends.
+
+        Every border of a footprint is cut where other borders meet it; a piece is an edge where the planes on
+        its two sides differ. Two tops that run through each other inside both footprints do not occur in
+        terrain.
+        """
+        a = self._plan.reshape(-1, 2)
+        b = np.roll(self._plan, -1, axis=1).reshape(-1, 2)
+        pieces = []
+        for p, q in zip(a, b):
+            cuts = np.unique(np.round([0.0, *_crossings(p, q, a, b), 1.0], 9))
+            pieces += [(p + s * (q - p), p + t * (q - p)) for s, t in pairwise(cuts)]
+        segments = np.array(pieces)
+        run = segments[:, 1] - segments[:, 0]
+        across = np.stack([-run[:, 1], run[:, 0]], -1) / np.linalg.norm(run, axis=-1, keepdims=True)
+        middle = segments.mean(axis=1)
+        left, right = self._plane_at(middle, 1e-6 * across), self._plane_at(middle, -1e-6 * across)
+        return segments[np.any(np.abs(left - right) > 1e-9, axis=-1)]
+
+    def _plane_at(self, xy: Array, beside: Array) -> Array:
+        """Height at `xy` and gradient (N, 3) of the plane that is on top at `xy + beside`."""
+        _, which = self.top_facet(xy + beside)
+        axis = np.where(which[:, None] >= 0, self._axes[which, 0], 0.0)
+        gradient = np.where(which >= 0, self._slope[which], 0.0)[:, None] * axis
+        z = self._mid[which] + np.sum(gradient * (xy - self._centre[which]), axis=-1)
+        return np.concatenate([np.where(which >= 0, z, self._ground)[:, None], gradient], axis=-1)
+
+
+def _crossings(p: Array, q: Array, a: Array, b: Array) -> Array:
+    """Shares of the way from p to q, inside it, where the segments (a, b) or their ends meet its line."""
+    run, other = q - p, b - a
+    cross = run[0] * other[:, 1] - run[1] * other[:, 0]
+    to = a - p
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (to[:, 0] * other[:, 1] - to[:, 1] * other[:, 0]) / cross
+        t = (to[:, 0] * run[1] - to[:, 1] * run[0]) / cross
+    meets = (np.abs(cross) > 1e-12) & (t > -1e-9) & (t < 1 + 1e-9) & (s > 0) & (s < 1)
+    return s[meets]

@@ -1,0 +1,123 @@
+"""Procedural textures that tile seamlessly: rich in corners for visual odometry, and pleasant to look at.
+
+Each function paints a square of `SIZE` pixels that stands for a square of `PERIOD_M` metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from stridetwin.streams.samples import Array
+
+SIZE = 1024
+PERIOD_M = 2.0
+
+Pixels = NDArray[np.uint8]
+
+
+def concrete(rng: np.random.Generator) -> Pixels:
+    """Pale paving slabs of 0.5 m with pebbles."""
+    slab_x, slab_y, joint = _slabs(columns=4, rows=4, joint_m=0.008)
+    tone = 0.60 + 0.05 * rng.standard_normal((4, 4))[slab_y, slab_x] + 0.035 * _noise(rng, 1.2)
+    tone += _pebbles(rng, count=9000, radius=(1.0, 3.2), contrast=0.16)
+    return _paint(np.where(joint, 0.33, tone), (1.0, 0.975, 0.93))
+
+
+def wood(rng: np.random.Generator) -> Pixels:
+    """Oak planks 0.125 m wide, along the columns of the picture, with grain and knots."""
+    end, plank, joint = _slabs(columns=2, rows=16, joint_m=0.004, shift=0.5)
+    tone = 0.50 + 0.07 * rng.standard_normal((16, 2))[plank, end]
+    tone += 0.07 * _noise(rng, 0.9, stretch=(0.06, 1.0)) + 0.02 * _noise(rng, 0.5)
+    tone += _pebbles(rng, count=2500, radius=(1.0, 4.0), contrast=-0.18)
+    return _paint(np.where(joint, 0.16, tone), (1.12, 0.80, 0.54)).transpose(1, 0, 2)
+
+
+def brick(rng: np.random.Generator) -> Pixels:
+    """Red bricks of 0.33 m by 0.125 m in running bond."""
+    brick_x, brick_y, joint = _slabs(columns=6, rows=16, shift=0.5, joint_m=0.014)
+    tone = 0.50 + 0.07 * rng.standard_normal((16, 6))[brick_y, brick_x] + 0.04 * _noise(rng, 0.8)
+    tone += _pebbles(rng, count=6000, radius=(0.8, 2.5), contrast=0.14)
+    bricks = _paint(tone, (1.12, 0.72, 0.58))
+    mortar = _paint(0.66 + 0.05 * _noise(rng, 0.4), (1.0, 0.97, 0.92))
+    return np.where(joint[..., None], mortar, bricks)
+
+
+def stone(rng: np.random.Generator) -> Pixels:
+    """Grey granite blocks of 0.4 m by 0.2 m for side faces."""
+    block_x, block_y, joint = _slabs(columns=5, rows=10, shift=0.5, joint_m=0.010)
+    tone = 0.47 + 0.05 * rng.standard_normal((10, 5))[block_y, block_x] + 0.05 * _noise(rng, 0.9)
+    tone += _pebbles(rng, count=7000, radius=(1.0, 3.0), contrast=0.15)
+    return _paint(np.where(joint, 0.26, tone), (0.97, 0.99, 1.04))
+
+
+def grass(rng: np.random.Generator) -> Pixels:
+    """Lawn."""
+    tone = 0.40 + 0.05 * _noise(rng, 1.0) + 0.05 * _noise(rng, 0.3)
+    return _paint(tone, (0.80, 1.06, 0.50))
+
+
+def leaves(rng: np.random.Generator) -> Pixels:
+    """Trimmed hedge."""
+    tone = 0.30 + 0.04 * _noise(rng, 1.0) + _pebbles(rng, count=16000, radius=(2.0, 7.0), contrast=0.16)
+    return _paint(tone, (0.66, 1.06, 0.46))
+
+
+def plaster(rng: np.random.Generator) -> Pixels:
+    """Warm white wall with scattered marks."""
+    tone = 0.78 + 0.025 * _noise(rng, 1.3) + _pebbles(rng, count=2500, radius=(1.5, 5.0), contrast=0.13)
+    return _paint(tone, (1.0, 0.96, 0.88))
+
+
+TEXTURES: dict[str, Callable[[np.random.Generator], Pixels]] = {
+    f.__name__: f for f in (concrete, wood, brick, stone, grass, leaves, plaster)
+}
+
+
+def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] = (1.0, 1.0)) -> Array:
+    """Periodic noise of unit variance and spectrum 1/f^power; `stretch` scales the frequencies (x, y)."""
+    fy, fx = np.meshgrid(np.fft.fftfreq(SIZE) * SIZE, np.fft.rfftfreq(SIZE) * SIZE, indexing="ij")
+    radius = np.hypot(fx / stretch[0], fy / stretch[1])
+    radius[0, 0] = np.inf
+    spectrum = np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) / np.maximum(radius, 3.0) ** power
+    image = np.fft.irfft2(spectrum, s=(SIZE, SIZE))
+    return image / image.std()
+
+
+def _slabs(
+    columns: int, rows: int, joint_m: float, shift: float = 0.0
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """Column and row of the slab under each pixel, and where joints lie; odd rows are shifted."""
+    v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
+    down = v * rows
+    row = np.floor(down).astype(int)
+    across = (u * columns + shift * (row % 2)) % columns
+    half = joint_m / PERIOD_M / 2
+    joint = (_to_border(down) < half * rows) | (_to_border(across) < half * columns)
+    return np.floor(across).astype(int), row, joint
+
+
+def _to_border(value: Array) -> Array:
+    """Distance to the nearest whole number."""
+    return np.abs(value - np.round(value))
+
+
+def _pebbles(rng: np.random.Generator, count: int, radius: tuple[float, float], contrast: float) -> Array:
+    """Scattered discs, lighter or darker; their sharp borders are what corner detectors hold on to."""
+    image = np.zeros((SIZE, SIZE))
+    centre = rng.integers(0, SIZE, (count, 2))
+    size = rng.uniform(*radius, count)
+    level = contrast * rng.standard_normal(count)
+    reach = int(np.ceil(radius[1]))
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            near = dx * dx + dy * dy <= size * size
+            y, x = (centre[near] + (dy, dx)).T % SIZE
+            image[y, x] = level[near]
+    return image
+
+
+def _paint(tone: Array, tint: tuple[float, float, float]) -> Pixels:
+    """Grey tones in 0-1 to tinted 8-bit colour."""
+    return np.clip(255 * tone[..., None] * np.array(tint), 0, 255).astype(np.uint8)

@@ -1,0 +1,105 @@
+"""Motion of one frame through time, and of whatever is bolted to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Track:
+    """Poses and velocities of a frame at N instants.
+
+    Attributes:
+        t_ns: (N,) int64, strictly increasing.
+        p_body_in_world: (N, 3) m.
+        q_world_body: (N, 4) unit quaternions (w, x, y, z).
+        v_body_in_world: (N, 3) m/s of the origin, world axes.
+        w_body: (N, 3) rad/s, the frame's own axes.
+    """
+
+    t_ns: NDArray[np.int64]
+    p_body_in_world: Array
+    q_world_body: Array
+    v_body_in_world: Array
+    w_body: Array
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def __getitem__(self, rows: slice) -> Track:
+        """Track of a slice of the instants."""
+        return Track(
+            t_ns=self.t_ns[rows],
+            p_body_in_world=self.p_body_in_world[rows],
+            q_world_body=self.q_world_body[rows],
+            v_body_in_world=self.v_body_in_world[rows],
+            w_body=self.w_body[rows],
+        )
+
+    @property
+    def rotation(self) -> Rotation:
+        """Body to world, N of them."""
+        return Rotation.from_quat(self.q_world_body, scalar_first=True)
+
+    def mounted(self, T_body_sensor: ArrayLike) -> Track:
+        """Track of a frame that is rigidly mounted on this one.
+
+        Args:
+            T_body_sensor: (4, 4) sensor frame to body frame.
+        """
+        T = np.asarray(T_body_sensor, dtype=float)
+        R_body_sensor, lever = T[:3, :3], T[:3, 3]
+        rotation = self.rotation
+        sensor = rotation * Rotation.from_matrix(R_body_sensor)
+        return Track(
+            t_ns=self.t_ns,
+            p_body_in_world=self.p_body_in_world + rotation.apply(lever),
+            q_world_body=sensor.as_quat(scalar_first=True),
+            v_body_in_world=self.v_body_in_world + rotation.apply(np.cross(self.w_body, lever)),
+            w_body=self.w_body @ R_body_sensor,
+        )
+
+    def poses(self) -> Array:
+        """(N, 4, 4) transforms, frame to world."""
+        T = np.tile(np.eye(4), (len(self), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = self.rotation.as_matrix(), self.p_body_in_world
+        return T
+
+    def at(self, t_ns: ArrayLike) -> Track:
+        """Track at other instants inside this one's span.
+
+        Position follows the cubic that meets position and velocity of the neighbours; attitude turns at a
+        constant rate between them; the rate is linear.
+
+        Args:
+            t_ns: (M,) instants.
+
+        Raises:
+            ValueError: An instant outside the track.
+        """
+        t = np.asarray(t_ns, dtype=np.int64)
+        if len(t) and (t.min() < self.t_ns[0] or t.max() > self.t_ns[-1]):
+            raise ValueError(f"instants must lie in [{self.t_ns[0]}, {self.t_ns[-1]}] ns")
+        i = np.clip(np.searchsorted(self.t_ns, t, side="right") - 1, 0, max(len(self) - 2, 0))
+        j = np.minimum(i + 1, len(self) - 1)
+        h = np.maximum(self.t_ns[j] - self.t_ns[i], 1)[:, None] * 1e-9
+        s = (t - self.t_ns[i])[:, None] * 1e-9 / h
+        p0, p1 = self.p_body_in_world[i], self.p_body_in_world[j]
+        v0, v1 = self.v_body_in_world[i], self.v_body_in_world[j]
+        w0, w1 = self.w_body[i], self.w_body[j]
+        a, b = p1 - p0 - h * v0, h * (v1 - v0)
+        c2, c3 = 3 * a - b, b - 2 * a  # p = p0 + h v0 s + c2 s² + c3 s³
+        rotation = self.rotation
+        turn = (rotation[i].inv() * rotation[j]).as_rotvec()
+        return Track(
+            t_ns=t,
+            p_body_in_world=p0 + s * (h * v0 + s * (c2 + s * c3)),
+            q_world_body=(rotation[i] * Rotation.from_rotvec(s * turn)).as_quat(scalar_first=True),
+            v_body_in_world=v0 + s * (2 * c2 + 3 * s * c3) / h,
+            w_body=w0 + s * (w1 - w0),
+        )

@@ -1,0 +1,100 @@
+"""The twin's truth as streams under `/truth`; it never reaches an estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.body import SIDES
+from stridetwin.sim.gait.foot_path import base_rotation
+from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.playback import Loads, Motion
+from stridetwin.sim.rotation import quat_from_matrix
+from stridetwin.sim.track import Track
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Block, FootPhase, Footprint, Joints, Odometry, Point, Sample, Wrench
+
+RATE_HZ = 200.0
+SWING, CONTACT, FLAT, HEEL_OFF = 0, 1, 2, 3
+_FLAT_RAD = 0.01
+
+
+def truth(
+    reference: Reference, rig: Rig, motion: Motion, loads: Loads, after_ns: int
+) -> Iterator[Block[Any] | Sample]:
+    """Truth at the instants of `loads` and the footprints between `after_ns` and the last of them."""
+    t_ns = loads.t_ns
+    rows = motion.rows(t_ns)
+    for body in ("pelvis", "foot_l", "foot_r"):
+        yield _odometry(f"/truth/{body}/odometry", motion.tracks[body][rows])
+    for topic, imu in rig.imus.items():
+        track = motion.tracks[imu.mount.body][rows].mounted(imu.mount.T_body_sensor)
+        yield _odometry(f"/truth{topic}/odometry", track)
+    names = reference.coordinates.names[6:]
+    yield Block(
+        topic="/truth/joints", kind=Joints, t_ns=t_ns,
+        columns={
+            "position": np.column_stack([motion.angle[n][rows] for n in names]),
+            "velocity": np.column_stack([motion.speed[n][rows] for n in names]),
+            "torque": loads.joint_torque,
+        },
+        constants={"names": names},
+    )  # fmt: skip
+    for side in SIDES:
+        load = loads.feet[side]
+        yield _wrench(f"/truth/foot_{side}/wrench", t_ns, load.force, load.torque)
+        on = load.loaded
+        if on.any():
+            yield Block(
+                topic=f"/truth/foot_{side}/cop", kind=Point, t_ns=t_ns[on], columns={"p_in_world": load.cop[on]}
+            )
+        yield Block(
+            topic=f"/truth/foot_{side}/phase", kind=FootPhase, t_ns=t_ns,
+            columns={"phase": foot_phase(reference, side, t_ns * 1e-9)},
+        )  # fmt: skip
+    yield _wrench("/truth/root_residual", t_ns, loads.residual_force, loads.residual_torque)
+    yield from _footprints(reference, after_ns, int(t_ns[-1]))
+
+
+def foot_phase(reference: Reference, side: str, t: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """(N,) phase of a foot: 0 swing, 1 first contact until flat, 2 flat, 3 heel off (phases of Shim et al. 2019)."""
+    steps = reference.steps[side]
+    pitch = np.interp(t, reference.grid, reference.paths[side].pitch)
+    i = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
+    touch = np.array([s.t_touch for s in steps])[i]
+    off = np.array([s.t_off for s in steps])[i]
+    early = t - touch < off - t
+    phase = np.where(np.abs(pitch) < _FLAT_RAD, FLAT, np.where(early, CONTACT, HEEL_OFF))
+    return np.where(t > off, SWING, phase).astype(np.uint8)
+
+
+def _odometry(topic: str, track: Track) -> Block[Odometry]:
+    return Block(
+        topic=topic, kind=Odometry, t_ns=track.t_ns,
+        columns={
+            "p_frame_in_world": track.p_body_in_world, "q_world_frame": track.q_world_body,
+            "v_frame_in_world": track.v_body_in_world, "angular_rate": track.w_body,
+        },
+    )  # fmt: skip
+
+
+def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Block[Wrench]:
+    return Block(
+        topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque}
+    )
+
+
+def _footprints(reference: Reference, after_ns: int, until_ns: int) -> Iterator[Footprint]:
+    steps = sorted((s for own in reference.steps.values() for s in own), key=lambda s: s.t_touch)
+    standing = [s for s in steps if not np.isfinite(s.t_touch)]
+    for step in steps:
+        # the standing feet are reported first of all, one nanosecond apart: stamps increase within a topic
+        t_ns = standing.index(step) if step in standing else round(step.t_touch * 1e9)
+        if after_ns < t_ns <= until_ns:
+            yield Footprint(
+                topic="/truth/footprints", t_ns=t_ns, foot=step.foot, p_foot_in_world=step.p_foot_in_world,
+                q_world_foot=quat_from_matrix(base_rotation(step)), terrain=step.terrain, mode=step.mode,
+            )  # fmt: skip

@@ -1,0 +1,107 @@
+"""The twin: a wearer who walks a route, and everything that the rig senses on the way."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+if sys.platform == "linux":
+    os.environ.setdefault("MUJOCO_GL", "egl")  # no screen is needed; must be set before MuJoCo is imported
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim import truth
+from stridetwin.sim.body import add_wearer, compile_model
+from stridetwin.sim.cameras import Cameras
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.gait.reference import Reference, reference
+from stridetwin.sim.playback import Playback
+from stridetwin.sim.render import FilmCamera
+from stridetwin.sim.rig_bodies import add_rig
+from stridetwin.sim.sensor_suite import SensorSuite, instants
+from stridetwin.sim.standard_rig import standard_rig
+from stridetwin.sim.terrain import Terrain
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Block, Sample
+
+CHUNK_S = 0.5
+
+
+class Twin:
+    """One walk of one wearer; the same configuration and seed give the same samples.
+
+    Args:
+        config: Scenario.
+        seed: Seed of the walk: steps and sensor noise.
+
+    Attributes:
+        config: As given.
+        seed: As given.
+        rig: The sensors as they really are.
+        terrain: Ground.
+        model: Compiled MuJoCo model.
+        size: Dimensions of the wearer.
+        reference: The planned motion.
+
+    Raises:
+        ConfigError: A value that cannot be built or walked.
+    """
+
+    def __init__(self, config: TwinConfig, seed: int) -> None:
+        if config.physics != "kinematic":
+            raise ConfigError(config.name, "physics", config.physics, "kinematic")
+        self.config, self.seed = config, seed
+        self.rig: Rig = standard_rig(config)
+        self.terrain = Terrain.from_route(config.route)
+        spec = mujoco.MjSpec()
+        self.terrain.add_to(spec)
+        self.size = add_wearer(spec, config.person)
+        add_rig(spec, self.rig)
+        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
+        self.model: mujoco.MjModel = compile_model(spec)
+        steps = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+        self.reference: Reference = reference(config, self.model, self.size, self.terrain, steps)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the walk, s."""
+        return self.reference.duration_s
+
+    def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
+        """Everything that is sensed and true, in chunks of `CHUNK_S`."""
+        playback = Playback(self.model, self.reference)
+        suite = SensorSuite(self.rig, self.terrain, self.seed, self.config.ideal)
+        end_ns = int(self.duration_s * 1e9)
+        with Cameras(self.model, self.rig, self.seed, self.config.ideal) as cameras:
+            rates = suite.rates | cameras.rates | {truth.RATE_HZ}
+            after_ns = -1
+            while after_ns < end_ns:
+                until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
+                t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in rates]))
+                truth_ns = instants(truth.RATE_HZ, after_ns, until_ns)
+                if len(truth_ns):
+                    motion = playback.motion(t_ns)
+                    loads = playback.loads(truth_ns, motion)
+                    yield [
+                        *suite.read(motion, loads, after_ns, until_ns),
+                        *truth.truth(self.reference, self.rig, motion, loads, after_ns),
+                        *cameras.frames(motion, after_ns, until_ns),
+                    ]
+                after_ns = until_ns
+
+    def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+        """Third-person film: time in s and an RGB picture (height, width, 3) for every frame."""
+        data = mujoco.MjData(self.model)
+        times = np.arange(0.0, self.duration_s, 1.0 / fps)
+        q, _, _ = self.reference.state(times)
+        with FilmCamera(self.model, width, height) as camera:
+            for t, pose in zip(times.tolist(), q):
+                data.qpos = pose
+                mujoco.mj_kinematics(self.model, data)
+                mujoco.mj_camlight(self.model, data)
+                yield t, camera.frame(data, [pose[0] + 0.25, 0.0, pose[2] - 0.12], 62.0, -10.0, 3.7)

@@ -1,0 +1,204 @@
+"""The walk itself: on the ground, without slip, within human ranges, dynamically consistent."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.contact import share_out
+from stridetwin.sim.playback import Playback
+from stridetwin.sim.rotation import matrix_from_quat, rot_y
+from stridetwin.sim.truth import FLAT, foot_phase
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.errors import StrideTwinError
+
+ROUTES: dict[str, tuple[Segment, ...]] = {
+    "level": (Level(length_m=6.0),),
+    "stairs": (
+        Level(length_m=2.5), Stairs(risers=4), Level(length_m=2.0), Stairs(risers=4, down=True), Level(length_m=2.0),
+    ),
+    "ramp": (
+        Level(length_m=2.5), Ramp(angle_rad=np.radians(8.5), rise_m=0.4), Level(length_m=2.0),
+        Ramp(angle_rad=np.radians(8.5), rise_m=0.4, down=True), Level(length_m=2.5),
+    ),
+}  # fmt: skip
+HUMAN_DEG = {"hip_flexion": (-30, 120), "knee_flexion": (0, 140), "ankle_dorsiflexion": (-45, 38)}
+
+
+def make(name: str, seed: int = 7, person: Person | None = None, gait: Gait | None = None) -> Twin:
+    config = TwinConfig(
+        name=name, route=Route(segments=ROUTES[name]), sensors=(), person=person or Person(), gait=gait or Gait()
+    )
+    return Twin(config, seed)
+
+
+@pytest.fixture(scope="module", params=list(ROUTES))
+def twin(request: pytest.FixtureRequest) -> Twin:
+    return make(request.param)
+
+
+def sole_points(twin: Twin, side: str, t: np.ndarray) -> np.ndarray:
+    """(N, 6, 3) corners of heel, mid-sole and toe tip in the world, from the model's own kinematics."""
+    motion = Playback(twin.model, twin.reference).motion(np.round(t * 1e9).astype(np.int64))
+    shoe = twin.size.shoe
+    foot, toe = motion.tracks[f"foot_{side}"], motion.tracks[f"toe_{side}"]
+    R_foot, R_toe = matrix_from_quat(foot.q_world_body), matrix_from_quat(toe.q_world_body)
+    w = shoe.half_width - 0.004
+    rear = [[x, y, 0.0] for x in (shoe.heel_back_x, 0.9 * shoe.toe_hinge_x) for y in (-w, w)]
+    front = [[x, 0.0, -shoe.toe_hinge_z] for x in (0.0, shoe.toe_tip_x - shoe.toe_hinge_x)]
+    points = [foot.p_body_in_world + R_foot @ np.array(p) for p in rear]
+    points += [toe.p_body_in_world + R_toe @ np.array(p) for p in front]
+    return np.stack(points, 1)
+
+
+def test_no_foot_goes_through_the_ground(twin: Twin) -> None:
+    t = np.arange(0.0, twin.duration_s, 0.004)
+    for side in "lr":
+        sole = sole_points(twin, side, t)
+        depth = twin.terrain.height(sole[..., :2]) - sole[..., 2]
+        assert depth.max() < 0.005
+
+
+def test_stance_does_not_slip(twin: Twin) -> None:
+    """The pivot that carries the foot (heel edge or toe hinge) stays within 2 mm in each stance."""
+    shoe = twin.size.shoe
+    for side in "lr":
+        for step in twin.reference.steps[side]:
+            t = np.arange(max(step.t_touch, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
+            motion = Playback(twin.model, twin.reference).motion(np.round(t * 1e9).astype(np.int64))
+            track = motion.tracks[f"foot_{side}"]
+            R = matrix_from_quat(track.q_world_body)
+            pitch = np.interp(t, twin.reference.grid, twin.reference.paths[side].pitch)
+            heel = track.p_body_in_world + R @ np.array([shoe.heel_back_x, 0.0, 0.0])
+            hinge = track.p_body_in_world + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
+            for point, on in ((heel, pitch < 1e-4), (hinge, pitch > -1e-4)):
+                if on.sum() > 1:
+                    assert np.ptp(point[on], axis=0).max() < 0.002
+
+
+def test_joints_stay_in_human_ranges_and_knees_never_bend_backwards(twin: Twin) -> None:
+    t = np.arange(0.0, twin.duration_s, 0.005)
+    values = np.degrees(twin.reference.splines(t))
+    for i, name in enumerate(twin.reference.coordinates.names):
+        for joint, (low, high) in HUMAN_DEG.items():
+            if name in (f"{joint}_l", f"{joint}_r"):
+                assert low <= values[:, i].min(), name
+                assert values[:, i].max() <= high, name
+
+
+def test_soles_lie_wholly_on_one_tread(twin: Twin) -> None:
+    shoe = twin.size.shoe
+    for side in "lr":
+        for step in twin.reference.steps[side]:
+            heel_toe = step.p_foot_in_world[:2] + np.array([[shoe.heel_back_x, 0.0], [shoe.toe_tip_x, 0.0]])
+            classes = twin.terrain.terrain_class(heel_toe)
+            rise = np.diff(twin.terrain.height(heel_toe))[0]
+            assert classes[0] == classes[1] == step.terrain
+            assert abs(rise - np.tan(step.slope) * (shoe.toe_tip_x - shoe.heel_back_x)) < 1e-9
+
+
+def test_down_stairs_lands_on_the_forefoot() -> None:
+    twin = make("stairs")
+    down = [s for own in twin.reference.steps.values() for s in own if s.mode == "SD"]
+    assert len(down) == 4
+    for step in down:
+        t_ns = np.array([round((step.t_touch + 0.002) * 1e9)])
+        track = Playback(twin.model, twin.reference).motion(t_ns).tracks[f"foot_{step.foot}"]
+        pitch = np.arcsin(-matrix_from_quat(track.q_world_body)[0, 2, 0])
+        assert 15 <= np.degrees(pitch) <= 35
+
+
+def test_modes_follow_the_terrain() -> None:
+    modes = {name: [s.mode for s in sorted(sum(make(name).reference.steps.values(), []), key=lambda s: s.t_touch)]
+             for name in ("stairs", "ramp")}  # fmt: skip
+    assert modes["stairs"].count("SA") == 4
+    assert modes["stairs"].count("SD") == 4
+    assert set(modes["ramp"]) == {"LG", "RA", "RD"}
+
+
+def test_walk_starts_and_ends_in_standing(twin: Twin) -> None:
+    _, v, a = twin.reference.state(np.array([0.0, 0.2, twin.duration_s - 0.2, twin.duration_s]))
+    assert np.abs(v).max() < 0.02
+    assert np.abs(a).max() < 0.2
+    for side in "lr":
+        assert foot_phase(twin.reference, side, np.array([0.0, twin.duration_s])).tolist() == [FLAT, FLAT]
+
+
+def test_contact_forces_carry_the_motion_within_the_soles(twin: Twin) -> None:
+    """The wrench of inverse dynamics comes back from the feet, and each centre of pressure lies in its sole."""
+    playback = Playback(twin.model, twin.reference)
+    t_ns = np.arange(0, int(twin.duration_s * 1e9), 10_000_000)
+    motion = playback.motion(t_ns)
+    loads = playback.loads(t_ns, motion)
+    weight = float(twin.model.body_subtreemass[0]) * 9.81
+    assert np.abs(loads.residual_force).max() < 1e-6 * weight
+    assert np.quantile(np.abs(loads.residual_torque), 0.99) < 0.002 * weight
+    total = sum(load.force[:, 2] for load in loads.feet.values())
+    assert abs(total.mean() / weight - 1.0) < 0.02
+    for side, load in loads.feet.items():
+        strong = load.force[:, 2] > 0.2 * weight
+        track = motion.tracks[f"foot_{side}"]
+        R = matrix_from_quat(track.q_world_body)
+        local = np.einsum("nji,nj->ni", R, load.cop - track.p_body_in_world)[strong]
+        shoe = twin.size.shoe
+        inside = (local[:, 0] > shoe.heel_back_x - 0.005) & (local[:, 0] < shoe.toe_tip_x + 0.005)
+        assert (inside & (np.abs(local[:, 1]) < shoe.half_width)).mean() > 0.98
+
+
+def test_reference_agrees_with_its_own_derivatives(twin: Twin) -> None:
+    t = np.linspace(0.5, twin.duration_s - 0.5, 40)
+    h = 1e-5
+    _, v, a = twin.reference.state(t)
+    q0, v0, _ = twin.reference.state(t - h)
+    q1, v1, _ = twin.reference.state(t + h)
+    dq = np.empty(twin.model.nv)
+    for i in range(len(t)):
+        mujoco.mj_differentiatePos(twin.model, dq, 2 * h, q0[i], q1[i])
+        assert np.allclose(dq, v[i], atol=1e-5)
+    assert np.allclose((v1 - v0) / (2 * h), a, atol=1e-3)
+
+
+def test_same_seed_same_walk_other_seed_other_steps() -> None:
+    one, two, three = make("level", 3), make("level", 3), make("level", 4)
+    t = np.linspace(0, one.duration_s, 200)
+    assert np.array_equal(one.reference.splines(t), two.reference.splines(t))
+    assert one.duration_s != three.duration_s
+
+
+@pytest.mark.parametrize("person", [Person(height_m=1.50, mass_kg=45, sex="female"), Person(height_m=1.95, mass_kg=110)])
+def test_small_and_tall_people_walk_stairs(person: Person) -> None:
+    twin = make("stairs", person=person)
+    t = np.arange(0.0, twin.duration_s, 0.01)
+    knee = [i for i, n in enumerate(twin.reference.coordinates.names) if n.startswith("knee_flexion")]
+    assert twin.reference.splines(t)[:, knee].min() > 0.0
+    body = sum(twin.model.body_mass[b] for b in range(twin.model.nbody)) - 9.5
+    assert body == pytest.approx(person.mass_kg, rel=2e-3)
+
+
+@pytest.mark.parametrize(("gait", "text"), [(Gait(speed_mps=3.0), "speed_mps"), (Gait(speed_mps=0.05), "0.4-1.6")])
+def test_speed_out_of_range_is_refused_with_the_range(gait: Gait, text: str) -> None:
+    with pytest.raises(StrideTwinError, match=text):
+        make("level", gait=gait)
+
+
+def test_shared_load_balances_any_wrench() -> None:
+    rng = np.random.default_rng(0)
+    n = 50
+    force = rng.normal(0, 50, (n, 3)) + [0, 0, 800.0]
+    torque, origin = rng.normal(0, 30, (n, 3)), rng.normal(0, 1, (n, 3)) + [0, 0, 1.0]
+    share = rng.uniform(0.1, 0.9, n)
+    planned = {"l": rng.normal(0, 0.2, (n, 3)), "r": rng.normal(0, 0.2, (n, 3))}
+    feet = {"l": rng.normal(0, 0.2, (n, 3)), "r": rng.normal(0, 0.2, (n, 3))}
+    loads, left_force, left_torque = share_out(force, torque, origin, {"l": share, "r": 1 - share}, planned, feet)
+    assert np.abs(left_force).max() < 1e-9
+    total = sum(load.torque + np.cross(feet[f] - origin, load.force) for f, load in loads.items())
+    assert np.allclose(total + left_torque, torque, atol=1e-9)
+    # the feet may stand at two heights, so a sideways force leaves a small moment; on one plane none is left
+    flat = {f: p * [1, 1, 0] for f, p in planned.items()}
+    *_, rest = share_out(force, torque, origin, {"l": share, "r": 1 - share}, flat, feet)
+    assert np.abs(rest).max() < 1e-9
+
+
+def test_rotation_convention_pitch_is_nose_down() -> None:
+    assert rot_y(np.array(0.3))[2, 0] < 0

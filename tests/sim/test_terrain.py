@@ -1,0 +1,227 @@
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stridetwin.sim.config import Level, Ramp, Route, Stairs
+from stridetwin.sim.solids import Box, SolidSet, Wedge
+from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.textures import PERIOD_M
+from stridetwin.streams.errors import ConfigError
+
+ROUTE = Route(
+    segments=(
+        Level(length_m=3.0),
+        Stairs(risers=4, riser_m=0.17, tread_m=0.28),
+        Level(length_m=1.5),
+        Ramp(angle_rad=math.radians(10), rise_m=0.3, down=True),
+        Level(length_m=1.0),
+        Stairs(risers=2, riser_m=0.10, tread_m=0.30, down=True),
+        Level(length_m=1.0),
+    ),
+)
+TERRAIN = Terrain.from_route(ROUTE)
+RAMP_X = 3.0 + 3 * 0.28 + 1.5
+
+level = st.builds(Level, length_m=st.floats(0.3, 4.0))
+ramp = st.builds(
+    Ramp, angle_rad=st.floats(0.03, math.radians(20)), rise_m=st.floats(0.05, 0.8), down=st.booleans()
+)
+stairs = st.builds(
+    Stairs,
+    risers=st.integers(1, 6),
+    riser_m=st.floats(0.03, 0.25),
+    tread_m=st.floats(0.2, 0.5),
+    down=st.booleans(),
+)
+routes = st.lists(st.tuples(level, st.one_of(ramp, stairs)), min_size=1, max_size=3).map(
+    lambda pairs: Route(segments=tuple(s for pair in pairs for s in pair))
+)
+
+
+def test_height_class_and_normal_along_the_way():
+    xy = [[-1.9, 0], [2.9, 0.5], [3.1, -1.1], [3.0 + 0.28 * 3 + 0.1, 0], [RAMP_X + 0.1, 0]]
+    drop = 0.1 * math.tan(math.radians(10))
+    np.testing.assert_allclose(TERRAIN.height(xy), [0, 0, 0.17, 0.68, 0.68 - drop], atol=1e-12)
+    assert TERRAIN.terrain_class(xy).tolist() == ["level", "level", "stair", "level", "ramp"]
+    expected = [math.sin(math.radians(10)), 0.0, math.cos(math.radians(10))]
+    np.testing.assert_allclose(TERRAIN.normal(xy[4]), expected, atol=1e-12)
+    np.testing.assert_allclose(TERRAIN.normal(xy[:4]), np.tile([0, 0, 1], (4, 1)))
+
+
+def test_lead_in_run_out_and_ground():
+    assert TERRAIN.profile[0].x0 == -2.0
+    end = sum(s.x1 - s.x0 for s in TERRAIN.profile) - 2.0
+    assert TERRAIN.profile[-1].x1 == pytest.approx(end)
+    lowest = min(s.z0 for s in TERRAIN.profile)
+    assert TERRAIN.height([0.0, 5.0]) == TERRAIN.ground_m < lowest
+    assert TERRAIN.height([0.0, 1.199]) == 0.0
+
+
+def test_a_riser_belongs_to_its_upper_side():
+    assert TERRAIN.height([3.0, 0.0]) == pytest.approx(0.17)
+
+
+def test_edge_distance():
+    # Middle of the first tread, near the side of the way, on the ground outside, and far from any edge.
+    xy = [[3.14, 0.0], [1.0, 1.15], [0.0, 1.7], [0.5, 0.0]]
+    np.testing.assert_allclose(TERRAIN.edge_distance(xy), [0.14, 0.05, 0.5, 1.2], atol=1e-9)
+
+
+def test_coplanar_neighbours_make_no_edge_but_a_bend_does():
+    flat = Terrain.from_route(Route(segments=(Level(length_m=1.0), Level(length_m=1.0)), width_m=10.0))
+    assert flat.edge_distance([1.0, 0.0]) == pytest.approx(3.0)
+    a = Box(x=0, y=0, length=2, width=4, bottom=-1, top=0.0)
+    b = Box(x=2, y=0, length=2, width=4, bottom=-1, top=0.0)
+    assert SolidSet([a, b], -0.5).edge_distance([1.0, 0.0]) == pytest.approx(2.0)
+    c = Wedge(x=2, y=0, length=2, width=4, bottom=-1, start=0.0, end=0.2)
+    assert SolidSet([a, c], -0.5).edge_distance([1.0, 0.0]) == pytest.approx(0.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(route=routes, seed=st.integers(0, 2**31))
+def test_queries_agree_with_the_profile(route, seed):
+    terrain = Terrain.from_route(route)
+    rng = np.random.default_rng(seed)
+    for a, b in zip(terrain.profile[:-1], terrain.profile[1:]):
+        assert a.x1 == pytest.approx(b.x0)
+    for strip in terrain.profile:
+        x = rng.uniform(strip.x0 + 1e-6, strip.x1 - 1e-6, 4)
+        xy = np.column_stack([x, rng.uniform(-1.19, 1.19, 4)])
+        np.testing.assert_allclose(
+            terrain.height(xy), np.interp(x, [strip.x0, strip.x1], [strip.z0, strip.z1]), atol=1e-9
+        )
+        assert set(terrain.terrain_class(xy)) == {strip.terrain}
+        to_end = np.minimum(x - strip.x0, strip.x1 - x)
+        to_side = 1.2 - np.abs(xy[:, 1])
+        # Every strip of these routes ends at a jump or a bend.
+        np.testing.assert_allclose(terrain.edge_distance(xy), np.minimum(to_end, to_side), atol=1e-8)
+
+
+@settings(max_examples=25, deadline=None)
+@given(route=routes, seed=st.integers(0, 2**31))
+def test_a_ray_straight_down_measures_the_height(route, seed):
+    terrain = Terrain.from_route(route)
+    rng = np.random.default_rng(seed)
+    end = terrain.profile[-1].x1
+    xy = np.column_stack([rng.uniform(-2.5, end + 0.5, 50), rng.uniform(-1.4, 1.4, 50)])
+    origins = np.column_stack([xy, np.full(50, 9.0)])
+    np.testing.assert_allclose(
+        9.0 - terrain.ray_cast(origins, [0.0, 0.0, -1.0]), terrain.height(xy), atol=1e-9
+    )
+
+
+def test_rays_hit_risers_ramps_and_nothing():
+    distance, normal = TERRAIN.ray_hit(
+        [[2.0, 0.0, 0.1], [2.0, 0.0, 0.1], [3.1, 0.0, 0.05]],
+        [[2.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
+    )
+    np.testing.assert_allclose(distance, [1.0, np.inf, 0.0])
+    np.testing.assert_allclose(normal[:2], [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    down = TERRAIN.ray_hit([[RAMP_X + 0.5, 0.0, 3.0]], [[0.0, 0.0, -1.0]])[1]
+    np.testing.assert_allclose(down[0], TERRAIN.normal([RAMP_X + 0.5, 0.0]))
+
+
+@settings(max_examples=25, deadline=None)
+@given(yaw=st.floats(-3.1, 3.1), seed=st.integers(0, 2**31))
+def test_turned_solids_answer_as_straight_ones(yaw, seed):
+    rng = np.random.default_rng(seed)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    boxes = [
+        {"x": 0.0, "y": 0.0, "length": 2.0, "width": 1.0, "bottom": -1.0, "start": 0.0, "end": 0.0},
+        {"x": 1.75, "y": 0.0, "length": 1.5, "width": 1.0, "bottom": -1.0, "start": 0.0, "end": 0.3},
+    ]
+    straight = SolidSet([Wedge(**b) for b in boxes], -0.2)
+    centres = [turn @ (b["x"], b["y"]) for b in boxes]
+    turned = SolidSet(
+        [Wedge(**{**b, "x": c[0], "y": c[1], "yaw": yaw}) for b, c in zip(boxes, centres)], -0.2
+    )
+    xy = rng.uniform([-1.5, -0.8], [3.0, 0.8], (60, 2))
+    np.testing.assert_allclose(turned.top_facet(xy @ turn.T)[0], straight.top_facet(xy)[0], atol=1e-9)
+    np.testing.assert_allclose(turned.edge_distance(xy @ turn.T), straight.edge_distance(xy), atol=1e-7)
+    rays = rng.standard_normal((60, 3))
+    origins = np.column_stack([xy, np.full(60, 1.0)])
+    turned_rays = np.column_stack([rays[:, :2] @ turn.T, rays[:, 2]])
+    turned_origins = np.column_stack([xy @ turn.T, origins[:, 2]])
+    np.testing.assert_allclose(
+        turned.ray_cast(turned_origins, turned_rays)[0],
+        straight.ray_cast(origins, rays)[0],
+        rtol=1e-7,
+        atol=1e-7,
+    )
+
+
+def test_the_model_collides_with_the_same_surface():
+    spec = mujoco.MjSpec()
+    TERRAIN.add_to(spec)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rng = np.random.default_rng(5)
+    groups = np.array([1, 0, 0, 1, 0, 0], np.uint8)  # the ground, and the collision shapes
+    hit = np.zeros(1, np.int32)
+    for x, y in rng.uniform([-1.9, -1.15], [TERRAIN.profile[-1].x1 - 0.1, 1.15], (80, 2)):
+        far = mujoco.mj_ray(model, data, [x, y, 5.0], [0.0, 0.0, -1.0], groups, 1, -1, hit)
+        if model.geom(hit[0]).name.startswith("terrain_"):
+            assert 5.0 - far == pytest.approx(float(TERRAIN.height([x, y])), abs=1e-5)
+    colliding = [model.geom(i).name for i in range(model.ngeom) if model.geom_contype[i]]
+    assert sorted(colliding) == sorted(["ground", *(f"terrain_{i}" for i in range(len(TERRAIN.profile)))])
+
+
+def test_landmarks_keep_clear_of_the_way():
+    assert len(TERRAIN.landmarks) > 10
+    for mark in TERRAIN.landmarks:
+        beside = abs(mark.box.y) - mark.box.width / 2 >= ROUTE.width_m / 2 + 0.2
+        beyond = mark.box.x - mark.box.length / 2 >= TERRAIN.profile[-1].x1 + 1.0
+        assert beside or beyond
+
+
+def test_textures_are_true_to_scale():
+    spec = mujoco.MjSpec()
+    TERRAIN.add_to(spec)
+    model = spec.compile()
+    for name in ("concrete", "wood", "brick", "stone"):
+        mesh, material = model.mesh(f"scenery_{name}"), model.material(f"scenery_{name}")
+        assert not material.texuniform[0]
+        np.testing.assert_array_equal(material.texrepeat, 1.0)
+        vertex = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]].reshape(-1, 4, 3)
+        uv = model.mesh_texcoord[mesh.texcoordadr[0] :][: mesh.vertnum[0]].reshape(-1, 4, 2)
+        metres = np.linalg.norm(np.roll(vertex, -1, axis=1) - vertex, axis=-1)
+        periods = np.linalg.norm(np.roll(uv, -1, axis=1) - uv, axis=-1)
+        level = np.isclose(metres[:, 0], metres[:, 2], atol=1e-4)  # not the sides of a ramp
+        np.testing.assert_allclose(periods[level] * PERIOD_M, metres[level], atol=1e-4)
+
+
+def test_the_world_looks_the_same_every_time():
+    assert Terrain.from_route(ROUTE).landmarks == TERRAIN.landmarks
+
+
+@pytest.mark.parametrize(
+    ("segments", "field", "valid"),
+    [
+        ((Level(length_m=0.0),), "segments[0].length_m", "more than 0"),
+        ((Level(length_m=1.0), Stairs(risers=3, riser_m=0.26)), "segments[1].riser_m", "0.25"),
+        ((Stairs(risers=3, riser_m=0.02),), "segments[0].riser_m", "0.02"),
+        ((Stairs(risers=3, tread_m=0.19),), "segments[0].tread_m", "0.2"),
+        ((Stairs(risers=0),), "segments[0].risers", "from 1"),
+        ((Ramp(angle_rad=math.radians(21), rise_m=0.5),), "segments[0].angle_rad", "20 deg"),
+        ((Ramp(angle_rad=0.0, rise_m=0.5),), "segments[0].angle_rad", "above 0"),
+        ((Ramp(angle_rad=0.1, rise_m=-0.5),), "segments[0].rise_m", "more than 0"),
+        ((Level(length_m=math.nan),), "segments[0].length_m", "more than 0"),
+        ((Stairs(risers=3), Stairs(risers=3, down=True)), "segments[1]", "level"),
+    ],
+)
+def test_impossible_requests_name_field_value_and_range(segments, field, valid):
+    with pytest.raises(ConfigError) as caught:
+        Terrain.from_route(Route(segments=segments))
+    assert caught.value.field == field
+    assert valid in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_way_too_narrow_is_refused():
+    with pytest.raises(ConfigError, match="width_m"):
+        Terrain.from_route(Route(segments=(Level(length_m=1.0),), width_m=0.5))
