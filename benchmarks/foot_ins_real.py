@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Block, Imu

@@ -1,0 +1,6 @@
+"""Inertial navigation of one foot."""
+
+from stridetwin.estimators.foot_ins.filter import FootIns, FootInsEstimate, FootInsPath, StartPose
+from stridetwin.estimators.foot_ins.parameters import FootInsParameters
+
+__all__ = ["FootIns", "FootInsEstimate", "FootInsParameters", "FootInsPath", "StartPose"]

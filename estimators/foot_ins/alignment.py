@@ -1,0 +1,121 @@
+"""Finding the vertical: from the first still window, or, if the foot never stands, from the mean force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix
+from stridetwin.estimators.foot_ins.memory import (
+    ALIGNING,
+    ATTITUDE,
+    D_ACCEL_BIAS,
+    D_ATTITUDE,
+    D_GYRO_BIAS,
+    D_POSITION,
+    D_VELOCITY,
+    FILL,
+    HEADED,
+    LEVERED,
+    PHASE,
+    STATES,
+    T_ALIGN,
+    T_KNOWN,
+    T_LAST,
+    T_STILL,
+    TRACKING,
+    VELOCITY,
+    Memory,
+)
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.streams.samples import Array
+
+START_POSITION_SD = 1e-4  # m; the start is where the world's origin is
+START_HEADING_SD = 1e-3  # rad; and its heading is the world's
+
+
+@njit(cache=True)
+def begin(memory: Memory, t_ns: int) -> None:
+    """Starts to look for a still window at the sample of time `t_ns`, and forgets what came before."""
+    memory.clock[PHASE] = ALIGNING
+    memory.clock[T_ALIGN] = t_ns
+    memory.clock[T_STILL] = t_ns
+    memory.clock[FILL] = 0
+    memory.force_sum[:] = 0.0
+    memory.nominal[VELOCITY : VELOCITY + 3] = 0.0
+
+
+@njit(cache=True)
+def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array, statistic: float) -> None:
+    """Takes one sample into the alignment; ends it once the foot has stood for `align_s`, or late."""
+    clock, force_sum = memory.clock, memory.force_sum
+    if statistic > parameters.still_level:
+        clock[T_STILL] = t_ns
+        force_sum[0] = 0.0
+    for i in range(2):
+        force_sum[i, :3] += force
+        force_sum[i, 3] += 1.0
+    still = (t_ns - clock[T_STILL]) * 1e-9 >= parameters.align_s
+    late = (t_ns - clock[T_ALIGN]) * 1e-9 >= parameters.align_timeout_s
+    level(memory, force_sum[0] if still or not late else force_sum[1])
+    tilt_sd = parameters.tilt_sd if still else parameters.moving_tilt_sd
+    speed_sd = 0.01 if still else parameters.moving_speed
+    _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
+    if still or late:
+        clock[PHASE] = TRACKING
+        clock[HEADED] = 1
+        if clock[LEVERED] == 0:
+            clock[LEVERED] = 1
+            memory.lever[:] = (
+                -parameters.lever_arm * rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])[2]
+            )
+
+
+@njit(cache=True)
+def level(memory: Memory, force_sum: Array) -> None:
+    """Turns the attitude the shortest way until the mean force points up; an unknown heading becomes 0.
+
+    Heading is that of the sensor's x axis, or of its z axis where x is nearer to the vertical than 25°.
+    """
+    q = memory.nominal[ATTITUDE : ATTITUDE + 4].copy()
+    up = rotation_matrix(q) @ force_sum[:3]
+    size = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
+    if size > 0.0:
+        up /= size
+        if up[2] > -0.999999:
+            q = product(np.array([1.0 + up[2], up[1], -up[0], 0.0]), q)
+        else:
+            q = product(np.array([0.0, 1.0, 0.0, 0.0]), q)
+    if memory.clock[HEADED] == 0:
+        R = rotation_matrix(q)
+        axis = 0 if abs(R[2, 0]) < 0.9 else 2
+        q = product(exponential(0.0, 0.0, -math.atan2(R[1, axis], R[0, axis])), q)
+    memory.nominal[ATTITUDE : ATTITUDE + 4] = q
+
+
+@njit(cache=True)
+def _set_covariance(
+    memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
+) -> None:
+    """Covariance of an alignment: the variances of position, heading and biases outlive it."""
+    P, clock = memory.covariance, memory.clock
+    variance = np.zeros(STATES)
+    if clock[LEVERED] == 0:
+        variance[D_POSITION : D_POSITION + 3] = START_POSITION_SD**2
+        variance[D_ATTITUDE + 2] = START_HEADING_SD**2
+        variance[D_GYRO_BIAS : D_GYRO_BIAS + 3] = parameters.gyro_bias_sd**2
+        variance[D_ACCEL_BIAS : D_ACCEL_BIAS + 3] = parameters.accel_bias_sd**2
+    else:
+        for i in range(STATES):
+            variance[i] = P[i, i]
+        lost, lost_before = (t_ns - clock[T_KNOWN]) * 1e-9, (clock[T_LAST] - clock[T_KNOWN]) * 1e-9
+        growth = lost**2 - lost_before**2
+        variance[D_POSITION : D_POSITION + 3] += parameters.gap_speed**2 * growth
+        variance[D_ATTITUDE + 2] += parameters.gap_turn_rate**2 * growth
+    variance[D_VELOCITY : D_VELOCITY + 3] = speed_sd**2
+    variance[D_ATTITUDE : D_ATTITUDE + 2] = tilt_sd**2
+    P[:] = 0.0
+    for i in range(STATES):
+        P[i, i] = variance[i]

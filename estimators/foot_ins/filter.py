@@ -1,0 +1,174 @@
+"""The one-foot inertial navigation as an estimator: samples in, poses out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.foot_ins import kernel
+from stridetwin.estimators.foot_ins.memory import (
+    ALIGNING,
+    ATTITUDE,
+    HEADED,
+    IGNORED,
+    POSITION,
+    TRACKING,
+    VELOCITY,
+    blank,
+)
+from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StartPose:
+    """Pose of the sensor at its first sample; gravity corrects the tilt of `q_world_imu`.
+
+    Attributes:
+        p_imu_in_world: (3,) m.
+        q_world_imu: (4,) unit quaternion (w, x, y, z); its heading is taken as it is.
+    """
+
+    p_imu_in_world: Array
+    q_world_imu: Array
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value has another shape, is not finite or is no unit quaternion."""
+        for name, size in (("p_imu_in_world", 3), ("q_world_imu", 4)):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape != (size,) or not np.all(np.isfinite(value)):
+                raise ConfigError("StartPose", name, getattr(self, name), f"{size} finite numbers")
+        if abs(np.linalg.norm(self.q_world_imu) - 1.0) > 1e-3:
+            raise ConfigError("StartPose", "q_world_imu", self.q_world_imu, "a unit quaternion (w, x, y, z)")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FootInsEstimate:
+    """What is believed of the foot's sensor after one sample.
+
+    Attributes:
+        t_ns: Time of the sample.
+        p_imu_in_world: (3,) m.
+        q_world_imu: (4,) unit quaternion (w, x, y, z), sensor to world.
+        v_imu_in_world: (3,) m/s.
+        covariance: (15, 15) of the errors of position (m), velocity (m/s), attitude (rad, world axes), gyro
+            bias (rad/s) and accelerometer bias (m/s², both sensor axes).
+        standing_speed_sd: Standard deviation that the foot's speed was given because it seems to stand, m/s;
+            inf where it does not.
+        aligned: False while the filter still looks for the vertical.
+    """
+
+    t_ns: int
+    p_imu_in_world: Array
+    q_world_imu: Array
+    v_imu_in_world: Array
+    covariance: Array
+    standing_speed_sd: float
+    aligned: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FootInsPath:
+    """What was believed after each usable sample of a block.
+
+    Attributes:
+        trajectory: Poses of the sensor with covariance, one a usable sample.
+        v_imu_in_world: (N, 3) m/s.
+        standing_speed_sd: (N,) m/s, inf where the foot does not seem to stand.
+        aligned: (N,) bool.
+    """
+
+    trajectory: Trajectory
+    v_imu_in_world: Array
+    standing_speed_sd: Array
+    aligned: NDArray[np.bool_]
+
+
+class FootIns:
+    """Zero-velocity-aided inertial navigation of one foot: causal, of constant memory, deterministic.
+
+    The world's z axis is up. Unless a start pose says otherwise, its origin is where the sensor first stood
+    and its x axis points where the sensor's x axis pointed then (its z axis, where x is within about 25° of
+    the vertical). A sample with a value that is not finite or that no sensor gives, and one that is not later
+    than the last used one, is ignored. A gap is bridged up to `max_gap_s`; after a longer one the filter
+    stays where it was, says how little it knows, and aligns anew.
+
+    Args:
+        calibration: Noise and turn-on biases of the sensor; None = any consumer sensor.
+        parameters: What holds for any foot and sensor.
+        start: Where the sensor stands at the first sample.
+    """
+
+    def __init__(
+        self,
+        calibration: ImuCalibration | None = None,
+        parameters: FootInsParameters | None = None,
+        start: StartPose | None = None,
+    ) -> None:
+        self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
+        self._memory = blank()
+        if start is not None:
+            q = np.asarray(start.q_world_imu, dtype=float)
+            self._memory.nominal[POSITION : POSITION + 3] = start.p_imu_in_world
+            self._memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
+            self._memory.clock[HEADED] = 1
+
+    def update(self, sample: Imu) -> FootInsEstimate | None:
+        """Takes one sample; returns the new estimate, or None where the sample is ignored."""
+        phase, speed, state, _ = self._run(
+            np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None]
+        )
+        if phase[0] == IGNORED:
+            return None
+        return FootInsEstimate(
+            t_ns=int(sample.t_ns),
+            p_imu_in_world=state[0, POSITION : POSITION + 3],
+            q_world_imu=state[0, ATTITUDE : ATTITUDE + 4],
+            v_imu_in_world=state[0, VELOCITY : VELOCITY + 3],
+            covariance=self._memory.covariance.copy(),
+            standing_speed_sd=float(speed[0]),
+            aligned=bool(phase[0] != ALIGNING),
+        )
+
+    def run(self, block: Block[Imu]) -> FootInsPath:
+        """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
+        phase, speed, state, covariance = self._run(
+            block.t_ns, block.columns["angular_rate"], block.columns["specific_force"]
+        )
+        used = phase != IGNORED
+        return FootInsPath(
+            trajectory=Trajectory(
+                t_ns=block.t_ns[used],
+                p_frame_in_world=state[used, POSITION : POSITION + 3],
+                q_world_frame=state[used, ATTITUDE : ATTITUDE + 4],
+                covariance=covariance[used],
+            ),
+            v_imu_in_world=state[used, VELOCITY : VELOCITY + 3],
+            standing_speed_sd=speed[used],
+            aligned=phase[used] == TRACKING,
+        )
+
+    def _run(
+        self, t_ns: NDArray[np.int64], rate: Array, force: Array
+    ) -> tuple[NDArray[np.int8], Array, Array, Array]:
+        """Phase (N,), standing speed (N,), nominal state (N, 16), pose covariance (N, 6, 6)."""
+        n = len(t_ns)
+        phase, speed = np.empty(n, np.int8), np.empty(n)
+        state, covariance = np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
+        kernel.run(
+            self._memory,
+            self._parameters,
+            np.ascontiguousarray(t_ns, dtype=np.int64),
+            np.ascontiguousarray(rate, dtype=np.float64),
+            np.ascontiguousarray(force, dtype=np.float64),
+            phase,
+            speed,
+            state,
+            covariance,
+        )
+        return phase, speed, state, covariance

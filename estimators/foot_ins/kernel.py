@@ -1,0 +1,119 @@
+"""One sample after the other through the filter, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.foot_ins.alignment import align, begin
+from stridetwin.estimators.foot_ins.detector import motion, push, standing_speed
+from stridetwin.estimators.foot_ins.memory import (
+    ALIGNING,
+    D_ATTITUDE,
+    D_POSITION,
+    EMPTY,
+    IGNORED,
+    PHASE,
+    T_KNOWN,
+    T_LAST,
+    TRACKING,
+    Memory,
+)
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import zero_rate, zero_velocity
+from stridetwin.estimators.foot_ins.strapdown import predict
+from stridetwin.streams.samples import Array
+
+MAX_RATE = 100.0  # rad/s; no gyro that a foot could carry measures more
+MAX_FORCE = 5000.0  # m/s²
+
+
+@njit(cache=True)
+def step(
+    memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
+) -> tuple[int, float]:
+    """Takes one sample into the memory.
+
+    Args:
+        memory: Changed in place, or left alone where the sample is not usable.
+        parameters: What the filter believes.
+        t_ns: End of the interval that the sample is the mean of.
+        rate: (3,) rad/s.
+        force: (3,) m/s².
+
+    Returns:
+        Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the
+        standing foot's speed, m/s, inf while nothing says that it stands.
+    """
+    clock = memory.clock
+    for i in range(3):  # written so that a NaN fails
+        if not (abs(rate[i]) <= MAX_RATE and abs(force[i]) <= MAX_FORCE):
+            return IGNORED, math.inf
+    if clock[PHASE] == EMPTY:
+        begin(memory, t_ns)
+        clock[T_LAST] = t_ns
+    elif t_ns <= clock[T_LAST]:
+        return IGNORED, math.inf
+    dt = (t_ns - clock[T_LAST]) * 1e-9
+    if dt > parameters.max_gap_s:
+        begin(memory, t_ns)
+
+    push(memory, t_ns, rate, force)
+    statistic = motion(memory, parameters)
+    if clock[PHASE] == ALIGNING:
+        memory.peak[0] = statistic
+        align(memory, parameters, t_ns, force, statistic)
+        clock[T_LAST] = t_ns
+        return ALIGNING, math.inf
+    clock[T_LAST] = t_ns
+    clock[T_KNOWN] = t_ns
+    memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / parameters.peak_decay_s))
+    predict(memory, parameters, rate, force, dt)
+    speed = standing_speed(statistic, memory.peak[0], parameters)
+    if speed < parameters.max_velocity_sd:
+        zero_velocity(memory, parameters, rate, dt, speed)
+    else:
+        speed = math.inf
+    if memory.peak[0] < parameters.rest_level:
+        zero_rate(memory, parameters, rate, dt)
+    return TRACKING, speed
+
+
+@njit(cache=True)
+def run(
+    memory: Memory,
+    parameters: KernelParameters,
+    t_ns: NDArray[np.int64],
+    rate: Array,
+    force: Array,
+    phase: NDArray[np.int8],
+    speed: Array,
+    state: Array,
+    covariance: Array,
+) -> None:
+    """Takes N samples and writes what is believed after each.
+
+    Args:
+        memory: Changed in place.
+        parameters: What the filter believes.
+        t_ns: (N,) int64.
+        rate: (N, 3) rad/s.
+        force: (N, 3) m/s².
+        phase: (N,) int8, out: phase in which the sample was used.
+        speed: (N,) out: standard deviation of the standing foot's speed, m/s.
+        state: (N, 16) out: nominal state.
+        covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
+    """
+    P = memory.covariance
+    for k in range(len(t_ns)):
+        phase[k], speed[k] = step(memory, parameters, t_ns[k], rate[k], force[k])
+        state[k] = memory.nominal
+        for i in range(3):
+            for j in range(3):
+                covariance[k, i, j] = P[D_POSITION + i, D_POSITION + j]
+                covariance[k, i, 3 + j] = P[D_POSITION + i, D_ATTITUDE + j]
+                covariance[k, 3 + i, j] = P[D_ATTITUDE + i, D_POSITION + j]
+                covariance[k, 3 + i, 3 + j] = P[D_ATTITUDE + i, D_ATTITUDE + j]

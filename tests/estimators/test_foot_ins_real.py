@@ -1,0 +1,48 @@
+"""Golden accuracy of the one-foot filter on real walks; skipped where the recordings are not at hand."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bench = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "foot_ins_real.py"), run_name="bench")
+FOLDER = bench["data_folder"]()
+pytestmark = pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
+
+
+@pytest.fixture(scope="module")
+def walks() -> list:
+    return bench["load_vicon"](FOLDER)
+
+
+def test_walks_under_motion_capture(walks: list) -> None:
+    error = bench["spread"](bench["armse_of"](walks).values())
+    assert error["mean"] <= 0.06
+    assert error["median"] <= 0.045
+    assert error["p95"] <= 0.12
+
+
+def test_half_the_rate(walks: list) -> None:
+    error = bench["spread"](bench["armse_of"](map(bench["halved_rate"], walks)).values())
+    assert error["mean"] <= 0.06
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.3])
+def test_the_same_walks_at_another_speed(walks: list, factor: float) -> None:
+    error = bench["spread"](bench["armse_of"](bench["stretched"](w, factor) for w in walks).values())
+    assert error["mean"] <= 0.10
+
+
+def test_an_unknown_gyro_bias(walks: list) -> None:
+    rng = np.random.default_rng(3)
+    error = bench["spread"](bench["armse_of"](bench["biased"](w, 0.01, rng) for w in walks).values())
+    assert error["mean"] <= 0.08
+
+
+def test_another_sensor_with_a_turn() -> None:
+    for foot in bench["load_markers"](FOLDER):
+        path = bench["estimate"](foot.imu).trajectory
+        error, height = bench["stance_error"](path.t_ns * 1e-9, path.p_frame_in_world, foot)
+        assert error <= 0.20
+        assert abs(height) <= 0.6
