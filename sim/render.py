@@ -63,7 +63,7 @@ class _Quality:
 
 
 _SENSOR = _Quality(samples=0, shadow_size=0, slices=12, stacks=8)
-_FILM = _Quality(samples=4, shadow_size=4096, slices=32, stacks=20)
+_FILM = _Quality(samples=4, shadow_size=2048, slices=16, stacks=10)
 
 
 class _OffScreen:

@@ -60,8 +60,13 @@ def landmarks(profile: Sequence[Strip], width_m: float, ground_m: float) -> tupl
     found: list[Landmark] = []
     for side in (-1.0, 1.0):
         for i, x in enumerate(np.arange(first + 0.5 + (side > 0), last, 2.2).tolist()):
-            build = _pillar if i % 3 == 0 else _planter
-            found += build(rng, x, side, inner, float(np.interp(x, along, height)), bottom)
+            z = float(np.interp(x, along, height))
+            if side < 0:  # the side that films are shot from: nothing that hides the walker
+                found += _planter(rng, x, side, inner, z, bottom, hedge_m=(0.12, 0.30))
+            elif i % 3 == 0:
+                found += _pillar(rng, x, side, inner, z, bottom)
+            else:
+                found += _planter(rng, x, side, inner, z, bottom, hedge_m=(0.35, 0.80))
     wall = Box(x=last + 2.0, y=0.0, length=0.3, width=9.0 + width_m, bottom=bottom, top=end + 2.8)
     return (*found, Landmark(box=wall, material="brick"))
 
@@ -78,12 +83,13 @@ def _pillar(
 
 
 def _planter(
-    rng: np.random.Generator, x: float, side: float, inner: float, z: float, bottom: float
-) -> list[Landmark]:
+    rng: np.random.Generator, x: float, side: float, inner: float, z: float, bottom: float,
+    hedge_m: tuple[float, float],
+) -> list[Landmark]:  # fmt: skip
     length, depth = rng.uniform(1.0, 1.7), rng.uniform(0.4, 0.55)
     y = side * (inner + depth / 2 + rng.uniform(0.0, 0.3))
     rim = z + rng.uniform(0.1, 0.2)
-    top = rim + rng.uniform(0.35, 0.8)
+    top = rim + rng.uniform(*hedge_m)
     trough = Box(x=x, y=y, length=length, width=depth, bottom=bottom, top=rim)
     hedge = Box(x=x, y=y, length=length - 0.1, width=depth - 0.1, bottom=rim - 0.01, top=top)
     return [Landmark(box=trough, material="stone"), Landmark(box=hedge, material="leaves")]

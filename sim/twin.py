@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Iterator
 from typing import Any
-
-if sys.platform == "linux":
-    os.environ.setdefault("MUJOCO_GL", "egl")  # no screen is needed; must be set before MuJoCo is imported
 
 import mujoco
 import numpy as np
@@ -103,5 +98,6 @@ class Twin:
             for t, pose in zip(times.tolist(), q):
                 data.qpos = pose
                 mujoco.mj_kinematics(self.model, data)
+                mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)
-                yield t, camera.frame(data, [pose[0] + 0.25, 0.0, pose[2] - 0.12], 62.0, -10.0, 3.7)
+                yield t, camera.frame(data, [pose[0] + 0.30, 0.0, pose[2] - 0.10], 68.0, -9.0, 3.2)
