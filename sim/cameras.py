@@ -57,10 +57,13 @@ class Cameras:
                 self._pose(motion, t_ns)
                 posed = t_ns
             view = self._views[camera.width, camera.height]
-            rgb, depth = view.frame(self._data, camera_pose(self._data, camera), camera.intrinsics)
-            yield self._colour[camera.topic].picture(t_ns, rgb)
-            if camera.topic in self._depth:
+            pose = camera_pose(self._data, camera)
+            if camera.depth_topic:
+                rgb, depth = view.frame(self._data, pose, camera.intrinsics)
+                yield self._colour[camera.topic].picture(t_ns, rgb)
                 yield self._depth[camera.topic].picture(t_ns, depth)
+            else:
+                yield self._colour[camera.topic].picture(t_ns, view.color(self._data, pose, camera.intrinsics))
 
     def _pose(self, motion: Motion, t_ns: int) -> None:
         self._data.qpos = motion.qpos[motion.rows(t_ns)]

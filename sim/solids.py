@@ -13,10 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from stridetwin.sim.solids_kernel import cast, top
 from stridetwin.streams.samples import Array
 
 _TOUCH = 1e-9  # m; points this close to a footprint's border belong to it
-_RAYS_AT_ONCE = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,15 +117,14 @@ class SolidSet:
         Returns:
             (...) height, m, and (...) index of the solid, -1 for the ground plane.
         """
-        points = np.asarray(xy, dtype=float)[..., None, :]
-        local = np.einsum("sij,...sj->...si", self._axes, points - self._centre)
-        inside = np.all(np.abs(local) <= self._half + _TOUCH, axis=-1)
-        along = np.clip(local[..., 0], -self._half[:, 0], self._half[:, 0])
-        z = np.where(inside, self._mid + self._slope * along, -np.inf)
-        which = np.argmax(z, axis=-1)
-        height = np.take_along_axis(z, which[..., None], axis=-1)[..., 0]
-        on_ground = height < self._ground
-        return np.where(on_ground, self._ground, height), np.where(on_ground, -1, which)
+        points = np.asarray(xy, dtype=float)
+        height, which = top(
+            np.ascontiguousarray(points.reshape(-1, 2)), self._centre, self._axes, self._half, self._mid, self._slope,
+            _TOUCH,
+        )  # fmt: skip
+        which[height < self._ground] = -1
+        height = np.maximum(height, self._ground)
+        return height.reshape(points.shape[:-1]), which.reshape(points.shape[:-1])
 
     def top_normal(self, which: NDArray[np.intp]) -> Array:
         """(..., 3) unit normals in the world of the tops of solids (...); -1 is the ground plane."""
@@ -155,33 +154,7 @@ class SolidSet:
         """
         o, d = np.broadcast_arrays(np.asarray(origins, dtype=float), np.asarray(directions, dtype=float))
         d = d / np.linalg.norm(d, axis=-1, keepdims=True)
-        normals, offsets = self._half_spaces
-        distance, normal = np.empty(len(o)), np.empty((len(o), 3))
-        for k in range(0, len(o), _RAYS_AT_ONCE):
-            part = slice(k, k + _RAYS_AT_ONCE)
-            distance[part], normal[part] = self._cast(o[part], d[part], normals, offsets)
-        return distance, normal
-
-    def _cast(self, o: Array, d: Array, normals: Array, offsets: Array) -> tuple[Array, Array]:
-        # A convex solid is the cut of half-spaces n·p <= c: the ray is inside from its last entry to its
-        # first exit.
-        speed = np.einsum("spi,ni->nsp", normals, d, optimize=True)
-        gap = offsets - np.einsum("spi,ni->nsp", normals, o, optimize=True)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = gap / speed
-            to_ground = np.where(d[:, 2] < 0, np.maximum((self._ground - o[:, 2]) / d[:, 2], 0.0), np.inf)
-        entries = np.where(speed < 0, crossing, -np.inf)
-        entry = np.max(entries, axis=-1)
-        leave = np.min(np.where(speed > 0, crossing, np.inf), axis=-1)
-        beside = np.any((speed == 0) & (gap < 0), axis=-1)
-        hit = (entry <= leave) & (leave >= 0) & ~beside
-        distances = np.where(hit, np.maximum(entry, 0.0), np.inf)
-        rows, solid = np.arange(len(o)), np.argmin(distances, axis=-1)
-        distance = distances[rows, solid]
-        normal = normals[solid, np.argmax(entries[rows, solid], axis=-1)]
-        normal = np.where((to_ground < distance)[:, None], [0.0, 0.0, 1.0], normal)
-        distance = np.minimum(distance, to_ground)
-        return distance, np.where(np.isfinite(distance)[:, None], normal, 0.0)
+        return cast(np.ascontiguousarray(o), d, *self._half_spaces, self._ground)
 
     @cached_property
     def _half_spaces(self) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Sample
 
-CHUNK_S = 0.5
+CHUNK_S = 2.0
 
 
 class Twin:
@@ -68,7 +68,7 @@ class Twin:
         return self.reference.duration_s
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
-        """Everything that is sensed and true, in chunks of `CHUNK_S`."""
+        """Everything that is sensed and true, chunk by chunk of `CHUNK_S`; pictures one by one after the rest."""
         playback = Playback(self.model, self.reference)
         suite = SensorSuite(self.rig, self.terrain, self.seed, self.config.ideal)
         end_ns = int(self.duration_s * 1e9)
@@ -85,8 +85,9 @@ class Twin:
                     yield [
                         *suite.read(motion, loads, after_ns, until_ns),
                         *truth.truth(self.reference, self.rig, motion, loads, after_ns),
-                        *cameras.frames(motion, after_ns, until_ns),
                     ]
+                    for picture in cameras.frames(motion, after_ns, until_ns):
+                        yield [picture]
                 after_ns = until_ns
 
     def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:

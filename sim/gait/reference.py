@@ -30,6 +30,7 @@ from stridetwin.streams.samples import Array
 
 GRID_S = 0.005
 _ZMP_ROUNDS = 4
+_STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _COM_ABOVE_PELVIS_M = 0.03
 _GRAVITY = 9.81
 _REACH_TOLERANCE_M = 2e-4
@@ -83,6 +84,7 @@ def reference(
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
     # the grid reaches beyond the walk, so that nothing at its ends is the spline's own
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
+    t = t[: len(t) - (len(t) - 1) % _STRIDE]  # the coarse grid ends where the fine one does
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
     centres = {side: pressure_centres(steps[side], paths[side], size.shoe, t) for side in SIDES}
@@ -96,15 +98,18 @@ def reference(
     kappa = np.full(len(t), (hip_height + _COM_ABOVE_PELVIS_M) / _GRAVITY)
     over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
     layout = Coordinates.of(model)
-    for _ in range(_ZMP_ROUNDS):
+    exo: dict[str, ExoLeg] = {}
+    for round_ in range(_ZMP_ROUNDS):
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
         p_pelvis[:, 2] = height_below(highest(size, p_pelvis, R_pelvis, p_foot, R_foot), GRID_S)
         legs = _legs(size, p_pelvis, R_pelvis, paths)
-        exo = _exo(size, p_pelvis, R_pelvis, paths, legs)
-        values = _coordinates(layout, p_pelvis, pose, legs, exo, paths)
-        splines = make_interp_spline(t, values, k=5)
-        zmp, kappa = _zero_moment_point(model, layout, splines, t, wanted[:, 2])
-        over_ground = over_ground + cart_table(wanted[:, :2] - zmp, kappa, GRID_S)
+        if round_ in (0, _ZMP_ROUNDS - 1):  # the frame hardly moves between rounds: it is fitted first and last
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs)
+        splines = make_interp_spline(t, _coordinates(layout, p_pelvis, pose, legs, exo, paths), k=5)
+        if round_ < _ZMP_ROUNDS - 1:
+            zmp, kappa = _zero_moment_point(model, layout, splines, t[::_STRIDE], wanted[::_STRIDE, 2])
+            error = cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
+            over_ground = over_ground + make_interp_spline(t[::_STRIDE], error, k=5)(t)
     worst = max(float(leg.stretch.max()) for leg in legs.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs, key=lambda s: legs[s].stretch.max())
@@ -129,16 +134,24 @@ def _legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootP
 
 
 def _exo(
-    size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles]
+    size: Wearer, t: Array, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles]
 ) -> dict[str, ExoLeg]:
+    """Both legs of the frame, fitted at every second instant and splined between."""
+    k = slice(None, None, _STRIDE)
     fitted = {}
     for side in SIDES:
         sign, leg = (1.0 if side == "l" else -1.0), legs[side]
-        R_thigh = R_pelvis @ rot_y(-leg.hip_flexion) @ rot_x(-sign * leg.hip_adduction) @ rot_z(-sign * leg.hip_rotation)
-        fitted[side] = fit_exo_leg(
-            size, side, R_pelvis, p_pelvis, R_thigh, R_thigh @ rot_y(leg.knee_flexion),
-            paths[side].p_foot_in_world, paths[side].R_world_foot,
+        R_thigh = (
+            R_pelvis[k] @ rot_y(-leg.hip_flexion[k]) @ rot_x(-sign * leg.hip_adduction[k])
+            @ rot_z(-sign * leg.hip_rotation[k])
         )  # fmt: skip
+        coarse = fit_exo_leg(
+            size, side, R_pelvis[k], p_pelvis[k], R_thigh, R_thigh @ rot_y(leg.knee_flexion[k]),
+            paths[side].p_foot_in_world[k], paths[side].R_world_foot[k],
+        )  # fmt: skip
+        rows = np.column_stack([coarse.angles, coarse.thigh_force, coarse.shank_force])
+        fine = make_interp_spline(t[k], rows, k=5)(t)
+        fitted[side] = ExoLeg(angles=fine[:, :6], thigh_force=fine[:, 6], shank_force=fine[:, 7])
     return fitted
 
 
