@@ -1,0 +1,165 @@
+"""The command line `stridetwin`: arguments in; one line a result, or one JSON object, out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from stridetwin.scenarios.commands import (
+    Outcome,
+    estimate_command,
+    export_command,
+    generate_command,
+    list_command,
+    run_command,
+    score_command,
+    view_command,
+)
+from stridetwin.scenarios.console import Console
+from stridetwin.streams.errors import StrideTwinError
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, as every other error here."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"stridetwin: error: {message} (see {self.prog} --help)", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments of every command."""
+    top = _Parser(
+        prog="stridetwin",
+        description="A person in an exoskeleton walks; every sensor is recorded, every estimator scored.",
+        epilog="Exit codes: 0 done, 1 worse than the baseline, 2 something to put right.",
+    )
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+
+    def command(name: str, words: str, act: object) -> argparse.ArgumentParser:
+        p = commands.add_parser(name, help=words, description=words[:1].upper() + words[1:] + ".")
+        p.add_argument(
+            "--json", action="store_true", help="print one JSON object on stdout and nothing else there"
+        )
+        p.set_defaults(act=act)
+        return p
+
+    def walk(p: argparse.ArgumentParser) -> None:
+        p.add_argument(
+            "scenario", metavar="SCENARIO", help="name in the catalogue (see `list`), or a .yaml file"
+        )
+        p.add_argument("--physics", help="how the body moves: kinematic (default: as the scenario says)")
+        p.add_argument("--seed", type=_seed, default=0, help="fixes every byte of the recording (default 0)")
+        p.add_argument(
+            "--no-cameras", action="store_true", help="leave every camera of the rig off: much faster"
+        )
+
+    p = command("run", "walk, estimate and score in one go", run_command)
+    walk(p)
+    p.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="folder for the files (default runs/SCENARIO)"
+    )
+    p.add_argument("--no-film", action="store_true", help="leave the film out of the report")
+
+    command("list", "list scenarios, sensors and estimators", list_command)
+
+    p = command("generate", "make a recording of a walk, without estimates", generate_command)
+    walk(p)
+    p.add_argument(
+        "-o", "--output", type=Path, metavar="PATH", required=True, help="recording to write, .mcap"
+    )
+
+    p = command("export", "write paths or IMU tables that other tools read", export_command)
+    _source(p, "RECORDING", "recording, .mcap")
+    p.add_argument(
+        "--format", required=True, choices=("tum", "table"), help="tum: true path; table: IMU as .csv or .npz"
+    )
+    p.add_argument(
+        "--frame", default="foot_l/imu", help="whose path or IMU, such as pelvis (default foot_l/imu)"
+    )
+    p.add_argument("-o", "--output", type=Path, metavar="PATH", required=True, help="file to write")
+
+    p = command("estimate", "run one estimator on a recording or an IMU table", estimate_command)
+    p.add_argument("estimator", choices=("foot_ins",), metavar="ESTIMATOR", help="foot_ins: IMU of one foot")
+    _source(p, "RECORDING|TABLE", "recording, or table .csv/.npz with t, accel, gyro")
+    p.add_argument("--foot", choices=("l", "r"), help="which foot of a recording (default l)")
+    p.add_argument("-o", "--output", type=Path, metavar="FILE", required=True, help="TUM trajectory to write")
+
+    p = command("score", "score estimates against the truth of recordings", score_command)
+    p.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help="recordings, .mcap")
+    p.add_argument("--lenient", action="store_true", help="read a damaged recording as far as it goes")
+    p.add_argument(
+        "--estimate", action="append", default=[], metavar="NAME=FILE", help="score a TUM file made elsewhere"
+    )
+    p.add_argument(
+        "--frame", default="foot_l/imu", help="frame of the files given by --estimate (default foot_l/imu)"
+    )
+    p.add_argument(
+        "--align", default="start", choices=("start", "yaw", "se3"), help="how paths are laid over the truth"
+    )
+    p.add_argument(
+        "--baseline", type=Path, metavar="FILE", help="an earlier `score --json`; exit 1 where one is worse"
+    )
+    p.add_argument(
+        "--tolerance", type=_share, default=10.0, metavar="PCT", help="how much worse may be (default 10 %%)"
+    )
+
+    p = command("view", "look at a recording in Rerun", view_command)
+    _source(p, "RECORDING", "recording, .mcap")
+    p.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="Rerun file to write (default beside the recording)"
+    )
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs a command; returns the exit code."""
+    arguments = parser().parse_args(argv)
+    console = Console()
+    try:
+        outcome: Outcome = arguments.act(arguments, console)
+    except StrideTwinError as error:
+        return _failed(console, str(error))
+    except OSError as error:
+        return _failed(console, f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except KeyboardInterrupt:
+        return _failed(console, "stopped") + 128
+    console.close()
+    if arguments.json:
+        print(json.dumps(outcome.data, indent=2, sort_keys=True, allow_nan=False))
+    else:
+        print("\n".join(outcome.lines))
+    return outcome.code
+
+
+def _failed(console: Console, message: str) -> int:
+    console.close()
+    print(f"stridetwin: error: {' '.join(message.split())}", file=sys.stderr)
+    return 2
+
+
+def _source(p: argparse.ArgumentParser, name: str, words: str) -> None:
+    p.add_argument("source", type=Path, metavar=name, help=words)
+    p.add_argument(
+        "--lenient", action="store_true", help="read a damaged or suspicious source as far as it goes"
+    )
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; valid: a whole number from 0 on")
+    return int(text)
+
+
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1000:
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; valid: 0-1000")
+    return value

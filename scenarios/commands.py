@@ -1,0 +1,262 @@
+"""What each command does. Heavy parts are imported where they are needed, so that help comes at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from argparse import Namespace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stridetwin.streams.errors import StrideTwinError
+
+if TYPE_CHECKING:
+    from stridetwin.scenarios.baseline import Regression
+    from stridetwin.scenarios.scenario_file import Scenario
+    from stridetwin.scenarios.scoring import Scores
+    from stridetwin.streams.recording import Recording
+
+Progress = Callable[[str, float], None]
+ESTIMATORS = {"foot_ins": "path of one foot from its IMU alone (zero-velocity updates)"}
+_SHOWN = {
+    "end_error_m": "end m",
+    "end_error_pct": "end %",
+    "end_height_error_m": "height m",
+    "ape_rmse_m": "APE RMSE m",
+    "rpe_5m_pct": "RPE 5 m %",
+    "armse_2d_m": "2-D ARMSE m",
+    "nees_position_within_95_pct": "in 95 % bound %",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a command has to say.
+
+    Attributes:
+        data: For `--json`.
+        lines: For people.
+        code: Exit code.
+    """
+
+    data: dict[str, Any]
+    lines: list[str]
+    code: int = 0
+
+
+def run_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`run`."""
+    from stridetwin.scenarios.runner import run_scenario
+
+    scenario = _scenario(arguments)
+    folder = arguments.output or Path("runs") / scenario.config.name
+    run = run_scenario(
+        scenario, arguments.seed, folder, _how_to_repeat(arguments), progress, pictures=not arguments.no_film
+    )
+    data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
+    report = (run.folder / "report.html").absolute().as_uri()
+    return Outcome(data=data, lines=[*score_table(run.scores), "", f"report  {report}", f"files   {folder}/"])
+
+
+def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`generate`."""
+    from stridetwin.scenarios.runner import make_twin, record
+
+    scenario = _scenario(arguments)
+    twin = make_twin(scenario, arguments.seed)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    record(twin, arguments.output, progress)
+    data = {"recording": str(arguments.output), "duration_s": twin.duration_s, "seed": arguments.seed}
+    return Outcome(
+        data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"]
+    )
+
+
+def list_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`list`."""
+    from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
+
+    scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
+    data = {
+        "scenarios": scenarios,
+        "sensors": list(SENSORS),
+        "estimators": ESTIMATORS,
+        "physics": list(PHYSICS),
+    }
+    lines = ["Scenarios", *(f"  {n:<16} {words}" for n, words in scenarios.items()), "", "Estimators"]
+    lines += [
+        *(f"  {n:<16} {words}" for n, words in ESTIMATORS.items()),
+        "",
+        "Sensors",
+        f"  {', '.join(SENSORS)}",
+    ]
+    return Outcome(data=data, lines=lines)
+
+
+def export_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`export`."""
+    from stridetwin.scenarios.evaluate import true_path
+    from stridetwin.scenarios.imu_table import write_imu_table
+    from stridetwin.streams.tum import write_tum
+
+    recording = _recording(arguments.source, arguments.lenient)
+    if arguments.format == "tum":
+        truth = true_path(recording, arguments.frame).poses
+        rows = len(truth)
+        write_tum(truth, arguments.output)
+    else:
+        imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
+        if arguments.frame not in imus:
+            raise StrideTwinError(
+                f"{arguments.source}: no IMU {arguments.frame!r}; it has {', '.join(imus) or 'none'}"
+            )
+        block = recording.block(f"/{arguments.frame}")
+        rows = len(block)
+        write_imu_table(arguments.output, block)
+    data = {"file": str(arguments.output), "format": arguments.format, "frame": arguments.frame, "rows": rows}
+    return Outcome(data=data, lines=[f"{arguments.output}: {rows} rows of {arguments.frame}"])
+
+
+def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`estimate`."""
+    from stridetwin.estimators.foot_ins import FootIns
+    from stridetwin.scenarios.evaluate import estimate_foot
+    from stridetwin.scenarios.imu_table import TABLES
+    from stridetwin.streams.imu_table import read_imu_table
+    from stridetwin.streams.tum import write_tum
+
+    if arguments.source.suffix in TABLES:
+        path = FootIns().run(read_imu_table(arguments.source)).trajectory
+    else:
+        recording = _recording(arguments.source, arguments.lenient)
+        path = estimate_foot(recording, arguments.foot or "l").path
+    write_tum(path, arguments.output)
+    data = {"file": str(arguments.output), "estimator": arguments.estimator, "rows": len(path)}
+    return Outcome(data=data, lines=[f"{arguments.output}: {len(path)} poses"])
+
+
+def score_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`score`."""
+    from stridetwin.scenarios.baseline import regressions
+    from stridetwin.scenarios.evaluate import Estimate, estimates, evaluate, summary
+    from stridetwin.streams.tum import read_tum
+
+    named = [_named_file(text) for text in arguments.estimate]
+    if named and len(arguments.recordings) > 1:
+        raise StrideTwinError("--estimate goes with one recording; valid: one RECORDING, or no --estimate")
+    baseline = _json_file(arguments.baseline) if arguments.baseline else None
+    entries, scores = [], []
+    for i, path in enumerate(arguments.recordings):
+        progress("score", i / len(arguments.recordings))
+        recording = _recording(path, arguments.lenient)
+        made = [Estimate(name=n, frame=arguments.frame, path=read_tum(f)) for n, f in named] or estimates(
+            recording
+        )
+        if not made:
+            raise StrideTwinError(
+                f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu"
+            )
+        scores.append({r.estimate.name: r.scores for r in evaluate(recording, made, arguments.align)})
+        entries.append({"name": path.stem, "metadata": _public(recording.metadata), "estimators": scores[-1]})
+    mean = summary(scores)
+    data: dict[str, Any] = {"recordings": entries, "estimators": mean}
+    lines, worse = score_table(mean), []
+    if baseline is not None:
+        worse = regressions(mean, baseline, str(arguments.baseline), arguments.tolerance / 100.0)
+        data["regressions"] = [vars(r) for r in worse]
+        lines += ["", *_regression_table(worse, arguments.tolerance)]
+    return Outcome(data=data, lines=lines, code=1 if worse else 0)
+
+
+def view_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`view`."""
+    from stridetwin.scenarios.evaluate import estimates, evaluate, true_frames
+    from stridetwin.scenarios.rerun_file import rerun_installed, write_rerun
+    from stridetwin.streams.files import whole_file
+
+    if not rerun_installed():
+        raise StrideTwinError("rerun is not installed; the viewer needs it: pip install 'stridetwin[view]'")
+    recording = _recording(arguments.source, arguments.lenient)
+    progress("rerun", 0.0)
+    known = true_frames(recording.topics)
+    results = evaluate(recording, [e for e in estimates(recording) if e.frame in known])
+    target = arguments.output or arguments.source.with_suffix(".rrd")
+    with whole_file(target) as file:
+        write_rerun(file, recording, results)
+    display = sys.platform in ("darwin", "win32") or any(
+        os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
+    if display:
+        subprocess.Popen([sys.executable, "-m", "rerun", str(target)])
+    words = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"
+    return Outcome(data={"file": str(target), "opened": display}, lines=[f"{target}: {words}"])
+
+
+def score_table(scores: dict[str, Scores]) -> list[str]:
+    """The main scores as lines of text, one an estimator."""
+    head = f"{'estimator':<14}" + "".join(f"{words:>17}" for words in _SHOWN.values())
+    lines = [head]
+    for name, values in scores.items():
+        cells = (f"{values[k]:>17.3f}" if k in values else f"{'-':>17}" for k in _SHOWN)
+        lines.append(f"{name:<14}" + "".join(cells))
+    return lines
+
+
+def _regression_table(worse: list[Regression], tolerance: float) -> list[str]:
+    if not worse:
+        return [f"no score is worse than the baseline by more than {tolerance:g} %"]
+    lines = [f"{'worse than the baseline':<44}{'baseline':>12}{'limit':>12}{'now':>12}"]
+    for r in worse:
+        now = "missing" if r.now is None else f"{r.now:.4f}"
+        lines.append(f"{r.estimator + ' ' + r.metric:<44}{r.baseline:>12.4f}{r.limit:>12.4f}{now:>12}")
+    return lines
+
+
+def _scenario(arguments: Namespace) -> Scenario:
+    from stridetwin.scenarios.runner import without_cameras
+    from stridetwin.scenarios.scenario_file import PHYSICS, load_scenario
+    from stridetwin.streams.errors import ConfigError
+
+    scenario = load_scenario(arguments.scenario)
+    if arguments.physics is not None:
+        if arguments.physics not in PHYSICS:
+            raise ConfigError("command line", "--physics", arguments.physics, ", ".join(PHYSICS))
+        scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))
+    return without_cameras(scenario) if arguments.no_cameras else scenario
+
+
+def _how_to_repeat(arguments: Namespace) -> str:
+    words = ["stridetwin", "run", arguments.scenario, "--seed", str(arguments.seed)]
+    words += ["--physics", arguments.physics] if arguments.physics else []
+    words += ["--no-cameras"] if arguments.no_cameras else []
+    words += ["--no-film"] if arguments.no_film else []
+    return shlex.join(words)
+
+
+def _recording(path: Path, lenient: bool) -> Recording:
+    from stridetwin.streams.recording import Recording
+
+    return Recording(path, lenient=lenient)
+
+
+def _named_file(text: str) -> tuple[str, Path]:
+    name, equals, file = text.partition("=")
+    if not (name and equals and file):
+        raise StrideTwinError(f"--estimate: {text!r} is not valid; valid: NAME=FILE")
+    return name, Path(file)
+
+
+def _json_file(path: Path) -> object:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise StrideTwinError(f"{path}: is not JSON: {error}") from error
+
+
+def _public(metadata: Any) -> dict[str, str]:
+    return {k: metadata[k] for k in ("scenario", "seed", "physics") if k in metadata}

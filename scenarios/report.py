@@ -1,0 +1,270 @@
+"""The report of a walk: one HTML file with everything inside it, no script and no network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import resources
+from string import Template
+
+from stridetwin.scenarios.evaluate import FEET, Result
+from stridetwin.scenarios.figures_gait import (
+    ground_reaction_figure,
+    joint_figures,
+    level_strides,
+    pressure_figure,
+)
+from stridetwin.scenarios.figures_path import error_over_time, foot_of, plan_view, side_view
+from stridetwin.scenarios.figures_streams import WINDOW_S, scalar_topics, stream_figures
+from stridetwin.scenarios.film import Film, data_uri, jpeg_uri
+from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.norms import reference
+from stridetwin.scenarios.pictures import CameraView, camera_views
+from stridetwin.sim.config import TwinConfig
+from stridetwin.streams.recording import Recording
+
+_CARDS = (
+    ("end_error_pct", "End error", "%", 1.0, 2, "of the distance that the foot travelled"),
+    ("end_error_m", "End error, absolute", "cm", 100.0, 1, "position and yaw agree at the start"),
+    ("end_height_error_m", "Height error at the end", "cm", 100.0, 1, "positive: the estimate is too high"),
+    ("ape_rmse_m", "Position error, RMS", "cm", 100.0, 1, "over the whole walk"),
+    ("rpe_5m_pct", "Relative error over 5 m", "%", 1.0, 2, "how much is lost on any five metres"),
+    ("nees_position_within_95_pct", "Within its own 95 % bound", "%", 1.0, 0, "an honest filter: 95"),
+)
+_ROWS = (
+    ("ape_rmse_m", "Position error, RMS", "m", 4),
+    ("ape_mean_m", "Position error, mean", "m", 4),
+    ("ape_max_m", "Position error, largest", "m", 4),
+    ("armse_2d_m", "2-D ARMSE (as the pyshoe benchmark defines it)", "m", 4),
+    ("rpe_1m_pct", "Relative error over 1 m", "%", 2),
+    ("rpe_5m_pct", "Relative error over 5 m", "%", 2),
+    ("end_error_m", "End error", "m", 4),
+    ("end_error_pct", "End error, share of the distance", "%", 3),
+    ("end_height_error_m", "Height error at the end", "m", 4),
+    ("nees_position_mean", "NEES of the position, mean (3 is honest)", "", 2),
+    ("nees_position_within_95_pct", "Time within the own 95 % bound", "%", 1),
+    ("distance_m", "Distance travelled by the frame", "m", 2),
+)
+_PUBLISHED = (
+    ("jao_straight_53m", "straight, 53 m", 53.0),
+    ("jao_loop_126m", "loop with ramp and stair, 126 m", 126.0),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Story:
+    """What a report tells.
+
+    Attributes:
+        description: One line about the scenario.
+        config: What the twin was made of.
+        seed: Seed of the walk.
+        duration_s: Length of the walk.
+        command: How to make it again.
+        recording: The walk.
+        results: Scored estimates.
+        film: Third-person film, or None.
+    """
+
+    description: str
+    config: TwinConfig
+    seed: int
+    duration_s: float
+    command: str
+    recording: Recording
+    results: Sequence[Result]
+    film: Film | None
+
+
+def render_report(story: Story) -> str:
+    """The report as HTML text."""
+    page = resources.files("stridetwin.scenarios").joinpath("report.html").read_text(encoding="utf-8")
+    config = story.config
+    travelled = max((r.scores["distance_m"] for r in story.results), default=0.0)
+    chips = [
+        f"{story.duration_s:.1f} s of walking",
+        f"{travelled:.1f} m travelled by a foot",
+        f"seed {story.seed}",
+        f"{config.physics} physics",
+        f"{config.person.height_m:.2f} m, {config.person.mass_kg:.0f} kg",
+        f"{config.gait.speed_mps:g} m/s on the level",
+        "ideal sensors" if config.ideal else "data-sheet sensors",
+    ]
+    sections = [
+        _score_cards(story.results),
+        _film(story.film),
+        _views(story),
+        _paths(story),
+        _gait(story),
+        _streams(story),
+        _score_table(story.results),
+        _sensors(story),
+        _reproduce(story),
+    ]
+    title = config.name.replace("_", " ")
+    return Template(page).substitute(
+        title=escape(title[:1].upper() + title[1:]),
+        description=escape(story.description),
+        chips="".join(f"<li>{escape(c)}</li>" for c in chips),
+        sections="\n".join(s for s in sections if s),
+    )
+
+
+def _section(title: str, lead: str, body: str, css: str = "card") -> str:
+    inner = f'<div class="{css}">{body}</div>' if css else body
+    return f"<section><h2>{escape(title)}</h2><p>{escape(lead)}</p>{inner}</section>"
+
+
+def _score_cards(results: Sequence[Result]) -> str:
+    def foot_value(result: Result, key: str, unit: str, scale: float, digits: int) -> str:
+        foot = foot_of(result.estimate.name)
+        value = _number(result.scores[key] * scale, digits)
+        return f'<div><b>{value}<small>{unit}</small></b><span class="{foot}">{FEET[foot]}</span></div>'
+
+    cards = []
+    for key, title, unit, scale, digits, words in _CARDS:
+        feet = "".join(foot_value(r, key, unit, scale, digits) for r in results if key in r.scores)
+        if feet:
+            values = f'<div class="feet">{feet}</div>'
+            cards.append(f'<div class="card"><h3>{title}</h3>{values}<p>{words}</p></div>')
+    lead = (
+        "Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else. "
+        "Scored against the twin's truth."
+    )
+    return _section("How well the estimate did", lead, "".join(cards), "cards") if cards else ""
+
+
+def _film(film: Film | None) -> str:
+    if film is None:
+        return ""
+    stills = [(t, jpeg_uri(rgb)) for t, rgb in film.stills]
+    source, poster = data_uri(film.webm, "video/webm"), stills[len(stills) // 3][1]
+    strip = "".join(_picture(uri, f"The walk at {t:.0f} s", f"{t:.0f} s") for t, uri in stills)
+    how = 'controls muted loop playsinline preload="metadata"'
+    video = f'<video {how} poster="{poster}" src="{source}"></video>'
+    body = f'{video}<div class="strip">{strip}</div>'
+    return _section("The walk", "In real time, seen from outside.", body, "card film")
+
+
+def _views(story: Story) -> str:
+    def row(view: CameraView) -> str:
+        pictures = "".join(
+            _picture(jpeg_uri(p, 75), f"{view.title} at {t:.1f} s", f"{t:.1f} s") for t, p in view.pictures
+        )
+        return f'<div class="views"><h3>{escape(view.title)}</h3>{pictures}</div>'
+
+    rows = "".join(row(v) for v in camera_views(story.recording))
+    lead = (
+        "What the cameras recorded at six moments. In depth pictures near is yellow, far is violet, "
+        "and black is no reading."
+    )
+    return _section("What the cameras saw", lead, rows) if rows else ""
+
+
+def _picture(uri: str, alt: str, caption: str) -> str:
+    return f'<figure><img src="{uri}" alt="{escape(alt)}"><figcaption>{caption}</figcaption></figure>'
+
+
+def _paths(story: Story) -> str:
+    if not story.results:
+        return ""
+    topic = "/truth/footprints"
+    footprints = story.recording.block(topic) if topic in story.recording.topics else None
+    figures = (
+        side_view(from_metadata(story.recording.metadata), story.results),
+        plan_view(story.results, footprints),
+        error_over_time(story.results),
+    )
+    lead = "Paths of the two foot IMUs: black is true, dashed is estimated. Heights and sides are stretched."
+    return _section("Where it went", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
+
+
+def _gait(story: Story) -> str:
+    topic = "/truth/footprints"
+    if topic not in story.recording.topics:
+        return ""
+    footprints = list(story.recording.block(topic))
+    strides = level_strides(footprints)
+    figures = [
+        *joint_figures(story.recording, strides),
+        ground_reaction_figure(story.recording, strides, story.config.person.mass_kg),
+        pressure_figure(story.recording, footprints),
+    ]
+    body = "".join(f'<div class="card">{f}</div>' for f in figures if f)
+    lead = (
+        f"{len(strides)} level strides, each a line (left blue, right orange). Bands: people at that "
+        "speed, one and two SD (Schwartz, Rozumalski and Trost 2008)."
+    )
+    return _section("How it walks", lead, body, "plots") if body else ""
+
+
+def _streams(story: Story) -> str:
+    middle = story.duration_s / 2
+    window = (middle - WINDOW_S / 2, middle + WINDOW_S / 2)
+    figures = stream_figures(story.recording, scalar_topics(story.recording), window)
+    if not figures:
+        return ""
+    lead = f"The same {WINDOW_S:g} seconds of every stream, as the recording holds them; time in s."
+    return _section("Every stream", lead, f'<div class="multiples">{"".join(figures)}</div>')
+
+
+def _score_table(results: Sequence[Result]) -> str:
+    if not results:
+        return ""
+    head = "".join(f'<th class="n">{escape(r.estimate.name)}</th>' for r in results)
+    rows = ""
+    for key, words, unit, digits in _ROWS:
+        if any(key in r.scores for r in results):
+            cells = "".join(
+                f'<td class="n">{_number(r.scores[key], digits) if key in r.scores else "–"}</td>'
+                for r in results
+            )
+            rows += f"<tr><td>{words}</td>{cells}<td>{unit or '–'}</td></tr>"
+    table = f'<div class="scroll"><table><tr><th>Score</th>{head}<th>Unit</th></tr>{rows}</table></div>'
+    lead = "Position and yaw agree at the start; the truth is taken at the estimate's own stamps."
+    return _section("Scores", lead, table + _paper_figures())
+
+
+def _paper_figures() -> str:
+    jao = reference("jao2020")
+    rows = ""
+    for key, words, length in _PUBLISHED:
+        errors = jao[key]["mean_end_error_m"]["zupt"]
+        cells = [f"{e:.2f} m" for e in errors] + [f"{100 * e / length:.1f} %" for e in errors]
+        rows += f"<tr><td>{words}</td>" + "".join(f'<td class="n">{c}</td>' for c in cells) + "</tr>"
+    head = '<th class="n">left</th><th class="n">right</th>' * 2
+    return (
+        f'<div class="scroll more"><table><tr><th>Published end errors</th>{head}</tr>{rows}</table></div>'
+        '<p class="note">Jao, Wang and Shkel 2020, tables II and III: zero-velocity updates alone, an '
+        "ADIS16485 in each shoe, other walks on real hardware. For scale, not for ranking.</p>"
+    )
+
+
+def _sensors(story: Story) -> str:
+    recording, rig = story.recording, story.recording.rig
+    parts: Mapping[str, tuple[str, float, str]] = {
+        **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.imus.items()},
+        **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.cameras.items()},
+        **{s.depth_topic: (s.part, s.rate_hz, s.mount.body) for s in rig.cameras.values() if s.depth_topic},
+        **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.others.items()},
+    }
+    rows = ""
+    for topic, (part, rate, body) in sorted(parts.items()):
+        if topic in recording.topics:
+            words = f"<td><code>{escape(topic)}</code></td><td>{escape(part)}</td><td>{escape(body)}</td>"
+            count = recording.topics[topic].count
+            rows += f'<tr>{words}<td class="n">{rate:g}</td><td class="n">{count:,}</td></tr>'
+    columns = "<th>Topic</th><th>Part</th><th>Sits on</th>"
+    head = f'<tr>{columns}<th class="n">Rate, Hz</th><th class="n">Samples</th></tr>'
+    lead = "The rig as the recording declares it."
+    return _section("Sensors", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
+
+
+def _reproduce(story: Story) -> str:
+    lead = "The scenario and the seed fix every byte of the recording and of scores.json."
+    return _section("Make it again", lead, f"<pre>{escape(story.command)}</pre>", "")
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")

@@ -1,0 +1,150 @@
+"""A walk as a Rerun file: terrain, paths, cameras and curves on one time line."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.scenarios.evaluate import FEET, Result, true_frames
+from stridetwin.scenarios.figures_path import foot_of
+from stridetwin.scenarios.figures_streams import curves_of, scalar_topics
+from stridetwin.scenarios.ground import Strip, from_metadata
+from stridetwin.scenarios.pictures import camera_topics, pictures_of, shown
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.samples import Array
+
+_COLORS = {"l": (11, 107, 203), "r": (217, 72, 15), "truth": (70, 84, 104)}
+_GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
+_PICTURES_HZ, _CURVES_HZ, _POSES_HZ, _PICTURE_WIDTH = 5.0, 50.0, 30.0, 320
+
+
+def rerun_installed() -> bool:
+    """Whether Rerun can be imported."""
+    return importlib.util.find_spec("rerun") is not None
+
+
+def write_rerun(path: Path, recording: Recording, results: Sequence[Result]) -> None:
+    """Writes the file.
+
+    Args:
+        path: File to write, `.rrd`.
+        recording: The walk.
+        results: Scored estimates.
+    """
+    import rerun as rr
+
+    stream = rr.RecordingStream(
+        "stridetwin", recording_id=f"stridetwin-{recording.metadata.get('scenario', 'walk')}"
+    )
+    stream.save(path, default_blueprint=_blueprint(recording, results))
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    _terrain(rr, stream, from_metadata(recording.metadata))
+    _paths(rr, stream, recording, results)
+    _curves(rr, stream, recording, results)
+    for topic in camera_topics(recording):
+        for picture in pictures_of(recording, topic, _PICTURES_HZ):
+            stream.set_time("time", duration=picture.t_ns / 1e9)
+            stream.log(f"cameras{topic}", rr.Image(shown(picture, _PICTURE_WIDTH)).compress(jpeg_quality=70))
+    stream.flush()
+    stream.disconnect()
+
+
+def _terrain(rr: Any, stream: Any, profile: Sequence[Strip]) -> None:
+    if not profile:
+        return
+    width, floor = 1.2, min(min(s.z0, s.z1) for s in profile) - 0.1
+    for i, strip in enumerate(profile):
+        tops = [(strip.x0, strip.z0), (strip.x1, strip.z1)]
+        corners = [(x, y, z) for x, top in tops for y in (-width, width) for z in (floor, top)]
+        faces = [
+            (1, 5, 7),
+            (1, 7, 3),
+            (0, 1, 3),
+            (0, 3, 2),
+            (4, 6, 7),
+            (4, 7, 5),
+            (0, 4, 5),
+            (0, 5, 1),
+            (2, 3, 7),
+            (2, 7, 6),
+        ]
+        flat = np.asarray(corners, dtype=np.float32)[np.ravel(faces)]
+        normals = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        mesh = rr.Mesh3D(
+            vertex_positions=flat,
+            vertex_normals=np.repeat(normals, 3, axis=0),
+            vertex_colors=np.full((len(flat), 3), _GROUND[strip.terrain], np.uint8),
+        )
+        stream.log(f"world/terrain/{i:02d}_{strip.terrain}", mesh, static=True)
+
+
+def _paths(rr: Any, stream: Any, recording: Recording, results: Sequence[Result]) -> None:
+    for result in results:
+        foot, step = foot_of(result.estimate.name), 2
+        for kind, path, color in (
+            ("truth", result.comparison.truth, _COLORS["truth"]),
+            ("estimate", result.comparison.estimate, _COLORS[foot]),
+        ):
+            line = rr.LineStrips3D([path.p_frame_in_world[::step]], colors=[color], radii=[0.004])
+            stream.log(f"world/{result.estimate.name}/{kind}", line, static=True)
+    for frame in true_frames(recording.topics):
+        block = recording.block(f"/truth/{frame}/odometry")
+        t, p, q = _thinned(
+            block.t_ns, _POSES_HZ, block.columns["p_frame_in_world"], block.columns["q_world_frame"]
+        )
+        entity = f"world/truth/{frame}"
+        stream.log(entity, rr.TransformAxes3D(0.12), static=True)
+        stream.send_columns(
+            entity,
+            indexes=[rr.TimeColumn("time", duration=t)],
+            columns=rr.Transform3D.columns(translation=p, quaternion=q[:, [1, 2, 3, 0]]),
+        )
+
+
+def _curves(rr: Any, stream: Any, recording: Recording, results: Sequence[Result]) -> None:
+    for topic in scalar_topics(recording):
+        block = recording.block(topic)
+        for curves in curves_of(block):
+            name = curves.title.rsplit(": ", 1)[1].split(",")[0].replace(" ", "_")
+            t, values = _thinned(block.t_ns, _CURVES_HZ, curves.values)
+            _send(rr, stream, f"streams{topic}/{name}", t, values, curves.labels)
+    for result in results:
+        error = np.linalg.norm(result.comparison.error_m, axis=1)[:, None] * 1000.0
+        t, values = _thinned(result.comparison.truth.t_ns, _CURVES_HZ, error)
+        _send(rr, stream, f"error_mm/{FEET[foot_of(result.estimate.name)]}", t, values, ("",))
+
+
+def _send(rr: Any, stream: Any, entity: str, t: Array, values: Array, labels: tuple[str, ...]) -> None:
+    stream.log(entity, rr.SeriesLines(names=[n or entity.rsplit("/", 1)[1] for n in labels]), static=True)
+    columns = rr.Scalars.columns(scalars=values)
+    stream.send_columns(entity, indexes=[rr.TimeColumn("time", duration=t)], columns=columns)
+
+
+def _thinned(t_ns: Any, rate_hz: float, *columns: Array) -> tuple[Array, ...]:
+    """Times in s and columns, at about the rate or as they are if slower."""
+    seconds = t_ns * 1e-9
+    span = float(seconds[-1] - seconds[0]) if len(seconds) > 1 else 1.0
+    step = max(1, round(len(seconds) / (span * rate_hz)))
+    return seconds[::step], *(np.asarray(c[::step], dtype=float) for c in columns)
+
+
+def _blueprint(recording: Recording, results: Sequence[Result]) -> Any:
+    import rerun.blueprint as rrb
+
+    cameras = [rrb.Spatial2DView(origin=f"cameras{t}", name=t.strip("/")) for t in camera_topics(recording)]
+    series = [rrb.TimeSeriesView(origin="error_mm", name="position error, mm")] if results else []
+    series += [
+        rrb.TimeSeriesView(origin=f"streams/{name}", name=name)
+        for name in ("foot_l/imu", "foot_r/imu", "foot_l/insole", "foot_r/insole")
+        if f"/{name}" in recording.topics
+    ]
+    left = rrb.Vertical(rrb.Spatial3DView(origin="world", name="walk"), rrb.Grid(*cameras), row_shares=[3, 2])
+    world = left if cameras else rrb.Spatial3DView(origin="world", name="walk")
+    return rrb.Blueprint(
+        rrb.Horizontal(world, rrb.Vertical(*series), column_shares=[3, 2]), collapse_panels=True
+    )

@@ -1,0 +1,189 @@
+"""Scenarios: YAML files that say who walks where, with which sensors; validated key by key.
+
+Files hold degrees and millimetres where the key says so (`_deg`, `_mm`); what comes out is SI and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from stridetwin.scenarios.fields import (
+    Field,
+    Where,
+    choice,
+    flag,
+    integer,
+    mapping,
+    names_of,
+    number,
+    one_of,
+    sequence,
+    suggest,
+    text,
+)
+from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+SENSORS: tuple[str, ...] = TwinConfig.sensors
+CAMERAS = ("foot_camera", "head_camera")
+PHYSICS = ("kinematic",)
+DIRECTIONS = {"up": False, "down": True}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """A named walk.
+
+    Attributes:
+        description: One line that says what the walk is for.
+        config: What the twin is made of.
+    """
+
+    description: str
+    config: TwinConfig
+
+
+def _scenario(
+    description: str, terrain: tuple[Segment, ...], width_m: float = 2.4, **rest: Any
+) -> dict[str, Any]:
+    return {"description": description, "route": Route(segments=terrain, width_m=width_m), **rest}
+
+
+_MM, _DEG = 1e-3, math.pi / 180.0
+_TERRAIN = {
+    "level": mapping({"length_m": Field(attribute="length_m", read=number(0.5, 500), required=True)}, Level),
+    "stairs": mapping(
+        {
+            "risers": Field(attribute="risers", read=integer(1, 60), required=True),
+            "riser_mm": Field(attribute="riser_m", read=number(20, 250, scale=_MM)),
+            "tread_mm": Field(attribute="tread_m", read=number(200, 600, scale=_MM)),
+            "direction": Field(attribute="down", read=choice(DIRECTIONS), required=True),
+        },
+        Stairs,
+    ),
+    "ramp": mapping(
+        {
+            "angle_deg": Field(attribute="angle_rad", read=number(1, 20, scale=_DEG), required=True),
+            "rise_m": Field(attribute="rise_m", read=number(0.05, 10), required=True),
+            "direction": Field(attribute="down", read=choice(DIRECTIONS), required=True),
+        },
+        Ramp,
+    ),
+}
+_FILE = mapping(
+    {
+        "description": Field(attribute="description", read=text, required=True),
+        "terrain": Field(attribute="terrain", read=sequence(one_of(_TERRAIN)), required=True),
+        "width_m": Field(attribute="width_m", read=number(1.2, 10)),
+        "person": Field(
+            attribute="person",
+            read=mapping(
+                {
+                    "height_m": Field(attribute="height_m", read=number(1.5, 1.95)),
+                    "mass_kg": Field(attribute="mass_kg", read=number(45, 110)),
+                    "sex": Field(attribute="sex", read=choice({"male": "male", "female": "female"})),
+                },
+                Person,
+            ),
+        ),
+        "gait": Field(
+            attribute="gait",
+            read=mapping(
+                {
+                    "speed_mps": Field(attribute="speed_mps", read=number(0.5, 1.6)),
+                    "step_sd": Field(attribute="step_sd", read=number(0, 0.1)),
+                    "stand_s": Field(attribute="stand_s", read=number(0.5, 60)),
+                },
+                Gait,
+            ),
+        ),
+        "physics": Field(attribute="physics", read=choice({p: p for p in PHYSICS})),
+        "sensors": Field(attribute="sensors", read=names_of(SENSORS)),
+        "camera_mount": Field(attribute="rig_mount", read=choice({"head": "head", "chest": "chest"})),
+        "ideal_sensors": Field(attribute="ideal", read=flag),
+    },
+    _scenario,
+)
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML as the standard library of it reads, but a key that stands twice is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(k, deep=True) for k, _ in node.value]
+        for i, key in enumerate(keys):
+            if key in keys[:i]:
+                mark = node.value[i][0].start_mark
+                raise yaml.constructor.ConstructorError(
+                    problem=f"the key {key!r} stands twice", problem_mark=mark
+                )
+        return super().construct_mapping(node, deep)
+
+
+def catalogue() -> dict[str, Path]:
+    """The scenarios that come with the project, name to file, sorted by name."""
+    folder = Path(str(resources.files("stridetwin.scenarios"))) / "catalogue"
+    return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+
+
+def load_scenario(name: str) -> Scenario:
+    """Reads a scenario by its name in the catalogue, or from a YAML file.
+
+    Args:
+        name: Name of the catalogue, or path of a file (with a suffix or a separator in it).
+
+    Raises:
+        StrideTwinError: No such scenario (the message lists those there are).
+        ConfigError: A bad file; the message names the file, the key, the value and what is valid.
+    """
+    known = catalogue()
+    if name in known:
+        return read_scenario(known[name])
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or path.parent != Path("."):
+        return read_scenario(path)
+    raise StrideTwinError(
+        f"there is no scenario {name!r}; valid: {suggest(name, known)}, or the path of a .yaml file"
+    )
+
+
+def read_scenario(path: Path) -> Scenario:
+    """Reads one scenario file.
+
+    Raises:
+        ConfigError: As `load_scenario`.
+        StrideTwinError: The file cannot be read.
+    """
+    try:
+        node = yaml.load(path.read_text(encoding="utf-8"), _StrictLoader)
+    except OSError as error:
+        raise StrideTwinError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise StrideTwinError(f"{path}: is not text in UTF-8") from error
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise StrideTwinError(f"{path}: line {line}: {error.problem}") from error
+    except yaml.YAMLError as error:
+        raise StrideTwinError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    where = Where(source=str(path))
+    values = _FILE(node, where)
+    _check_order(path, values["route"].segments)
+    return Scenario(description=values.pop("description"), config=TwinConfig(name=path.stem, **values))
+
+
+def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
+    for i, segment in enumerate(segments):
+        kind = type(segment).__name__.lower()
+        if i in (0, len(segments) - 1) and kind != "level":
+            raise ConfigError(
+                path, f"terrain[{i}]", kind, "level (a walk starts and ends standing on the level)"
+            )
+        if i and kind == "stairs" and isinstance(segments[i - 1], Stairs):
+            valid = "level, ramp (the last riser of the stairs before needs a landing)"
+            raise ConfigError(path, f"terrain[{i}]", kind, valid)

@@ -1,0 +1,82 @@
+import re
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, Browser
+
+from stridetwin.scenarios.evaluate import estimates, evaluate
+from stridetwin.scenarios.figures_gait import level_strides
+from stridetwin.scenarios.norms import level_norm, reference, speed_group
+from stridetwin.scenarios.pictures import colour_of_depth
+from stridetwin.scenarios.rerun_file import write_rerun
+from stridetwin.streams.recording import Recording
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_report_shows_everything_and_asks_the_network_for_nothing(walk, width):
+    with Browser() as browser:
+        page = browser.open(walk / "report.html", width)
+    assert page["errors"] == []
+    assert page["requests"] == []
+    assert page["overflow"] <= 0
+    assert len(page["images"]) == 8 + 2 * 6
+    assert all(page["images"])
+    assert page["videos"] == [True]
+    for words in (
+        "How well the estimate did",
+        "Where it went",
+        "How it walks",
+        "stridetwin run level_20m --seed 3",
+    ):
+        assert words in page["text"]
+
+
+def test_the_report_has_no_script_no_address_and_no_gap(walk):
+    html = (walk / "report.html").read_text()
+    assert not re.search(r'(src|href|poster)="(?!data:)', html)
+    assert not re.search(r"<script|@import|url\(", html)
+    assert "nan" not in re.sub(r"base64,[^\"]*", "", html).lower().replace("finance", "")
+    assert "$" not in re.sub(r"base64,[^\"]*", "", html)
+
+
+def test_reports_of_equal_walks_are_equal(walk, simulator, tmp_path):
+    from stridetwin.scenarios.cli import main
+
+    folders = [tmp_path / name for name in "ab"]
+    for folder in folders:
+        main(["run", "level_20m", "--no-film", "--no-cameras", "-o", str(folder)])
+    first, second = ((f / "report.html").read_bytes() for f in folders)
+    assert first == second
+
+
+def test_strides_are_level_and_inside_the_walk(walk):
+    footprints = list(Recording(walk / "recording.mcap").block("/truth/footprints"))
+    strides = level_strides(footprints)
+    assert len(strides) == len(footprints) - 4
+    assert {s.foot for s in strides} == {"l", "r"}
+    assert all(s.speed_mps == pytest.approx(1.2 / 1.1, rel=1e-6) for s in strides)
+
+
+def test_norms_come_from_the_reference_folder():
+    cycle, mean, sd = level_norm("Free", "knee_flexion_deg")
+    assert (cycle[0], cycle[-1], len(cycle)) == (0, 100, 51)
+    assert 55 < mean.max() < 65
+    assert np.all(sd > 0)
+    assert speed_group(1.2) == "Free"
+    assert reference("jao2020")["jao_straight_53m"]["mean_end_error_m"]["zupt"] == [5.2113, 3.2046]
+
+
+def test_depth_colours_tell_near_from_far_and_none():
+    colours = colour_of_depth(np.array([[0.0, 0.5, 5.5]], np.float32))
+    assert colours.shape == (1, 3, 3)
+    assert colours[0, 0].tolist() == [0, 0, 0]
+    assert colours[0, 1].sum() > colours[0, 2].sum()
+
+
+def test_the_rerun_file_is_small_and_whole(walk, tmp_path):
+    recording = Recording(walk / "recording.mcap")
+    path = tmp_path / "walk.rrd"
+    write_rerun(path, recording, evaluate(recording, estimates(recording)))
+    assert path.read_bytes()[:4] == b"RRF2"
+    assert path.stat().st_size < 3_000_000

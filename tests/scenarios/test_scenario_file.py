@@ -1,0 +1,152 @@
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stridetwin.scenarios.fields import Where, number
+from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
+from stridetwin.sim.config import Level, Ramp, Stairs
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+GOOD = {
+    "description": "a walk",
+    "terrain": [
+        {"level": {"length_m": 3}},
+        {"stairs": {"risers": 4, "riser_mm": 165, "direction": "up"}},
+        {"level": {"length_m": 3}},
+    ],
+}
+
+
+def stairs(node):
+    return node["terrain"][1]["stairs"]
+
+
+def written(tmp_path, change=None, text=None):
+    path = tmp_path / "mine.yaml"
+    node = yaml.safe_load(yaml.safe_dump(GOOD))
+    if change:
+        change(node)
+    path.write_text(yaml.safe_dump(node) if text is None else text)
+    return path
+
+
+@pytest.mark.parametrize("name", list(catalogue()))
+def test_every_scenario_of_the_catalogue_loads(name):
+    scenario = load_scenario(name)
+    assert scenario.config.name == name
+    assert scenario.description
+    assert isinstance(scenario.config.route.segments[0], Level)
+
+
+def test_the_catalogue_holds_the_terrains():
+    assert {"level_20m", "stair_up_down", "ramp_up_down", "demo"} <= set(catalogue())
+    kinds = {type(s) for s in load_scenario("demo").config.route.segments}
+    assert kinds == {Level, Stairs, Ramp}
+
+
+def test_degrees_and_millimetres_become_radians_and_metres(tmp_path):
+    def change(node):
+        node["terrain"][1] = {"ramp": {"angle_deg": 9, "rise_m": 0.6, "direction": "down"}}
+        node["gait"] = {"speed_mps": 1}
+        node["sensors"] = ["foot_imu"]
+        node["ideal_sensors"] = True
+
+    config = read_scenario(written(tmp_path, change)).config
+    ramp = config.route.segments[1]
+    assert ramp.angle_rad == pytest.approx(math.radians(9))
+    assert ramp.down
+    assert config.gait.speed_mps == 1.0
+    assert config.sensors == ("foot_imu",)
+    assert config.ideal
+    assert read_scenario(written(tmp_path)).config.route.segments[1].riser_m == pytest.approx(0.165)
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "valid"),
+    [
+        (lambda n: stairs(n).update(riser_mm=500), "terrain[1].stairs.riser_mm: 500", "20-250"),
+        (lambda n: stairs(n).update(risers=2.5), "terrain[1].stairs.risers: 2.5", "1-60"),
+        (lambda n: stairs(n).update(risers=True), "terrain[1].stairs.risers: True", "whole number"),
+        (lambda n: stairs(n).update(direction="upp"), "direction: 'upp'", "did you mean 'up'?"),
+        (lambda n: stairs(n).update(riser_m=0.1), "terrain[1].stairs: 'riser_m'", "riser_mm"),
+        (lambda n: stairs(n).pop("risers"), "terrain[1].stairs: 'no risers'", "required"),
+        (lambda n: n["terrain"].insert(1, {"stair": {}}), "terrain[1]: 'stair'", "did you mean 'stairs'?"),
+        (lambda n: n["terrain"].insert(1, "level"), "terrain[1]: 'level'", "one of the keys level, stairs"),
+        (lambda n: n["terrain"].clear(), "terrain: []", "at least one item"),
+        (lambda n: n["terrain"].pop(), "terrain[1]: 'stairs'", "level"),
+        (lambda n: n["terrain"].insert(1, n["terrain"][1]), "terrain[2]: 'stairs'", "a landing"),
+        (lambda n: n.update(sensors=["foot_imv"]), "sensors[0]: 'foot_imv'", "did you mean 'foot_imu'?"),
+        (lambda n: n.update(sensors=["sonar", "sonar"]), "sensors[1]: 'sonar'", "every name once"),
+        (lambda n: n.update(sensors="sonar"), "sensors: 'sonar'", "a list of foot_imu"),
+        (lambda n: n.update(physics="dynamic"), "physics: 'dynamic'", "valid: kinematic"),
+        (lambda n: n.update(gait=5), "gait: 5", "keys speed_mps"),
+        (lambda n: n.update(gait={"speed_mps": float("nan")}), "gait.speed_mps: nan", "0.5-1.6"),
+        (lambda n: n.update(ideal_sensors="yes"), "ideal_sensors: 'yes'", "true, false"),
+        (lambda n: n.update(description=" "), "description: ' '", "text"),
+        (lambda n: n.update(person={"sex": "m"}), "person.sex: 'm'", "male, female"),
+        (lambda n: n.update(terrian=1), "'terrian'", "did you mean 'terrain'?"),
+    ],
+)  # fmt: skip
+def test_an_error_names_file_key_value_and_what_is_valid(tmp_path, change, where, valid):
+    path = written(tmp_path, change)
+    with pytest.raises(ConfigError) as error:
+        read_scenario(path)
+    message = str(error.value)
+    assert message.startswith(f"{path}: ")
+    assert where in message
+    assert valid in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("description: a\ndescription: b\n", "line 2: the key 'description' stands twice"),
+        ("terrain: [\n", "line 2"),
+        ("- 1\n", "keys description, terrain"),
+        ("", "keys description, terrain"),
+        ("a: !!python/object:os.system {}\n", "line 1"),
+    ],
+)
+def test_broken_files_are_told_in_one_line(tmp_path, text, words):
+    with pytest.raises(StrideTwinError) as error:
+        read_scenario(written(tmp_path, text=text))
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_unknown_scenarios_are_told_with_the_names_there_are(tmp_path):
+    with pytest.raises(StrideTwinError, match=r"no scenario 'level_20'.*did you mean 'level_20m'\?"):
+        load_scenario("level_20")
+    with pytest.raises(StrideTwinError, match="cannot be read: No such file"):
+        load_scenario(str(tmp_path / "none.yaml"))
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True) | st.integers() | st.none() | st.text() | st.booleans())
+def test_numbers_outside_their_range_never_pass(value):
+    read = number(20, 250, scale=1e-3)
+    try:
+        got = read(value, Where(source="f"))
+    except ConfigError as error:
+        assert "20-250" in str(error)  # noqa: PT017 (both outcomes are checked)
+    else:
+        assert 20 <= value <= 250
+        assert not isinstance(value, bool)
+        assert got == pytest.approx(value * 1e-3)
+
+
+def test_the_sensors_are_those_of_the_twin():
+    assert "foot_imu" in SENSORS
+    assert "head_camera" in SENSORS
+
+
+def test_the_example_of_the_documentation_loads(tmp_path):
+    page = Path(__file__).parents[2] / "docs" / "scenarios.md"
+    example = page.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
+    config = read_scenario(written(tmp_path, text=example)).config
+    assert len(config.route.segments) == 5
+    assert config.rig_mount == "head"
