@@ -145,7 +145,7 @@ def layout_of(payload: bytes, typename: str, store: Typestore) -> Layout:
     walk = _Walk(payload, store)
     try:
         walk.message("", typename)
-    except (struct.error, UnicodeDecodeError) as error:
+    except (struct.error, UnicodeDecodeError, KeyError) as error:  # KeyError: a type that nobody defines
         raise ValueError(f"not a {typename}: {error}") from error
     if not walk.at <= len(payload) < walk.at + 4:
         raise ValueError(f"a {typename} of {len(payload)} bytes where {walk.at} were expected")

@@ -62,10 +62,33 @@ def message_rows(
     return rows, rows["payload"]
 
 
+class _OpenChunk:
+    """A chunk that still takes messages."""
+
+    def __init__(self) -> None:
+        self.parts: list[memoryview] = []
+        self.size = 0
+        self.entries: dict[int, list[NDArray[np.uint64]]] = {}
+        self.times = (0, 0)
+
+    def add(self, channel: int, times: NDArray[np.uint64], data: memoryview) -> None:
+        """Appends equal-sized message records of one channel."""
+        first, last = int(times[0]), int(times[-1])
+        if self.entries:
+            first, last = min(first, self.times[0]), max(last, self.times[1])
+        self.times = first, last
+        each = len(data) // len(times)
+        offsets = self.size + each * np.arange(len(times), dtype=np.uint64)
+        self.entries.setdefault(channel, []).append(np.column_stack((times, offsets)))
+        self.parts.append(data)
+        self.size += len(data)
+
+
 class McapWriter:
     """Appends channels, messages, attachments and metadata to one MCAP file, chunk by chunk.
 
-    Chunks are compressed (zstd) and carry a CRC; the whole data section and the summary carry theirs. Every
+    Messages go into lanes (pictures into one, the rest into another): a chunk holds one lane's messages only, so that
+    a reader of the small streams never touches the bulk. Chunks are compressed (zstd) and carry a CRC; the whole data section and the summary carry theirs. Every
     finished chunk is handed to the operating system at once, so that a killed process loses only the open
     chunk.
     """
@@ -81,7 +104,7 @@ class McapWriter:
         self._metadata_indexes: list[records.MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
-        self._new_chunk()
+        self._lanes: dict[int, _OpenChunk] = {}
         self._append(MAGIC)
         self._append(_encoded(records.Header(profile="ros2", library=library)))
 
@@ -91,32 +114,33 @@ class McapWriter:
         if schema is None:
             schema = records.Schema(len(self._schemas) + 1, definition.encode(), "ros2msg", typename)
             self._schemas.append(schema)
-            self._add(_encoded(schema))
+            self._append(_encoded(schema))
         channel = records.Channel(len(self._channels) + 1, topic, "cdr", {}, schema.id)
         self._channels.append(channel)
-        self._add(_encoded(channel))
+        self._append(_encoded(channel))
         return channel.id
 
-    def messages(self, rows: NDArray[np.void]) -> None:
-        """Appends records made by `message_rows`, splitting them over chunks as they fill up."""
+    def messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
+        """Appends records made by `message_rows` to a lane, splitting them over chunks as they fill up."""
         channel = int(rows["head"]["channel"][0])
         data = memoryview(rows.view(np.uint8).data)
         times = rows["head"]["log"]
         size = rows.itemsize
+        self._counts[channel] = self._counts.get(channel, 0) + len(rows)
         start = 0
         while start < len(rows):
-            if self._messages and int(times[start]) - self._chunk_times[0] >= CHUNK_NS:
-                self._finish_chunk()
-            count = max(1, (CHUNK_BYTES - self._chunk_size) // size)
+            chunk = self._lanes.setdefault(lane, _OpenChunk())
+            if chunk.entries and int(times[start]) - chunk.times[0] >= CHUNK_NS:
+                self._finish_chunk(lane)
+                chunk = self._lanes[lane] = _OpenChunk()
+            count = max(1, (CHUNK_BYTES - chunk.size) // size)
             count = min(
                 count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start
             )
-            part = slice(start, start + count)
-            self._index(channel, times[part], self._chunk_size + size * np.arange(count, dtype=np.uint64))
-            self._add(data[start * size : (start + count) * size])
+            chunk.add(channel, times[start : start + count], data[start * size : (start + count) * size])
             start += count
-            if self._chunk_size >= CHUNK_BYTES - size:
-                self._finish_chunk()
+            if chunk.size >= CHUNK_BYTES - size:
+                self._finish_chunk(lane)
 
     def attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
@@ -145,8 +169,8 @@ class McapWriter:
         self._append(body)
 
     def finish(self) -> None:
-        """Writes the open chunk, the summary and the footer, and closes the file."""
-        self._finish_chunk()
+        """Writes the open chunks, the summary and the footer, and closes the file."""
+        self._finish_chunks()
         self._append(_encoded(records.DataEnd(self._crc)))
         start = self._file.tell()
         groups: list[tuple[Opcode, list[Any]]] = [
@@ -169,8 +193,8 @@ class McapWriter:
         self._file.close()
 
     def abandon(self) -> None:
-        """Writes the open chunk and closes the file without a summary."""
-        self._finish_chunk()
+        """Writes the open chunks and closes the file without a summary."""
+        self._finish_chunks()
         self._file.close()
 
     def _statistics(self) -> records.Statistics:
@@ -187,29 +211,14 @@ class McapWriter:
             schema_count=len(self._schemas),
         )
 
-    def _new_chunk(self) -> None:
-        self._parts: list[bytes | memoryview] = []
-        self._chunk_size = 0
-        self._messages: dict[int, list[NDArray[np.uint64]]] = {}
-        self._chunk_times = (0, 0)
+    def _finish_chunks(self) -> None:
+        for lane in sorted(self._lanes):
+            self._finish_chunk(lane)
 
-    def _add(self, data: bytes | memoryview) -> None:
-        self._parts.append(data)
-        self._chunk_size += len(data)
-
-    def _index(self, channel: int, times: NDArray[np.uint64], offsets: NDArray[np.uint64]) -> None:
-        first, last = int(times[0]), int(times[-1])
-        if self._messages:
-            first, last = min(first, self._chunk_times[0]), max(last, self._chunk_times[1])
-        self._chunk_times = first, last
-        self._messages.setdefault(channel, []).append(np.column_stack((times, offsets)))
-        self._counts[channel] = self._counts.get(channel, 0) + len(times)
-
-    def _finish_chunk(self) -> None:
-        if not self._messages:
-            return
-        data = b"".join(self._parts)
-        first, last = self._chunk_times
+    def _finish_chunk(self, lane: int) -> None:
+        done = self._lanes.pop(lane)
+        data = b"".join(done.parts)
+        first, last = done.times
         chunk = _encoded(
             records.Chunk(
                 compression="zstd",
@@ -223,7 +232,7 @@ class McapWriter:
         start = self._file.tell()
         index_start = start + len(chunk)
         indexes, offsets = b"", {}
-        for channel, entries in self._messages.items():
+        for channel, entries in done.entries.items():
             offsets[channel] = index_start + len(indexes)
             body = np.concatenate(entries).astype("<u8").tobytes()
             builder = RecordBuilder()
@@ -250,7 +259,6 @@ class McapWriter:
         )
         earliest, latest = self._times or (first, last)
         self._times = min(earliest, first), max(latest, last)
-        self._new_chunk()
 
     def _append(self, data: bytes) -> None:
         self._crc = zlib.crc32(data, self._crc)

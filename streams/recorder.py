@@ -36,6 +36,7 @@ METADATA_NAME = "stridetwin"
 RIG_NAME = "rig.yaml"
 _INFO_PERIOD_NS = 1_000_000_000
 _ENCODERS = 2
+_PICTURE_LANE = 1
 _PICTURES_IN_FLIGHT = 8
 _LATEST_NS = 2**31 * 1_000_000_000
 
@@ -182,7 +183,7 @@ class RecordingWriter:
             payload = encoded.result()
             layout = np.dtype(f"V{len(payload)}")
             rows, _ = message_rows(self._channels[topic], payload, layout, np.array([t_ns], np.int64))
-            self._file.messages(rows)
+            self._file.messages(rows, lane=_PICTURE_LANE)
 
 
 def _by_picture_topic(rig: Rig) -> dict[str, CameraCalibration]:

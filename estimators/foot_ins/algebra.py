@@ -10,7 +10,7 @@ from numba import njit
 from stridetwin.streams.samples import Array
 
 
-@njit(cache=True)
+@njit
 def rotation_matrix(q: Array) -> Array:
     """(3, 3) matrix of the unit quaternion (4,)."""
     w, x, y, z = q
@@ -27,7 +27,7 @@ def rotation_matrix(q: Array) -> Array:
     return R
 
 
-@njit(cache=True)
+@njit
 def product(a: Array, b: Array) -> Array:
     """Unit quaternion (4,) of a ⊗ b, normalised."""
     c = np.empty(4)
@@ -38,7 +38,7 @@ def product(a: Array, b: Array) -> Array:
     return c / math.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] + c[3] * c[3])
 
 
-@njit(cache=True)
+@njit
 def exponential(x: float, y: float, z: float) -> Array:
     """Unit quaternion (4,) of the rotation vector (x, y, z), rad."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -47,3 +47,9 @@ def exponential(x: float, y: float, z: float) -> Array:
     s = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
     q[1], q[2], q[3] = s * x, s * y, s * z
     return q
+
+
+@njit
+def skew(v: Array) -> Array:
+    """(3, 3) matrix whose product with a vector is v × that vector."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -36,7 +36,7 @@ START_POSITION_SD = 1e-4  # m; the start is where the world's origin is
 START_HEADING_SD = 1e-3  # rad; and its heading is the world's
 
 
-@njit(cache=True)
+@njit
 def begin(memory: Memory, t_ns: int) -> None:
     """Starts to look for a still window at the sample of time `t_ns`, and forgets what came before."""
     memory.clock[PHASE] = ALIGNING
@@ -47,7 +47,7 @@ def begin(memory: Memory, t_ns: int) -> None:
     memory.nominal[VELOCITY : VELOCITY + 3] = 0.0
 
 
-@njit(cache=True)
+@njit
 def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot has stood for `align_s`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
@@ -73,7 +73,7 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
             )
 
 
-@njit(cache=True)
+@njit
 def level(memory: Memory, force_sum: Array) -> None:
     """Turns the attitude the shortest way until the mean force points up; an unknown heading becomes 0.
 
@@ -95,7 +95,7 @@ def level(memory: Memory, force_sum: Array) -> None:
     memory.nominal[ATTITUDE : ATTITUDE + 4] = q
 
 
-@njit(cache=True)
+@njit
 def _set_covariance(
     memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
 ) -> None:

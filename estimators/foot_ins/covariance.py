@@ -15,7 +15,7 @@ from stridetwin.estimators.foot_ins.memory import (
 from stridetwin.streams.samples import Array
 
 
-@njit(cache=True)
+@njit
 def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
 
@@ -32,7 +32,7 @@ def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     _transition(P.T, o, R, f_world, dt)
 
 
-@njit(cache=True)
+@njit
 def _transition(M: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     """M <- F M in place; only the foot's own rows change."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
@@ -51,7 +51,7 @@ def _transition(M: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
         M[v + 2, j] += fy * a0 - fx * a1 - D[2, 0] * b0 - D[2, 1] * b1 - D[2, 2] * b2
 
 
-@njit(cache=True)
+@njit
 def correct(P: Array, dx: Array, h: Array, z: float, r: float) -> None:
     """Scalar Kalman update of `P` and of the accumulated error `dx`, in place.
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import zlib
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numba import njit
@@ -31,7 +34,7 @@ MAX_RATE = 100.0  # rad/s; no gyro that a foot could carry measures more
 MAX_FORCE = 5000.0  # m/s²
 
 
-@njit(cache=True)
+@njit
 def step(
     memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
 ) -> tuple[int, float]:
@@ -82,38 +85,54 @@ def step(
     return TRACKING, speed
 
 
-@njit(cache=True)
-def run(
-    memory: Memory,
-    parameters: KernelParameters,
-    t_ns: NDArray[np.int64],
-    rate: Array,
-    force: Array,
-    phase: NDArray[np.int8],
-    speed: Array,
-    state: Array,
-    covariance: Array,
-) -> None:
-    """Takes N samples and writes what is believed after each.
+def _compiled(sources: int) -> Callable[..., None]:
+    """The loop over samples, compiled; cached under the digest of all that is compiled into it.
+
+    numba's cache looks at the file of the cached function alone, and would go on with what that function
+    took in from other files, however much those have changed since. So only the outermost one is cached.
 
     Args:
-        memory: Changed in place.
-        parameters: What the filter believes.
-        t_ns: (N,) int64.
-        rate: (N, 3) rad/s.
-        force: (N, 3) m/s².
-        phase: (N,) int8, out: phase in which the sample was used.
-        speed: (N,) out: standard deviation of the standing foot's speed, m/s.
-        state: (N, 16) out: nominal state.
-        covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
+        sources: Digest, ≥ 0.
     """
-    P = memory.covariance
-    for k in range(len(t_ns)):
-        phase[k], speed[k] = step(memory, parameters, t_ns[k], rate[k], force[k])
-        state[k] = memory.nominal
-        for i in range(3):
-            for j in range(3):
-                covariance[k, i, j] = P[D_POSITION + i, D_POSITION + j]
-                covariance[k, i, 3 + j] = P[D_POSITION + i, D_ATTITUDE + j]
-                covariance[k, 3 + i, j] = P[D_ATTITUDE + i, D_POSITION + j]
-                covariance[k, 3 + i, 3 + j] = P[D_ATTITUDE + i, D_ATTITUDE + j]
+
+    @njit(cache=True)
+    def run(
+        memory: Memory,
+        parameters: KernelParameters,
+        t_ns: NDArray[np.int64],
+        rate: Array,
+        force: Array,
+        phase: NDArray[np.int8],
+        speed: Array,
+        state: Array,
+        covariance: Array,
+    ) -> None:
+        """Takes N samples and writes what is believed after each.
+
+        Args:
+            memory: Changed in place.
+            parameters: What the filter believes.
+            t_ns: (N,) int64.
+            rate: (N, 3) rad/s.
+            force: (N, 3) m/s².
+            phase: (N,) int8, out: phase in which the sample was used.
+            speed: (N,) out: standard deviation of the standing foot's speed, m/s.
+            state: (N, 16) out: nominal state.
+            covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
+        """
+        assert sources >= 0  # a constant of the closure, and so a part of the cache's key
+        P = memory.covariance
+        for k in range(len(t_ns)):
+            phase[k], speed[k] = step(memory, parameters, t_ns[k], rate[k], force[k])
+            state[k] = memory.nominal
+            for i in range(3):
+                for j in range(3):
+                    covariance[k, i, j] = P[D_POSITION + i, D_POSITION + j]
+                    covariance[k, i, 3 + j] = P[D_POSITION + i, D_ATTITUDE + j]
+                    covariance[k, 3 + i, j] = P[D_ATTITUDE + i, D_POSITION + j]
+                    covariance[k, 3 + i, 3 + j] = P[D_ATTITUDE + i, D_ATTITUDE + j]
+
+    return run
+
+
+run = _compiled(zlib.crc32(b"".join(f.read_bytes() for f in sorted(Path(__file__).parent.glob("*.py")))))

@@ -17,6 +17,7 @@ class FootInsParameters:
     Attributes:
         gravity: m/s².
         lever_arm: From the sensor straight down (as it first stood) to the point that stands still, m.
+        lever_sd: How far that point may be from there, as the foot rolls from heel to ball, m.
         gyro_noise: Scale and sampling errors of the angular rate, rad/s/√Hz, beside the calibration's noise.
         gyro_limit_noise: Added about an axis that is at its limit, rad/s/√Hz.
         accel_noise: Noise of the specific force at rest, m/s²/√Hz, beside the calibration's.
@@ -57,11 +58,12 @@ class FootInsParameters:
     """
 
     gravity: float = 9.8029
-    lever_arm: float = 0.085
-    gyro_noise: float = 0.0028
-    gyro_limit_noise: float = 0.05
+    lever_arm: float = 0.072
+    lever_sd: float = 0.1
+    gyro_noise: float = 0.0022
+    gyro_limit_noise: float = 0.09
     accel_noise: float = 0.0034
-    accel_motion_noise: float = 0.002
+    accel_motion_noise: float = 0.004
     accel_limit_noise: float = 0.19
     gyro_bias_walk: float = 1e-5
     accel_bias_walk: float = 1e-4
@@ -69,18 +71,18 @@ class FootInsParameters:
     accel_bias_sd: float = 0.07
     gyro_range: float = 0.0
     accel_range: float = 0.0
-    gyro_range_min: float = 7.5
+    gyro_range_min: float = 7.0
     accel_range_min: float = 45.0
     limit_share: float = 0.94
     window_s: float = 0.035
     gyro_scale: float = 0.0017
     accel_scale: float = 0.0045
-    peak_decay_s: float = 0.45
+    peak_decay_s: float = 0.36
     still_level: float = 1440.0
-    still_share: float = 0.0063
+    still_share: float = 0.007
     still_power: float = 4.0
-    still_velocity: float = 0.0064
-    still_correlation_s: float = 0.035
+    still_velocity: float = 0.01
+    still_correlation_s: float = 0.018
     max_velocity_sd: float = 2.0
     rest_level: float = 880.0
     rest_rate_noise: float = 3.2e-4
@@ -98,7 +100,7 @@ class FootInsParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        may_be_zero = {"gyro_range", "accel_range", "lever_arm", "rest_level"}
+        may_be_zero = {"gyro_range", "accel_range", "lever_arm", "lever_sd", "rest_level"}
         for name, value in asdict(self).items():
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError("FootInsParameters", name, value, "a finite number ≥ 0")
@@ -111,6 +113,7 @@ class KernelParameters(NamedTuple):
 
     gravity: float
     lever_arm: float
+    lever_sd: float
     gyro_noise: float
     gyro_limit_noise: float
     accel_noise: float

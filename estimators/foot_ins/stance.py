@@ -1,11 +1,13 @@
-"""What a standing foot tells: a point below the sensor has no velocity; at rest, the gyro shows its bias."""
+"""What a standing foot tells: a point of the sole has no velocity; at rest, the gyro shows its bias."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix
+from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix, skew
 from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import (
     ACCEL_BIAS,
@@ -25,33 +27,46 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.samples import Array
 
 
-@njit(cache=True)
+@njit
 def zero_velocity(
     memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float
 ) -> None:
-    """Update with v + R ((ω - b_g) × r) = 0, r the lever arm (Foxlin 2005, moved to the sole).
+    """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
+
+    Which point of the sole stands still wanders from heel to ball as the foot rolls. An arm uncertain by
+    σ_r in every direction adds σ_r² (|w|² I - w wᵀ) to the noise, so a turning foot tells little about the
+    speed across its axis: taken at its word, it would pull the rise of the heel to zero in every step.
 
     The foot's true speed in stance is no white noise: within `still_correlation_s` all updates share one
     error, so each sample brings dt / still_correlation_s of an update, whatever the rate of the samples.
     """
-    x, r = memory.nominal, memory.lever
+    x = memory.nominal
     R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
-    wx, wy, wz = rate[0] - x[GYRO_BIAS], rate[1] - x[GYRO_BIAS + 1], rate[2] - x[GYRO_BIAS + 2]
-    u = R @ np.array([wy * r[2] - wz * r[1], wz * r[0] - wx * r[2], wx * r[1] - wy * r[0]])
-    on_attitude = np.array([[0.0, u[2], -u[1]], [-u[2], 0.0, u[0]], [u[1], -u[0], 0.0]])
-    on_bias = R @ np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
-    variance = standing_speed**2 * max(1.0, parameters.still_correlation_s / dt)
-    error, h = np.zeros(STATES), np.zeros(STATES)
+    w = R @ (rate - x[GYRO_BIAS : GYRO_BIAS + 3])
+    r = R @ memory.lever
+    u = skew(w) @ r
+    H = np.zeros((3, STATES))
+    H[:, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
+    H[:, D_ATTITUDE : D_ATTITUDE + 3] = -skew(u)
+    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = skew(r) @ R
+    shared = math.sqrt(max(1.0, parameters.still_correlation_s / dt))
+    W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd)
+    H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
+    error = np.zeros(STATES)
     for i in range(3):
-        h[D_VELOCITY : D_VELOCITY + 3] = 0.0
-        h[D_VELOCITY + i] = 1.0
-        h[D_ATTITUDE : D_ATTITUDE + 3] = on_attitude[i]
-        h[D_GYRO_BIAS : D_GYRO_BIAS + 3] = on_bias[i]
-        correct(memory.covariance, error, h, -x[VELOCITY + i] - u[i], variance)
+        correct(memory.covariance, error, H[i], z[i], 1.0)
     inject(memory, error)
 
 
-@njit(cache=True)
+@njit
+def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
+    """(3, 3) inverse square root of speed_sd² I + lever_sd² (|w|² I - w wᵀ)."""
+    w2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+    along, across = 1.0 / speed_sd, 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
+    return across * np.eye(3) + (along - across) / max(w2, 1e-12) * np.outer(w, w)
+
+
+@njit
 def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
     """Update with ω = b_g: a foot that has long been quiet does not turn."""
     error, h = np.zeros(STATES), np.zeros(STATES)
@@ -63,7 +78,7 @@ def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: flo
     inject(memory, error)
 
 
-@njit(cache=True)
+@njit
 def inject(memory: Memory, error: Array) -> None:
     """Moves the error (15,) into the nominal state, in place."""
     x = memory.nominal

@@ -22,7 +22,7 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.samples import Array
 
 
-@njit(cache=True)
+@njit
 def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Array, dt: float) -> None:
     """Moves state and covariance over the interval of length `dt` (s) that the sample is the mean of.
 
@@ -73,7 +73,7 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
             _add_along(P, D_VELOCITY, R, i, parameters.accel_limit_noise**2 * dt)
 
 
-@njit(cache=True)
+@njit
 def _at_limit(
     extreme: Array, channel: int, value: float, known: float, least: float, parameters: KernelParameters
 ) -> bool:
@@ -89,7 +89,7 @@ def _at_limit(
     return size >= parameters.limit_share * extreme[channel]
 
 
-@njit(cache=True)
+@njit
 def _add_along(P: Array, row: int, R: Array, axis: int, variance: float) -> None:
     """Adds variance along one axis of the sensor to the 3×3 block of `P` at `row`, in place."""
     for i in range(3):

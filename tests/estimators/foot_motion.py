@@ -56,6 +56,7 @@ def walk(
     stride_m: float = 1.35,
     stride_s: float = 1.1,
     turn_rad: float = 0.0,
+    slow_heel_rad: float = 0.0,
     R_foot_imu: Array | None = None,
     calibration: ImuCalibration | None = None,
     rng: np.random.Generator | None = None,
@@ -70,6 +71,7 @@ def walk(
         stride_m: Stride length.
         stride_s: Stride time.
         turn_rad: Heading gained over the whole walk.
+        slow_heel_rad: How far the heel rises, at leisure, before it pushes off.
         R_foot_imu: (3, 3) mounting; identity by default.
         calibration: Noise and turn-on biases of the sensor; exact samples without.
         rng: Draws the noise.
@@ -100,6 +102,7 @@ def walk(
         bc_type=((1, 0.0), (1, 0.0)),
     )(u)
     pitch[(u < 0.30) | (u > 0.93)] = 0.0
+    pitch += slow_heel_rad * np.interp(u, [0.1, 0.3, 0.5, 0.7], [0.0, 1.0, 1.0, 0.0])
     smooth = np.exp(-0.5 * (np.arange(-30, 31) / (0.012 * rate_hz)) ** 2)
     pitch = np.convolve(np.pad(pitch, 30), smooth / smooth.sum(), "valid")
     yaw = heading[i] + advance * (heading[i + 1] - heading[i])

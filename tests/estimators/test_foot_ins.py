@@ -96,6 +96,17 @@ def test_a_rest_shows_the_gyro_bias() -> None:
     assert end_error(truth, biased) < 0.02 * truth.distance
 
 
+def test_a_heel_that_rises_slowly_does_not_pull_the_path_down() -> None:
+    truth = walk(slow_heel_rad=0.1)
+    uncertain, fixed = (
+        FootIns(parameters=p, start=start_of(truth)).run(truth.imu).trajectory.p_frame_in_world[-1, 2]
+        - truth.p_imu_in_world[-1, 2]
+        for p in (FootInsParameters(), FootInsParameters(lever_sd=0.0))
+    )
+    assert fixed < -0.03 * truth.distance
+    assert abs(uncertain) < 0.01 * truth.distance
+
+
 def test_error_is_consistent_with_the_covariance() -> None:
     squared = []
     for seed in range(8):
