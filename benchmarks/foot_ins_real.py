@@ -178,9 +178,7 @@ def halved_rate(walk: ViconWalk) -> ViconWalk:
     """As a sensor of half the rate would give it: means over pairs of samples."""
     n = len(walk.imu) // 2 * 2
     columns = {k: v[:n].reshape(-1, 2, 3).mean(1) for k, v in walk.imu.columns.items()}
-    return replace(
-        walk, imu=replace(walk.imu, t_ns=walk.imu.t_ns[1:n:2], columns=columns), truth=walk.truth[1:n:2]
-    )
+    return replace(walk, imu=replace(walk.imu, t_ns=walk.imu.t_ns[1:n:2], columns=columns), truth=walk.truth[1:n:2])
 
 
 def stretched(walk: ViconWalk, factor: float) -> ViconWalk:
@@ -194,9 +192,7 @@ def stretched(walk: ViconWalk, factor: float) -> ViconWalk:
     up = np.array([0.0, 0.0, p.gravity])
     force = R.inv().apply((R.apply(walk.imu.columns["specific_force"]) - up) / factor**2 + up)
     columns = {"angular_rate": walk.imu.columns["angular_rate"] / factor, "specific_force": force}
-    return replace(
-        walk, imu=replace(walk.imu, t_ns=(walk.imu.t_ns * factor).astype(np.int64), columns=columns)
-    )
+    return replace(walk, imu=replace(walk.imu, t_ns=(walk.imu.t_ns * factor).astype(np.int64), columns=columns))
 
 
 def biased(walk: ViconWalk, bias: float, rng: np.random.Generator) -> ViconWalk:
@@ -244,9 +240,7 @@ def measure(folder: Path) -> dict[str, object]:
     elapsed_s = time.perf_counter() - begin
     error = {w.name: armse(paths[w.name], w.truth) for w in walks}
     height = {w.name: climb(paths[w.name]) - climb(w.truth) for w in walks}
-    marker = {
-        f.name: stance_error(f.imu.t_ns * 1e-9, estimate(f.imu).trajectory.p_frame_in_world, f) for f in feet
-    }
+    marker = {f.name: stance_error(f.imu.t_ns * 1e-9, estimate(f.imu).trajectory.p_frame_in_world, f) for f in feet}
     ours = {
         "armse_m": spread(error.values()),
         "end_height_error_m": spread(abs(h) for h in height.values()),
@@ -254,9 +248,7 @@ def measure(folder: Path) -> dict[str, object]:
         "height_error_m": {name: value[1] for name, value in marker.items()},
         "times_real_time": recorded_s / elapsed_s,
     }
-    ours |= {
-        f"armse_{name}_m": spread(armse_of(map(make, walks)).values()) for name, make in variants.items()
-    }
+    ours |= {f"armse_{name}_m": spread(armse_of(map(make, walks)).values()) for name, make in variants.items()}
     return {
         "experiment": "foot_ins_real",
         "summary": {"stridetwin": ours},

@@ -91,9 +91,7 @@ def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument(
-        "--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the walks (1000 to 1009)"
-    )
+    parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the walks (1000 to 1009)")
     arguments = parser.parse_args()
     result = measure(arguments.seeds)
     if arguments.json:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from stridetwin.streams.recording import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu

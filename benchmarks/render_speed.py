@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+
 from stridetwin.sim.body import add_wearer
 from stridetwin.sim.config import Level, Person, Route, Stairs, TwinConfig
 from stridetwin.sim.render import FilmCamera, SensorView, camera_pose
@@ -28,8 +29,7 @@ def main() -> None:
     args = parser.parse_args()
     cases = measure()
     time_ms = {
-        name: {"median": float(np.median(ms)), "p99": float(np.percentile(ms, 99))}
-        for name, ms in cases.items()
+        name: {"median": float(np.median(ms)), "p99": float(np.percentile(ms, 99))} for name, ms in cases.items()
     }
     if args.json:
         result = {"experiment": "render_speed", "summary": {"time_ms": time_ms}, "paper": {}, "cases": cases}

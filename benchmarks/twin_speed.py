@@ -37,7 +37,12 @@ def measure(scenario_name: str, cameras: bool, seed: int = 1) -> dict[str, float
         wall = time.perf_counter() - started
         size = path.stat().st_size
     walked = twin.duration_s
-    return {"walk_s": walked, "wall_s": wall, "times_real_time": walked / wall, "megabyte_per_s": size / walked / 1e6}
+    return {
+        "walk_s": walked,
+        "wall_s": wall,
+        "times_real_time": walked / wall,
+        "megabyte_per_s": size / walked / 1e6,
+    }
 
 
 def main() -> None:
@@ -56,7 +61,8 @@ def main() -> None:
         return
     for name, row in summary.items():
         print(f"{name:20} {row['walk_s']:6.1f} s walked in {row['wall_s']:6.1f} s: "
-              f"{row['times_real_time']:6.2f} x real time (floor {FLOOR[name]}), {row['megabyte_per_s']:.1f} MB/s")  # fmt: skip
+              f"{row['times_real_time']:6.2f} x real time (floor {FLOOR[name]}), "
+              f"{row['megabyte_per_s']:.1f} MB/s")  # fmt: skip
 
 
 if __name__ == "__main__":

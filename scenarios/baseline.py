@@ -32,9 +32,7 @@ class Regression:
     limit: float
 
 
-def regressions(
-    now: Mapping[str, Scores], baseline: object, source: str, tolerance: float
-) -> list[Regression]:
+def regressions(now: Mapping[str, Scores], baseline: object, source: str, tolerance: float) -> list[Regression]:
     """Every score that is worse than the baseline by more than the tolerance.
 
     Args:
@@ -48,16 +46,12 @@ def regressions(
     """
     estimators = baseline.get("estimators") if isinstance(baseline, dict) else None
     if not isinstance(estimators, dict) or not all(isinstance(s, dict) for s in estimators.values()):
-        raise StrideTwinError(
-            f'{source}: is no baseline; valid: what `stridetwin score --json` prints ("estimators")'
-        )
+        raise StrideTwinError(f'{source}: is no baseline; valid: what `stridetwin score --json` prints ("estimators")')
     found = []
     for name, scores in sorted(estimators.items()):
         for metric, value in sorted(scores.items()):
             if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise StrideTwinError(
-                    f"{source}: estimators.{name}.{metric}: {value!r} is not valid; valid: a number"
-                )
+                raise StrideTwinError(f"{source}: estimators.{name}.{metric}: {value!r} is not valid; valid: a number")
             if metric in _NOT_JUDGED:
                 continue
             slack = next((s for unit, s in _SLACK.items() if metric.endswith(unit)), 0.0)
@@ -66,7 +60,5 @@ def regressions(
             limit = value - allowance if higher else value + allowance
             current = now.get(name, {}).get(metric)
             if current is None or (current < limit if higher else current > limit):
-                found.append(
-                    Regression(estimator=name, metric=metric, baseline=value, now=current, limit=limit)
-                )
+                found.append(Regression(estimator=name, metric=metric, baseline=value, now=current, limit=limit))
     return found

@@ -42,45 +42,33 @@ def parser() -> argparse.ArgumentParser:
 
     def command(name: str, words: str, act: object) -> argparse.ArgumentParser:
         p = commands.add_parser(name, help=words, description=words[:1].upper() + words[1:] + ".")
-        p.add_argument(
-            "--json", action="store_true", help="print one JSON object on stdout and nothing else there"
-        )
+        p.add_argument("--json", action="store_true", help="print one JSON object on stdout and nothing else there")
         p.set_defaults(act=act)
         return p
 
     def walk(p: argparse.ArgumentParser) -> None:
-        p.add_argument(
-            "scenario", metavar="SCENARIO", help="name in the catalogue (see `list`), or a .yaml file"
-        )
+        p.add_argument("scenario", metavar="SCENARIO", help="name in the catalogue (see `list`), or a .yaml file")
         p.add_argument("--physics", help="how the body moves: kinematic (default: as the scenario says)")
         p.add_argument("--seed", type=_seed, default=0, help="fixes every byte of the recording (default 0)")
-        p.add_argument(
-            "--no-cameras", action="store_true", help="leave every camera of the rig off: much faster"
-        )
+        p.add_argument("--no-cameras", action="store_true", help="leave every camera of the rig off: much faster")
 
     p = command("run", "walk, estimate and score in one go", run_command)
     walk(p)
-    p.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="folder for the files (default runs/SCENARIO)"
-    )
+    p.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for the files (default runs/SCENARIO)")
     p.add_argument("--no-film", action="store_true", help="leave the film out of the report")
 
     command("list", "list scenarios, sensors and estimators", list_command)
 
     p = command("generate", "make a recording of a walk, without estimates", generate_command)
     walk(p)
-    p.add_argument(
-        "-o", "--output", type=Path, metavar="PATH", required=True, help="recording to write, .mcap"
-    )
+    p.add_argument("-o", "--output", type=Path, metavar="PATH", required=True, help="recording to write, .mcap")
 
     p = command("export", "write paths or IMU tables that other tools read", export_command)
     _source(p, "RECORDING", "recording, .mcap")
     p.add_argument(
         "--format", required=True, choices=("tum", "table"), help="tum: true path; table: IMU as .csv or .npz"
     )
-    p.add_argument(
-        "--frame", default="foot_l/imu", help="whose path or IMU, such as pelvis (default foot_l/imu)"
-    )
+    p.add_argument("--frame", default="foot_l/imu", help="whose path or IMU, such as pelvis (default foot_l/imu)")
     p.add_argument("-o", "--output", type=Path, metavar="PATH", required=True, help="file to write")
 
     p = command("estimate", "run one estimator on a recording or an IMU table", estimate_command)
@@ -95,15 +83,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--estimate", action="append", default=[], metavar="NAME=FILE", help="score a TUM file made elsewhere"
     )
-    p.add_argument(
-        "--frame", default="foot_l/imu", help="frame of the files given by --estimate (default foot_l/imu)"
-    )
+    p.add_argument("--frame", default="foot_l/imu", help="frame of the files given by --estimate (default foot_l/imu)")
     p.add_argument(
         "--align", default="start", choices=("start", "yaw", "se3"), help="how paths are laid over the truth"
     )
-    p.add_argument(
-        "--baseline", type=Path, metavar="FILE", help="an earlier `score --json`; exit 1 where one is worse"
-    )
+    p.add_argument("--baseline", type=Path, metavar="FILE", help="an earlier `score --json`; exit 1 where one is worse")
     p.add_argument(
         "--tolerance", type=_share, default=10.0, metavar="PCT", help="how much worse may be (default 10 %%)"
     )
@@ -144,9 +128,7 @@ def _failed(console: Console, message: str) -> int:
 
 def _source(p: argparse.ArgumentParser, name: str, words: str) -> None:
     p.add_argument("source", type=Path, metavar=name, help=words)
-    p.add_argument(
-        "--lenient", action="store_true", help="read a damaged or suspicious source as far as it goes"
-    )
+    p.add_argument("--lenient", action="store_true", help="read a damaged or suspicious source as far as it goes")
 
 
 def _seed(text: str) -> int:

@@ -72,9 +72,7 @@ def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     record(twin, arguments.output, progress)
     data = {"recording": str(arguments.output), "duration_s": twin.duration_s, "seed": arguments.seed}
-    return Outcome(
-        data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"]
-    )
+    return Outcome(data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"])
 
 
 def list_command(arguments: Namespace, progress: Progress) -> Outcome:
@@ -112,9 +110,7 @@ def export_command(arguments: Namespace, progress: Progress) -> Outcome:
     else:
         imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
         if arguments.frame not in imus:
-            raise StrideTwinError(
-                f"{arguments.source}: no IMU {arguments.frame!r}; it has {', '.join(imus) or 'none'}"
-            )
+            raise StrideTwinError(f"{arguments.source}: no IMU {arguments.frame!r}; it has {', '.join(imus) or 'none'}")
         block = recording.block(f"/{arguments.frame}")
         rows = len(block)
         write_imu_table(arguments.output, block)
@@ -154,13 +150,9 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     for i, path in enumerate(arguments.recordings):
         progress("score", i / len(arguments.recordings))
         recording = _recording(path, arguments.lenient)
-        made = [Estimate(name=n, frame=arguments.frame, path=read_tum(f)) for n, f in named] or estimates(
-            recording
-        )
+        made = [Estimate(name=n, frame=arguments.frame, path=read_tum(f)) for n, f in named] or estimates(recording)
         if not made:
-            raise StrideTwinError(
-                f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu"
-            )
+            raise StrideTwinError(f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu")
         scores.append({r.estimate.name: r.scores for r in evaluate(recording, made, arguments.align)})
         entries.append({"name": path.stem, "metadata": _public(recording.metadata), "estimators": scores[-1]})
     mean = summary(scores)
@@ -188,9 +180,7 @@ def view_command(arguments: Namespace, progress: Progress) -> Outcome:
     target = arguments.output or arguments.source.with_suffix(".rrd")
     with whole_file(target) as file:
         write_rerun(file, recording, results)
-    display = sys.platform in ("darwin", "win32") or any(
-        os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY")
-    )
+    display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
     if display:
         subprocess.Popen([sys.executable, "-m", "rerun", str(target)])
     words = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"

@@ -74,18 +74,14 @@ def true_path(recording: Recording, frame: str) -> TruePath:
     """
     frames = true_frames(recording.topics)
     if frame not in frames:
-        raise RecordingError(
-            f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}"
-        )
+        raise RecordingError(f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}")
     return TruePath.of(recording.block(f"/truth/{frame}/odometry"))
 
 
 def true_frames(topics: Iterable[str]) -> list[str]:
     """Frames whose true path is among the topics."""
     prefix, suffix = "/truth/", "/odometry"
-    return sorted(
-        t[len(prefix) : -len(suffix)] for t in topics if t.startswith(prefix) and t.endswith(suffix)
-    )
+    return sorted(t[len(prefix) : -len(suffix)] for t in topics if t.startswith(prefix) and t.endswith(suffix))
 
 
 def evaluate(recording: Recording, made: Iterable[Estimate], alignment: str = "start") -> list[Result]:

@@ -77,9 +77,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[str]:
         curves = [
             (
                 s.foot,
-                over_cycle(
-                    s, block.t_ns, np.degrees(block.columns["position"][:, names.index(f"{joint}_{s.foot}")])
-                ),
+                over_cycle(s, block.t_ns, np.degrees(block.columns["position"][:, names.index(f"{joint}_{s.foot}")])),
             )
             for s in strides
             if f"{joint}_{s.foot}" in names

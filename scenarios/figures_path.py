@@ -32,9 +32,7 @@ def side_view(profile: Sequence[Strip], results: Sequence[Result]) -> str:
     span_z = data_range(zs, include=(floor - 0.12,))
 
     def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=300, x=span_x, y=span_z, title="Side view", x_label="x, m", y_label="z, m"
-        )
+        plot = Plot(width=width, height=300, x=span_x, y=span_z, title="Side view", x_label="x, m", y_label="z, m")
         for strip in profile:
             x = np.clip([strip.x0, strip.x1], *span_x)
             if x[1] > x[0]:
@@ -55,15 +53,11 @@ def plan_view(results: Sequence[Result], footprints: Block[Footprint] | None) ->
     span_y = data_range(_coordinates(results, 1), margin=0.2)
 
     def draw(width: float) -> Plot:
-        plot = Plot(
-            width=width, height=260, x=span_x, y=span_y, title="Plan view", x_label="x, m", y_label="y, m"
-        )
+        plot = Plot(width=width, height=260, x=span_x, y=span_y, title="Plan view", x_label="x, m", y_label="y, m")
         if prints:
             for x, y, _ in prints:
                 x_to, half = x + _FOOT_M, 0.045
-                plot.polygon(
-                    [x, x_to, x_to, x], [y - half, y - half, y + half, y + half], "#e8edf3", stroke="#c9d3de"
-                )
+                plot.polygon([x, x_to, x_to, x], [y - half, y - half, y + half, y + half], "#e8edf3", stroke="#c9d3de")
         _paths(plot, results, 1)
         return plot
 

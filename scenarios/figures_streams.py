@@ -58,9 +58,7 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
         euler = Rotation.from_quat(c["q_world_sensor"], scalar_first=True).as_euler("ZYX", degrees=True)
         return [Curves(title=f"{name}: attitude, °", values=euler, labels=("yaw", "pitch", "roll"))]
     if kind is Insole:
-        return [
-            Curves(title=f"{name}: force, N", values=c["force"], labels=("heel", "lateral", "medial", "toe"))
-        ]
+        return [Curves(title=f"{name}: force, N", values=c["force"], labels=("heel", "lateral", "medial", "toe"))]
     if kind is Interaction:
         return [Curves(title=f"{name}: force, N", values=c["force"], labels=("front", "back"))]
     if kind is Range:

@@ -9,12 +9,7 @@ from importlib import resources
 from string import Template
 
 from stridetwin.scenarios.evaluate import FEET, Result
-from stridetwin.scenarios.figures_gait import (
-    ground_reaction_figure,
-    joint_figures,
-    level_strides,
-    pressure_figure,
-)
+from stridetwin.scenarios.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
 from stridetwin.scenarios.figures_path import error_over_time, foot_of, plan_view, side_view
 from stridetwin.scenarios.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.scenarios.film import Film, data_uri, jpeg_uri
@@ -217,8 +212,7 @@ def _score_table(results: Sequence[Result]) -> str:
     for key, words, unit, digits in _ROWS:
         if any(key in r.scores for r in results):
             cells = "".join(
-                f'<td class="n">{_number(r.scores[key], digits) if key in r.scores else "–"}</td>'
-                for r in results
+                f'<td class="n">{_number(r.scores[key], digits) if key in r.scores else "–"}</td>' for r in results
             )
             rows += f"<tr><td>{words}</td>{cells}<td>{unit or '–'}</td></tr>"
     table = f'<div class="scroll"><table><tr><th>Score</th>{head}<th>Unit</th></tr>{rows}</table></div>'

@@ -37,9 +37,7 @@ def write_rerun(path: Path, recording: Recording, results: Sequence[Result]) -> 
     """
     import rerun as rr
 
-    stream = rr.RecordingStream(
-        "stridetwin", recording_id=f"stridetwin-{recording.metadata.get('scenario', 'walk')}"
-    )
+    stream = rr.RecordingStream("stridetwin", recording_id=f"stridetwin-{recording.metadata.get('scenario', 'walk')}")
     stream.save(path, default_blueprint=_blueprint(recording, results))
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _terrain(rr, stream, from_metadata(recording.metadata))
@@ -94,9 +92,7 @@ def _paths(rr: Any, stream: Any, recording: Recording, results: Sequence[Result]
             stream.log(f"world/{result.estimate.name}/{kind}", line, static=True)
     for frame in true_frames(recording.topics):
         block = recording.block(f"/truth/{frame}/odometry")
-        t, p, q = _thinned(
-            block.t_ns, _POSES_HZ, block.columns["p_frame_in_world"], block.columns["q_world_frame"]
-        )
+        t, p, q = _thinned(block.t_ns, _POSES_HZ, block.columns["p_frame_in_world"], block.columns["q_world_frame"])
         entity = f"world/truth/{frame}"
         stream.log(entity, rr.TransformAxes3D(0.12), static=True)
         stream.send_columns(
@@ -145,6 +141,4 @@ def _blueprint(recording: Recording, results: Sequence[Result]) -> Any:
     ]
     left = rrb.Vertical(rrb.Spatial3DView(origin="world", name="walk"), rrb.Grid(*cameras), row_shares=[3, 2])
     world = left if cameras else rrb.Spatial3DView(origin="world", name="walk")
-    return rrb.Blueprint(
-        rrb.Horizontal(world, rrb.Vertical(*series), column_shares=[3, 2]), collapse_panels=True
-    )
+    return rrb.Blueprint(rrb.Horizontal(world, rrb.Vertical(*series), column_shares=[3, 2]), collapse_panels=True)

@@ -115,9 +115,7 @@ def run_scenario(
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
         scores = {r.estimate.name: r.scores for r in results}
-        (out / "scores.json").write_text(
-            json_text(scores_document(scenario, seed, results)), encoding="utf-8"
-        )
+        (out / "scores.json").write_text(json_text(scores_document(scenario, seed, results)), encoding="utf-8")
         film = None
         if pictures:
             film = make_film(_told(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress), twin.duration_s)

@@ -49,9 +49,7 @@ class Scenario:
     config: TwinConfig
 
 
-def _scenario(
-    description: str, terrain: tuple[Segment, ...], width_m: float = 2.4, **rest: Any
-) -> dict[str, Any]:
+def _scenario(description: str, terrain: tuple[Segment, ...], width_m: float = 2.4, **rest: Any) -> dict[str, Any]:
     return {"description": description, "route": Route(segments=terrain, width_m=width_m), **rest}
 
 
@@ -120,9 +118,7 @@ class _StrictLoader(yaml.SafeLoader):
         for i, key in enumerate(keys):
             if key in keys[:i]:
                 mark = node.value[i][0].start_mark
-                raise yaml.constructor.ConstructorError(
-                    problem=f"the key {key!r} stands twice", problem_mark=mark
-                )
+                raise yaml.constructor.ConstructorError(problem=f"the key {key!r} stands twice", problem_mark=mark)
         return super().construct_mapping(node, deep)
 
 
@@ -148,9 +144,7 @@ def load_scenario(name: str) -> Scenario:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.parent != Path("."):
         return read_scenario(path)
-    raise StrideTwinError(
-        f"there is no scenario {name!r}; valid: {suggest(name, known)}, or the path of a .yaml file"
-    )
+    raise StrideTwinError(f"there is no scenario {name!r}; valid: {suggest(name, known)}, or the path of a .yaml file")
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -181,9 +175,7 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
     for i, segment in enumerate(segments):
         kind = type(segment).__name__.lower()
         if i in (0, len(segments) - 1) and kind != "level":
-            raise ConfigError(
-                path, f"terrain[{i}]", kind, "level (a walk starts and ends standing on the level)"
-            )
+            raise ConfigError(path, f"terrain[{i}]", kind, "level (a walk starts and ends standing on the level)")
         if i and kind == "stairs" and isinstance(segments[i - 1], Stairs):
             valid = "level, ramp (the last riser of the stairs before needs a landing)"
             raise ConfigError(path, f"terrain[{i}]", kind, valid)

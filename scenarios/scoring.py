@@ -58,9 +58,7 @@ def compare(estimate: Trajectory, path: TruePath, alignment: str = "start") -> C
     Raises:
         RecordingError: The estimate is not finite, or has fewer than two stamps within the truth's span.
     """
-    finite = np.isfinite(estimate.p_frame_in_world).all(axis=1) & np.isfinite(estimate.q_world_frame).all(
-        axis=1
-    )
+    finite = np.isfinite(estimate.p_frame_in_world).all(axis=1) & np.isfinite(estimate.q_world_frame).all(axis=1)
     if not finite.all():
         at = estimate.t_ns[(~finite).argmax()] / 1e9
         raise RecordingError(f"the estimate is not finite at t = {at:.3f} s; every pose must be")

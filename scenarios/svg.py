@@ -85,11 +85,7 @@ class Plot:
 
     def _py(self, y: ArrayLike) -> Array:
         span = self.height - _TOP - self._bottom
-        return (
-            self.height
-            - self._bottom
-            - (np.asarray(y, dtype=float) - self.y[0]) / (self.y[1] - self.y[0]) * span
-        )
+        return self.height - self._bottom - (np.asarray(y, dtype=float) - self.y[0]) / (self.y[1] - self.y[0]) * span
 
     def _points(self, x: ArrayLike, y: ArrayLike) -> str:
         return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(self._px(x), self._py(y)))
@@ -133,9 +129,7 @@ class Plot:
     def note(self, x: float, y: float, words: str, *, anchor: str = "middle") -> None:
         """Words at a place in the data."""
         at = f'x="{float(self._px(x)):.1f}" y="{float(self._py(y)):.1f}"'
-        self._marks.append(
-            f'<text {at} text-anchor="{anchor}" fill="{_MUTED}" font-size="11">{escape(words)}</text>'
-        )
+        self._marks.append(f'<text {at} text-anchor="{anchor}" fill="{_MUTED}" font-size="11">{escape(words)}</text>')
 
     def _grid(self) -> list[str]:
         out = []
@@ -146,9 +140,7 @@ class Plot:
             out.append(f'<text x="{left - 6}" y="{at + 4:.1f}" text-anchor="end">{_number(value)}</text>')
         for value in ticks(self.x, int(self.width / 80)):
             at = float(self._px(value))
-            out.append(
-                f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{bottom + 4:g}" stroke="#b8c3d0"/>'
-            )
+            out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{bottom + 4:g}" stroke="#b8c3d0"/>')
             out.append(f'<text x="{at:.1f}" y="{bottom + 17:g}" text-anchor="middle">{_number(value)}</text>')
         out.append(f'<line x1="{left}" x2="{right:g}" y1="{bottom:g}" y2="{bottom:g}" stroke="#b8c3d0"/>')
         if self.x_label:

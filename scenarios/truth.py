@@ -50,9 +50,7 @@ class TruePath:
     @property
     def poses(self) -> Trajectory:
         """The poses at the path's own stamps."""
-        return Trajectory(
-            t_ns=self.t_ns, p_frame_in_world=self.p_frame_in_world, q_world_frame=self.q_world_frame
-        )
+        return Trajectory(t_ns=self.t_ns, p_frame_in_world=self.p_frame_in_world, q_world_frame=self.q_world_frame)
 
     def since(self, t_ns: int) -> TruePath:
         """The path without what lies before a time (but its last two samples stay)."""
@@ -91,8 +89,6 @@ class TruePath:
             + s**2 * (3 - 2 * s) * self.p_frame_in_world[i + 1]
             + s**2 * (s - 1) * h * self.v_frame_in_world[i + 1]
         )
-        attitudes = Slerp(
-            (self.t_ns - self.t_ns[0]) * 1e-9, Rotation.from_quat(self.q_world_frame, scalar_first=True)
-        )
+        attitudes = Slerp((self.t_ns - self.t_ns[0]) * 1e-9, Rotation.from_quat(self.q_world_frame, scalar_first=True))
         q = attitudes((t_ns - self.t_ns[0]) * 1e-9).as_quat(scalar_first=True)
         return Trajectory(t_ns=t_ns, p_frame_in_world=p, q_world_frame=q)

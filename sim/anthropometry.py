@@ -75,7 +75,7 @@ class Anthropometry:
         hip_half_width_m: Half the distance of the hip centres.
         shoe_length_m: Outer length of the shoe.
         trunk_m: Hip centres to the top of the head.
-        inertials: Mass properties by body name (pelvis, torso, head, upper_arm, forearm, hand, thigh, shank, foot, toe).
+        inertials: Mass properties by body: pelvis, torso, head, upper_arm, forearm, hand, thigh, shank, foot, toe.
     """
 
     thigh_m: float
@@ -119,7 +119,8 @@ def anthropometry(person: Person) -> Anthropometry:
     lower = length("lower_trunk")
     middle = lower + length("middle_trunk")
     torso = _combine(
-        segment("middle_trunk", middle - lumbar), segment("upper_trunk", middle + length("upper_trunk") - lumbar)
+        segment("middle_trunk", middle - lumbar),
+        segment("upper_trunk", middle + length("upper_trunk") - lumbar),
     )
     foot = segment("foot", 0.0)
     toe_share, ankle_height = 0.12, bare_ankle + SHOE_SOLE_M

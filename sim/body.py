@@ -75,7 +75,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person) -> Wearer:
     """
     size = wearer(person)
     body = size.body
-    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # equal density: mass ~ height x girth^2
+    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826
     trunk = _leaf("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth)
@@ -145,7 +145,7 @@ def _stretch_shank(leg: mujoco.MjSpec, k: float) -> None:
 
 
 def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
-    """Stretches the shoe along the foot; what lies behind the heel's centre stays, so that heel mounts fit every shoe."""
+    """Stretches the shoe along the foot; the heel stays as it is, so that heel mounts fit every shoe."""
     for geom in [g for b in shoe.bodies for g in b.geoms]:
         stretch = 1.0 if geom.name in ("sole_heel", "upper_heel", "ankle") else k
         geom.pos = np.asarray(geom.pos) * [stretch, 1.0, 1.0]
@@ -153,7 +153,10 @@ def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
 
 
 def _fit_exoskeleton(exo: mujoco.MjSpec, size: Wearer) -> None:
-    for body, nominal, length in (("exo_thigh", 0.4222, size.exo_thigh_m), ("exo_shank", 0.4340, size.exo_shank_m)):
+    for body, nominal, length in (
+        ("exo_thigh", 0.4222, size.exo_thigh_m),
+        ("exo_shank", 0.4340, size.exo_shank_m),
+    ):
         for geom in exo.body(body).geoms:
             if geom.name.endswith("_bar"):
                 geom.pos = np.asarray(geom.pos) * [1.0, 1.0, length / nominal]
@@ -179,7 +182,11 @@ def _mirror(spec: mujoco.MjSpec) -> None:
 
 
 def _attach(
-    parent: mujoco.MjsBody, leaf: mujoco.MjSpec, body: str, pos: np.ndarray | list[float] | None = None, side: str = ""
+    parent: mujoco.MjsBody,
+    leaf: mujoco.MjSpec,
+    body: str,
+    pos: np.ndarray | list[float] | None = None,
+    side: str = "",
 ) -> None:
     if side == "r":
         _mirror(leaf)

@@ -93,8 +93,16 @@ class TwinConfig:
     gait: Gait = field(default_factory=Gait)
     physics: str = "kinematic"
     sensors: tuple[str, ...] = (
-        "foot_imu", "foot_camera", "sonar", "insole", "ahrs", "encoder", "interaction", "actuator",
-        "head_imu", "head_camera",
+        "foot_imu",
+        "foot_camera",
+        "sonar",
+        "insole",
+        "ahrs",
+        "encoder",
+        "interaction",
+        "actuator",
+        "head_imu",
+        "head_camera",
     )
     rig_mount: str = "head"
     ideal: bool = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
 
@@ -25,11 +26,16 @@ class FootLoad:
     force: Array
     torque: Array
     cop: Array
-    loaded: Array
+    loaded: NDArray[np.bool_]
 
 
 def share_out(
-    force: Array, torque: Array, origin: Array, shares: dict[str, Array], planned: dict[str, Array], p_foot: dict[str, Array]
+    force: Array,
+    torque: Array,
+    origin: Array,
+    shares: dict[str, Array],
+    planned: dict[str, Array],
+    p_foot: dict[str, Array],
 ) -> tuple[dict[str, FootLoad], Array, Array]:
     """Splits a total wrench between the feet.
 
@@ -48,9 +54,9 @@ def share_out(
         The loads by foot, and the force (N, 3) and torque (N, 3) that they leave unexplained.
     """
     kept = {f: np.where(s > LIFTED, s, 0.0) for f, s in shares.items()}
-    whole = sum(kept.values())
+    whole = np.sum(list(kept.values()), axis=0)
     shares = {f: s / whole for f, s in kept.items()}
-    middle = sum(shares[f][:, None] * planned[f] for f in shares)
+    middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)
     arm_z = middle[:, 2] - origin[:, 2]
     lift = np.maximum(force[:, 2], 1.0)  # in free fall there is no zero-moment point
     x = origin[:, 0] + (arm_z * force[:, 0] - torque[:, 1]) / lift

@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.rotation import (
-    euler_accelerations_to_body, euler_rates_to_body, from_euler, quat_from_matrix,
+    euler_accelerations_to_body,
+    euler_rates_to_body,
+    from_euler,
+    quat_from_matrix,
 )  # fmt: skip
 from stridetwin.streams.samples import Array
 
@@ -47,7 +50,7 @@ class Coordinates:
         )
 
     def to_mujoco(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
-        """qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""
+        """Qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""
         n = len(x)
         q, v, a = np.empty((n, self.nq)), np.empty((n, self.nv)), np.empty((n, self.nv))
         q[:, :3], v[:, :3], a[:, :3] = x[:, :3], dx[:, :3], ddx[:, :3]

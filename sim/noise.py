@@ -6,6 +6,7 @@ import zlib
 from typing import Self
 
 import numpy as np
+
 from stridetwin.streams.samples import Array
 
 

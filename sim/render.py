@@ -18,6 +18,7 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
 
@@ -189,9 +190,7 @@ class FilmCamera(_OffScreen):
         super().__init__(model, width, height, _FILM)
         self._camera = mujoco.MjvCamera()
 
-    def frame(
-        self, data: mujoco.MjData, lookat: ArrayLike, azimuth: float, elevation: float, distance: float
-    ) -> Rgb:
+    def frame(self, data: mujoco.MjData, lookat: ArrayLike, azimuth: float, elevation: float, distance: float) -> Rgb:
         """One picture.
 
         Args:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from importlib import resources
 
 import mujoco
+
 from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.streams.rig import Mount, Rig
 

@@ -108,13 +108,11 @@ def _check(route: Route) -> None:
                     isinstance(risers, int) and risers >= 1,
                     "a whole number from 1 on",
                 )
-                _demand(f"{at}.riser_m", riser, low < riser <= high, f"above {low} up to {high} m")
+                _demand(f"{at}.riser_m", riser, low - 1e-9 <= riser <= high + 1e-9, f"{low} to {high} m")
                 _demand(f"{at}.tread_m", tread, tread >= TREAD_MIN_M, f"at least {TREAD_MIN_M} m")
                 after = route.segments[i + 1 : i + 2]
                 landing = not any(isinstance(s, Stairs) for s in after)
-                _demand(
-                    f"segments[{i + 1}]", after, landing, "a level or a ramp after stairs, for the last riser"
-                )
+                _demand(f"segments[{i + 1}]", after, landing, "a level or a ramp after stairs, for the last riser")
 
 
 def _demand(field: str, value: object, valid: bool, range_in_words: str) -> None:

@@ -13,6 +13,7 @@ from functools import cache
 
 import mujoco
 import numpy as np
+
 from stridetwin.sim.route import Strip
 from stridetwin.sim.solids import Box, Solid, corners
 from stridetwin.sim.textures import PERIOD_M, SIZE, TEXTURES, Pixels
@@ -71,9 +72,7 @@ def landmarks(profile: Sequence[Strip], width_m: float, ground_m: float) -> tupl
     return (*found, Landmark(box=wall, material="brick"))
 
 
-def _pillar(
-    rng: np.random.Generator, x: float, side: float, inner: float, z: float, bottom: float
-) -> list[Landmark]:
+def _pillar(rng: np.random.Generator, x: float, side: float, inner: float, z: float, bottom: float) -> list[Landmark]:
     size = rng.uniform(0.3, 0.45)
     y = side * (inner + size / 2 + rng.uniform(0.0, 0.5))
     top = z + rng.uniform(1.7, 2.6)
@@ -127,9 +126,7 @@ def _top(solid: Solid, start: float, end: float, material: str) -> Quad:
     a, b, c, d = corners(solid)[4:]
     s, e = start / solid.length, end / solid.length
     piece = np.array([a + s * (b - a), a + e * (b - a), d + e * (c - d), d + s * (c - d)])
-    along = (
-        np.array([start, end, end, start]) * math.hypot(solid.length, solid.end - solid.start) / solid.length
-    )
+    along = np.array([start, end, end, start]) * math.hypot(solid.length, solid.end - solid.start) / solid.length
     across = np.array([0.0, 0.0, solid.width, solid.width])
     uv = np.column_stack([solid.x - solid.length / 2 + along, across])
     return Quad(piece, uv, material)
@@ -180,9 +177,7 @@ def _add_material(spec: mujoco.MjSpec, name: str) -> mujoco.MjsMaterial:
     if name == _NOSING:
         material.rgba = (0.93, 0.87, 0.68, 1.0)
         return material
-    texture = spec.add_texture(
-        name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3
-    )
+    texture = spec.add_texture(name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3)
     texture.data = _texture(name).tobytes()
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = full
     return material
@@ -207,7 +202,7 @@ def add_sky(spec: mujoco.MjSpec) -> None:
     """Adds a sky gradient, a sun and soft light from all around."""
     spec.add_texture(
         name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.42, 0.62, 0.86), rgb2=(0.90, 0.93, 0.95), width=256, height=1536,
+        rgb1=(0.42, 0.62, 0.86), rgb2=(0.90, 0.93, 0.95), width=32, height=192,
     )  # fmt: skip
     for name, direction, colour, shadow in (
         ("sun", (0.35, 0.45, -0.82), (0.62, 0.60, 0.55), True),

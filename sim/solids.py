@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from stridetwin.sim.solids_kernel import cast, top
 from stridetwin.streams.samples import Array
 
@@ -98,9 +99,7 @@ class SolidSet:
         self._centre = np.stack([column["x"], column["y"]], axis=-1)
         self._half = np.stack([column["length"], column["width"]], axis=-1) / 2
         cos, sin = np.cos(column["yaw"]), np.sin(column["yaw"])
-        self._axes = np.stack(
-            [np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], axis=-2
-        )  # rows: own x, y
+        self._axes = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], axis=-2)  # rows: own x, y
         self._plan = np.array([corners(s)[:4, :2] for s in solids])
         self._bottom = column["bottom"]
         self._mid = (column["start"] + column["end"]) / 2

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
+
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -80,9 +81,7 @@ def _foot_imu(side: str) -> ImuCalibration:
         topic=f"/foot_{side}/imu",
         part="Analog Devices ADIS16485",
         rate_hz=120.0,
-        mount=Mount(
-            body=f"foot_{side}", T_body_sensor=_pose(np.eye(3), (-0.030, 0.042 * _outward(side), 0.060))
-        ),
+        mount=Mount(body=f"foot_{side}", T_body_sensor=_pose(np.eye(3), (-0.030, 0.042 * _outward(side), 0.060))),
         gyroscope_noise_density=0.3 * _DEG / 60,
         gyroscope_random_walk=6.25 * _DEG / 3600 / math.sqrt(_WALK_S),
         accelerometer_noise_density=0.023 / 60,
@@ -101,9 +100,7 @@ def _foot_camera(side: str) -> CameraCalibration:
         rate_hz=60.0,
         mount=Mount(
             body=f"foot_{side}",
-            T_body_sensor=_pose(
-                _looking(forward, roll=math.pi / 2 * inward), (-0.070, 0.045 * inward, 0.036)
-            ),
+            T_body_sensor=_pose(_looking(forward, roll=math.pi / 2 * inward), (-0.070, 0.045 * inward, 0.036)),
         ),
         width=800,
         height=600,
@@ -172,9 +169,7 @@ def _sonars() -> list[OtherSensor]:
             rate_hz=25.0,
             mount=Mount(
                 body=f"foot_{side}",
-                T_body_sensor=_pose(
-                    _x_along((0.0, -_outward(side), 0.0)), (-0.030, -0.040 * _outward(side), 0.050)
-                ),
+                T_body_sensor=_pose(_x_along((0.0, -_outward(side), 0.0)), (-0.030, -0.040 * _outward(side), 0.050)),
             ),
             # The sheet gives no noise: 1 cm stands for a third of its 43 mm of range quantum.
             parameters={"beam_rad": 60 * _DEG, "range_max_m": 6.0, "range_sd_m": 0.01},
@@ -210,9 +205,7 @@ def _ahrs() -> list[OtherSensor]:
     # LORD 3DM-GX4-25 on the back: 0.5 deg dynamic pitch and roll, 2 deg heading. NTRexLAB MW-AHRS on the
     # limbs: 0.5 deg and 2 deg as well. Half of it is taken as constant over a walk.
     places = {"back": ("exo_back", "LORD 3DM-GX4-25")} | {
-        f"{part}_{side}": (f"exo_{part}_{side}", "NTRexLAB MW-AHRS")
-        for part in ("thigh", "foot")
-        for side in SIDES
+        f"{part}_{side}": (f"exo_{part}_{side}", "NTRexLAB MW-AHRS") for part in ("thigh", "foot") for side in SIDES
     }
     return [
         OtherSensor(

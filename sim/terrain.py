@@ -13,17 +13,10 @@ from functools import cached_property
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from stridetwin.sim.config import Route
 from stridetwin.sim.route import Strip, lay_out
-from stridetwin.sim.scenery import (
-    Landmark,
-    add_ground,
-    add_quads,
-    add_sky,
-    landmarks,
-    paint_landmarks,
-    paint_way,
-)
+from stridetwin.sim.scenery import Landmark, add_ground, add_quads, add_sky, landmarks, paint_landmarks, paint_way
 from stridetwin.sim.solids import Box, Solid, SolidSet, Wedge, corners
 from stridetwin.streams.samples import Array
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+
 from stridetwin.streams.samples import Array
 
 SIZE = 1024

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
+
 from stridetwin.streams.samples import Array
 
 
@@ -31,8 +33,8 @@ class Track:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def __getitem__(self, rows: slice) -> Track:
-        """Track of a slice of the instants."""
+    def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> Track:
+        """Track of some of the instants: a slice, or increasing numbers."""
         return Track(
             t_ns=self.t_ns[rows],
             p_body_in_world=self.p_body_in_world[rows],

@@ -22,9 +22,7 @@ SWING, CONTACT, FLAT, HEEL_OFF = 0, 1, 2, 3
 _FLAT_RAD = 0.01
 
 
-def truth(
-    reference: Reference, rig: Rig, motion: Motion, loads: Loads, after_ns: int
-) -> Iterator[Block[Any] | Sample]:
+def truth(reference: Reference, rig: Rig, motion: Motion, loads: Loads, after_ns: int) -> Iterator[Block[Any] | Sample]:
     """Truth at the instants of `loads` and the footprints between `after_ns` and the last of them."""
     t_ns = loads.t_ns
     rows = motion.rows(t_ns)
@@ -49,7 +47,10 @@ def truth(
         on = load.loaded
         if on.any():
             yield Block(
-                topic=f"/truth/foot_{side}/cop", kind=Point, t_ns=t_ns[on], columns={"p_in_world": load.cop[on]}
+                topic=f"/truth/foot_{side}/cop",
+                kind=Point,
+                t_ns=t_ns[on],
+                columns={"p_in_world": load.cop[on]},
             )
         yield Block(
             topic=f"/truth/foot_{side}/phase", kind=FootPhase, t_ns=t_ns,
@@ -59,7 +60,7 @@ def truth(
     yield from _footprints(reference, after_ns, int(t_ns[-1]))
 
 
-def foot_phase(reference: Reference, side: str, t: NDArray[np.float64]) -> NDArray[np.uint8]:
+def foot_phase(reference: Reference, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     """(N,) phase of a foot: 0 swing, 1 first contact until flat, 2 flat, 3 heel off (phases of Shim et al. 2019)."""
     steps = reference.steps[side]
     pitch = np.interp(t, reference.grid, reference.paths[side].pitch)
@@ -82,9 +83,7 @@ def _odometry(topic: str, track: Track) -> Block[Odometry]:
 
 
 def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Block[Wrench]:
-    return Block(
-        topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque}
-    )
+    return Block(topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque})
 
 
 def _footprints(reference: Reference, after_ns: int, until_ns: int) -> Iterator[Footprint]:

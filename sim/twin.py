@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stridetwin.sim import truth
 from stridetwin.sim.body import add_wearer, compile_model
-from stridetwin.sim.cameras import Cameras
+from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.gait.reference import Reference, reference
 from stridetwin.sim.playback import Playback
@@ -72,8 +72,9 @@ class Twin:
         playback = Playback(self.model, self.reference)
         suite = SensorSuite(self.rig, self.terrain, self.seed, self.config.ideal)
         end_ns = int(self.duration_s * 1e9)
-        with Cameras(self.model, self.rig, self.seed, self.config.ideal) as cameras:
-            rates = suite.rates | cameras.rates | {truth.RATE_HZ}
+        cameras = list(self.rig.cameras.values())
+        rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
+        with CameraProcesses(self.model, cameras, self.seed, self.config.ideal) as rendering:
             after_ns = -1
             while after_ns < end_ns:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
@@ -82,11 +83,12 @@ class Twin:
                 if len(truth_ns):
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
+                    rendering.ask(motion, after_ns, until_ns)
                     yield [
                         *suite.read(motion, loads, after_ns, until_ns),
                         *truth.truth(self.reference, self.rig, motion, loads, after_ns),
                     ]
-                    for picture in cameras.frames(motion, after_ns, until_ns):
+                    for picture in rendering.pictures():
                         yield [picture]
                 after_ns = until_ns
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array, Block, Imu
 
@@ -60,19 +61,13 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
             columns: dict[str, NDArray[Any]] = {n: table[n] for n in ("t", "accel", "gyro") if n in table}
             there = table.files
     except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise StrideTwinError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     for name, shape in (("t", "(N,)"), ("accel", "(N, 3)"), ("gyro", "(N, 3)")):
         if name not in columns:
-            raise ConfigError(
-                path, name, None, f"an array {name} {shape}; the table has {', '.join(there) or 'none'}"
-            )
+            raise ConfigError(path, name, None, f"an array {name} {shape}; the table has {', '.join(there) or 'none'}")
         want = (len(columns["t"]),) if name == "t" else (len(columns["t"]), 3)
         if columns[name].shape != want or columns[name].dtype.kind not in "fiu":
-            raise ConfigError(
-                path, name, f"{columns[name].dtype} {columns[name].shape}", f"numbers of shape {want}"
-            )
+            raise ConfigError(path, name, f"{columns[name].dtype} {columns[name].shape}", f"numbers of shape {want}")
     return tuple(columns[n].astype(np.float64) for n in ("t", "accel", "gyro"))  # type: ignore[return-value]
 
 
@@ -81,9 +76,7 @@ def _read_csv(path: Path) -> tuple[Array, Array, Array]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if line]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise StrideTwinError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     header = [name.strip() for name in lines[0]] if lines else []
     where = [_column(path, header, ("t",))]
     for quantity in ("accel", "gyro"):

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -139,9 +140,7 @@ def _rig(root: Node) -> Rig:
     inertial = [_imu(root.at(name), ours.at(name) if has_ours else None) for name in imus]
     rig = Rig(
         imus=_by_topic(root, inertial),
-        boards={name: _board(name, ours.at("boards").at(name)) for name in ours.at("boards", {})}
-        if has_ours
-        else {},
+        boards={name: _board(name, ours.at("boards").at(name)) for name in ours.at("boards", {})} if has_ours else {},
         others=_by_topic(root, [_other(n) for n in ours.at("sensors", []).items()]),
     )
     cameras: list[CameraCalibration] = []
@@ -169,9 +168,7 @@ def _by_topic(root: Node, items: list[Any]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for item in items:
         if item.topic in table:
-            raise ConfigError(
-                root.source, "rostopic", item.topic, "a topic that no other sensor of its sort has"
-            )
+            raise ConfigError(root.source, "rostopic", item.topic, "a topic that no other sensor of its sort has")
         table[item.topic] = item
     return table
 
@@ -189,9 +186,7 @@ def _imu(node: Node, ours: Node | None) -> ImuCalibration:
     )
 
 
-def _camera(
-    node: Node, ours: Node | None, T_cam_imu: Array | None, rig: Rig, first_imu: str
-) -> CameraCalibration:
+def _camera(node: Node, ours: Node | None, T_cam_imu: Array | None, rig: Rig, first_imu: str) -> CameraCalibration:
     node.at("camera_model").choice(("pinhole",))
     width, height = (n.integer(1) for n in _pair(node.at("resolution")))
     fu, fv, pu, pv = node.at("intrinsics").numbers(4)
@@ -253,9 +248,7 @@ def _T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
         return None
     imu = rig.imu(camera.imu_topic)
     if imu.mount.body != camera.mount.body:
-        raise ConfigError(
-            camera.topic, "imu_topic", camera.imu_topic, f"an IMU on the same body, {camera.mount.body}"
-        )
+        raise ConfigError(camera.topic, "imu_topic", camera.imu_topic, f"an IMU on the same body, {camera.mount.body}")
     return _inverse(camera.mount.T_body_sensor) @ imu.mount.T_body_sensor
 
 

@@ -22,6 +22,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
+
 from stridetwin.streams.mcap_writer import MAGIC
 
 MESSAGE_HEAD = 31
@@ -186,9 +187,7 @@ def chunk_contents(data: bytes) -> tuple[list[records.McapRecord], dict[int, Mes
 
 def messages_at(data: bytes, offsets: NDArray[np.int64]) -> Messages:
     """The messages whose records start at `offsets` (N,)."""
-    head = np.dtype(
-        {"names": ["n", "log"], "formats": ["<u8", "<u8"], "offsets": [1, 15], "itemsize": MESSAGE_HEAD}
-    )
+    head = np.dtype({"names": ["n", "log"], "formats": ["<u8", "<u8"], "offsets": [1, 15], "itemsize": MESSAGE_HEAD})
     heads = _gather(data, head, offsets)
     lengths = heads["n"].astype(np.int64) - (MESSAGE_HEAD - 9)
     return Messages(data, offsets + MESSAGE_HEAD, lengths, heads["log"].astype(np.int64))

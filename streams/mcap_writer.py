@@ -32,9 +32,7 @@ _RECORD_HEAD = np.dtype(
 )
 
 
-def message_rows(
-    channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]
-) -> tuple[Any, Any]:
+def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
     """N message records that all hold `payload`.
 
     Args:
@@ -87,10 +85,10 @@ class _OpenChunk:
 class McapWriter:
     """Appends channels, messages, attachments and metadata to one MCAP file, chunk by chunk.
 
-    Messages go into lanes (pictures into one, the rest into another): a chunk holds one lane's messages only, so that
-    a reader of the small streams never touches the bulk. Chunks are compressed (zstd) and carry a CRC; the whole data section and the summary carry theirs. Every
-    finished chunk is handed to the operating system at once, so that a killed process loses only the open
-    chunk.
+    Messages go into lanes (pictures into one, the rest into another): a chunk holds one lane's messages only, so
+    that a reader of the small streams never touches the bulk. Chunks are compressed (zstd) and carry a CRC; the
+    whole data section and the summary carry theirs. Every finished chunk is handed to the operating system at once,
+    so that a killed process loses only the open chunks.
     """
 
     def __init__(self, path: Path, library: str) -> None:
@@ -134,9 +132,7 @@ class McapWriter:
                 self._finish_chunk(lane)
                 chunk = self._lanes[lane] = _OpenChunk()
             count = max(1, (CHUNK_BYTES - chunk.size) // size)
-            count = min(
-                count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start
-            )
+            count = min(count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start)
             chunk.add(channel, times[start : start + count], data[start * size : (start + count) * size])
             start += count
             if chunk.size >= CHUNK_BYTES - size:
@@ -144,9 +140,7 @@ class McapWriter:
 
     def attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
-        body = _encoded(
-            records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
-        )
+        body = _encoded(records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachment_indexes.append(
             records.AttachmentIndex(
                 offset=self._file.tell(),
@@ -163,9 +157,7 @@ class McapWriter:
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Appends a metadata record."""
         body = _encoded(records.Metadata(name=name, metadata=values))
-        self._metadata_indexes.append(
-            records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name)
-        )
+        self._metadata_indexes.append(records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name))
         self._append(body)
 
     def finish(self) -> None:

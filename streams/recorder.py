@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
 from stridetwin.streams.cdr import Layout
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
@@ -66,9 +67,7 @@ class RecordingWriter:
         jpeg_quality: int = 90,
     ) -> None:
         if depth_encoding not in DEPTH_ENCODINGS:
-            raise ConfigError(
-                "RecordingWriter", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS)
-            )
+            raise ConfigError("RecordingWriter", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS))
         self.path = Path(path)
         self._rig = rig
         self._depth_encoding, self._quality = depth_encoding, jpeg_quality
@@ -126,9 +125,7 @@ class RecordingWriter:
     def _check(self, topic: str, kind: type[Sample], t_ns: NDArray[np.int64]) -> None:
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
-            raise RecordingError(
-                f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there"
-            )
+            raise RecordingError(f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there")
         before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))
         bad = np.flatnonzero((t_ns <= before) | (t_ns >= _LATEST_NS))
         if bad.size:
@@ -151,12 +148,8 @@ class RecordingWriter:
             self._templates[block.topic] = payload, layout, dict(block.constants)
         payload, layout, constants = self._templates[block.topic]
         if constants != dict(block.constants):
-            raise RecordingError(
-                f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}"
-            )
-        rows, payloads = message_rows(
-            self._channel(block.topic, small.typename), payload, layout.dtype, block.t_ns
-        )
+            raise RecordingError(f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}")
+        rows, payloads = message_rows(self._channel(block.topic, small.typename), payload, layout.dtype, block.t_ns)
         fill(payloads, small, block)
         self._file.messages(rows)
 

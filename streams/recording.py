@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.mcap_scan import Messages, chunk_contents, read_chunk
 from stridetwin.streams.recorder import RIG_NAME, RecordingWriter
@@ -60,9 +61,7 @@ class Recording:
             RecordingError: There is none.
         """
         if self._index.rig is None:
-            raise RecordingError(
-                f"{self.path}: no calibration inside; valid: an attachment {RIG_NAME} (Kalibr YAML)"
-            )
+            raise RecordingError(f"{self.path}: no calibration inside; valid: an attachment {RIG_NAME} (Kalibr YAML)")
         return self._index.rig
 
     @property
@@ -75,9 +74,7 @@ class Recording:
         """Seconds from the first sample of any topic to the last."""
         if not self.topics:
             return 0.0
-        return (
-            max(t.last_ns for t in self.topics.values()) - min(t.first_ns for t in self.topics.values())
-        ) * 1e-9
+        return (max(t.last_ns for t in self.topics.values()) - min(t.first_ns for t in self.topics.values())) * 1e-9
 
     def samples(self, topics: Iterable[str] | None = None) -> Iterator[Sample]:
         """The samples of some topics (all by default) in time order, read chunk by chunk.
@@ -92,9 +89,7 @@ class Recording:
         wanted = list(self.topics) if topics is None else list(dict.fromkeys(topics))
         for topic in wanted:
             self._reader(topic)
-        order = {
-            t: i for i, t in enumerate(sorted(wanted, key=lambda t: (self._index.readers[t].is_picture, t)))
-        }
+        order = {t: i for i, t in enumerate(sorted(wanted, key=lambda t: (self._index.readers[t].is_picture, t)))}
         parts = [
             (min(c.parts[t].first for t in here), i, here, c)
             for i, c in enumerate(self._index.chunks)
@@ -149,9 +144,7 @@ class Recording:
             start += count
         missing = [i for i in wanted if i not in found]
         if missing:
-            raise RecordingError(
-                f"{self.path}: {topic} has no picture {missing[0]}; valid: 0 to {len(times) - 1}"
-            )
+            raise RecordingError(f"{self.path}: {topic} has no picture {missing[0]}; valid: 0 to {len(times) - 1}")
         return [found[i] for i in wanted]
 
     def picture_times(self, topic: str) -> NDArray[np.int64]:
@@ -204,9 +197,7 @@ class Recording:
                 self._index.note(Problem(topic, t, str(error)))
 
 
-def _until(
-    heap: list[tuple[int, int, int, Sample, Iterator[Sample]]], end_ns: int | None
-) -> Iterator[Sample]:
+def _until(heap: list[tuple[int, int, int, Sample, Iterator[Sample]]], end_ns: int | None) -> Iterator[Sample]:
     """Takes the samples before `end_ns` off a heap of (stamp, order, chunk, sample, samples that follow)."""
     while heap and (end_ns is None or heap[0][0] < end_ns):
         _, order, chunk, sample, following = heap[0]

@@ -11,6 +11,7 @@ import numpy as np
 from mcap import records
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
+
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.mcap_scan import (
@@ -251,15 +252,8 @@ class RecordingIndex:
             declared |= {camera.topic: camera.rate_hz, camera.depth_topic: camera.rate_hz}
         for topic, rate in declared.items():
             info = self.topics.get(topic)
-            if (
-                info
-                and rate > 0
-                and info.count >= _RATE_SAMPLES
-                and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE
-            ):
-                what = (
-                    f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
-                )
+            if info and rate > 0 and info.count >= _RATE_SAMPLES and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
+                what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
                 self.note(Problem(topic, info.first_ns, what))
 
     def note(self, problem: Problem) -> None:

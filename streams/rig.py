@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
@@ -165,7 +166,5 @@ class Rig:
             StrideTwinError: The rig has no such IMU; the message lists those it has.
         """
         if topic not in self.imus:
-            raise StrideTwinError(
-                f"the rig has no IMU {topic!r}; it has {', '.join(sorted(self.imus)) or 'none'}"
-            )
+            raise StrideTwinError(f"the rig has no IMU {topic!r}; it has {', '.join(sorted(self.imus)) or 'none'}")
         return self.imus[topic]

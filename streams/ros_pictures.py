@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.store import Typestore
+
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.ros_samples import frame_id
 from stridetwin.streams.ros_types import serialise
@@ -33,9 +34,7 @@ def image_message(sample: Image, quality: int) -> bytes:
     """A picture as a JPEG in a CompressedImage."""
     pixels = sample.pixels if sample.pixels.ndim == 2 else cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
-    return serialise(
-        COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": "jpeg", "data": data.ravel()}
-    )
+    return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": "jpeg", "data": data.ravel()})
 
 
 def depth_message(sample: Depth, encoding: str) -> bytes:
@@ -81,9 +80,7 @@ def picture_kind(payload: bytes, typename: str, store: Typestore) -> type[Image]
     message: Any = store.deserialize_cdr(payload, typename)
     if typename == COMPRESSED:
         if "compressedDepth" in message.format:
-            raise ValueError(
-                f"format {message.format!r} is not read; valid: JPEG or PNG colour, or raw depth"
-            )
+            raise ValueError(f"format {message.format!r} is not read; valid: JPEG or PNG colour, or raw depth")
         return Image
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
@@ -111,15 +108,11 @@ def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
     if dtype.itemsize == 2:
         none = raw == 65535
-        return Depth(
-            topic=topic, t_ns=t_ns, depth=np.where(none, 0, raw).astype(np.float32) / np.float32(1000.0)
-        )
+        return Depth(topic=topic, t_ns=t_ns, depth=np.where(none, 0, raw).astype(np.float32) / np.float32(1000.0))
     if channels == 1:
         return Image(topic=topic, t_ns=t_ns, pixels=raw)
     colour = raw.reshape(message.height, message.width, 3)
-    return Image(
-        topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy()
-    )
+    return Image(topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy())
 
 
 def _rgb(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:

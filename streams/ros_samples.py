@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.ros_types import serialise, typestore
@@ -141,12 +142,8 @@ def _imu_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
     fixed = {"header.frame_id": frame_id(topic), "orientation.w": 1.0, "orientation_covariance": _ABSENT}
     if topic in rig.imus:
         imu = rig.imus[topic]
-        fixed["angular_velocity_covariance"] = (
-            np.eye(3).ravel() * imu.gyroscope_noise_density**2 * imu.rate_hz
-        )
-        fixed["linear_acceleration_covariance"] = (
-            np.eye(3).ravel() * imu.accelerometer_noise_density**2 * imu.rate_hz
-        )
+        fixed["angular_velocity_covariance"] = np.eye(3).ravel() * imu.gyroscope_noise_density**2 * imu.rate_hz
+        fixed["linear_acceleration_covariance"] = np.eye(3).ravel() * imu.accelerometer_noise_density**2 * imu.rate_hz
     return fixed
 
 
@@ -162,9 +159,7 @@ def _range_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
 
 def _range_read(rows: Rows) -> dict[str, NDArray[Any]]:
     distance = _f8(rows["range"])
-    return {
-        "distance": np.where(np.isinf(distance), 0.0, distance)
-    }  # REP-117: ±inf is a reading out of range
+    return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf is a reading out of range
 
 
 def _encoder_fixed(topic: str, *_: object) -> dict[str, Any]:
@@ -336,8 +331,6 @@ def small_for(typename: str, first: Rows) -> Small:
         has_force = first["linear_acceleration_covariance"][0, 0] != -1.0
         return SMALL[Ahrs if has_orientation and not has_force else Imu]
     if typename == "sensor_msgs/msg/JointState":
-        one_angle = (
-            first["position"].shape[1] == 1 and not first["velocity"].size and not first["effort"].size
-        )
+        one_angle = first["position"].shape[1] == 1 and not first["velocity"].size and not first["effort"].size
         return SMALL[Encoder if one_angle else Joints]
     return _BY_TYPE[typename]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.serde import SerdeError
+
 from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.mcap_scan import DamagedError, Messages
 from stridetwin.streams.ros_pictures import PICTURES, picture_kind, read_picture
@@ -123,9 +124,7 @@ def selected(block: Block[Any], keep: NDArray[np.bool_]) -> Block[Any]:
     if keep.all():
         return block
     columns = {name: values[keep] for name, values in block.columns.items()}
-    return Block(
-        topic=block.topic, kind=block.kind, t_ns=block.t_ns[keep], columns=columns, constants=block.constants
-    )
+    return Block(topic=block.topic, kind=block.kind, t_ns=block.t_ns[keep], columns=columns, constants=block.constants)
 
 
 def finite(block: Block[Any]) -> NDArray[np.bool_]:

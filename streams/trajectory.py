@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.trajectory import Trajectory
@@ -34,9 +35,7 @@ def read_tum(path: str | Path) -> Trajectory:
     try:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise StrideTwinError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     stamps: list[int] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, 1):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 
@@ -40,9 +41,7 @@ def read_yaml(path: str | Path) -> Node:
     try:
         return parse_yaml(Path(path).read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
-        raise StrideTwinError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from error
+        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 @dataclass(frozen=True)
@@ -79,17 +78,13 @@ class Node:
         """Refuses keys that mean nothing."""
         for key in self.mapping():
             if key not in valid:
-                raise ConfigError(
-                    self.source, self._join(key), self.value[key], f"one of the keys {', '.join(valid)}"
-                )
+                raise ConfigError(self.source, self._join(key), self.value[key], f"one of the keys {', '.join(valid)}")
 
     def at(self, key: str, default: Any = _MISSING) -> Node:
         """The value under a key."""
         value = self.mapping().get(key, default)
         if value is _MISSING:
-            raise ConfigError(
-                self.source, self._join(key), None, f"this key must be there, beside {', '.join(self)}"
-            )
+            raise ConfigError(self.source, self._join(key), None, f"this key must be there, beside {', '.join(self)}")
         return Node(self.source, self._join(key), value)
 
     def items(self) -> list[Node]:

@@ -68,9 +68,7 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
         clock[HEADED] = 1
         if clock[LEVERED] == 0:
             clock[LEVERED] = 1
-            memory.lever[:] = (
-                -parameters.lever_arm * rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])[2]
-            )
+            memory.lever[:] = -parameters.lever_arm * rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])[2]
 
 
 @njit
@@ -96,9 +94,7 @@ def level(memory: Memory, force_sum: Array) -> None:
 
 
 @njit
-def _set_covariance(
-    memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
-) -> None:
+def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float) -> None:
     """Covariance of an alignment: the variances of position, heading and biases outlive it."""
     P, clock = memory.covariance, memory.clock
     variance = np.zeros(STATES)

@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.foot_ins.memory import (
-    D_ACCEL_BIAS,
-    D_ATTITUDE,
-    D_GYRO_BIAS,
-    D_POSITION,
-    D_VELOCITY,
-)
+from stridetwin.estimators.foot_ins.memory import D_ACCEL_BIAS, D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY
 from stridetwin.streams.samples import Array
 
 

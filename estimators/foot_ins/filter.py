@@ -153,9 +153,7 @@ class FootIns:
             aligned=phase[used] == TRACKING,
         )
 
-    def _run(
-        self, t_ns: NDArray[np.int64], rate: Array, force: Array
-    ) -> tuple[NDArray[np.int8], Array, Array, Array]:
+    def _run(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
         """Phase (N,), standing speed (N,), nominal state (N, 16), pose covariance (N, 6, 6)."""
         n = len(t_ns)
         phase, speed = np.empty(n, np.int8), np.empty(n)

@@ -35,9 +35,7 @@ MAX_FORCE = 5000.0  # m/s²
 
 
 @njit
-def step(
-    memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
-) -> tuple[int, float]:
+def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array) -> tuple[int, float]:
     """Takes one sample into the memory.
 
     Args:

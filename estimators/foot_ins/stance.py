@@ -28,9 +28,7 @@ from stridetwin.streams.samples import Array
 
 
 @njit
-def zero_velocity(
-    memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float
-) -> None:
+def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
 
     Which point of the sole stands still wanders from heel to ball as the foot rolls. An arm uncertain by

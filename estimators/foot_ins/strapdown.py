@@ -63,13 +63,9 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
         P[D_GYRO_BIAS + i, D_GYRO_BIAS + i] += parameters.gyro_bias_walk**2 * dt
         P[D_ACCEL_BIAS + i, D_ACCEL_BIAS + i] += parameters.accel_bias_walk**2 * dt
     for i in range(3):
-        if _at_limit(
-            memory.extreme, i, rate[i], parameters.gyro_range, parameters.gyro_range_min, parameters
-        ):
+        if _at_limit(memory.extreme, i, rate[i], parameters.gyro_range, parameters.gyro_range_min, parameters):
             _add_along(P, D_ATTITUDE, R, i, parameters.gyro_limit_noise**2 * dt)
-        if _at_limit(
-            memory.extreme, 3 + i, force[i], parameters.accel_range, parameters.accel_range_min, parameters
-        ):
+        if _at_limit(memory.extreme, 3 + i, force[i], parameters.accel_range, parameters.accel_range_min, parameters):
             _add_along(P, D_VELOCITY, R, i, parameters.accel_limit_noise**2 * dt)
 
 

@@ -1,8 +1,8 @@
 """Where the exoskeleton's frame settles on the wearer: quasi-static balance of its compliant couplings.
 
 Each leg of the frame hangs on the pelvis by six joints (order of Shim et al. 2019) and is tied to the wearer at the
-thigh cuff, the shank cuff and the shoe. Its joint angles minimise the elastic energy of these couplings (Gauss-Newton on
-all instants at once); what stays of the misalignment gives the interaction forces.
+thigh cuff, the shank cuff and the shoe. Its joint angles minimise the elastic energy of these couplings (Gauss-Newton
+on all instants at once); what stays of the misalignment gives the interaction forces.
 """
 
 from __future__ import annotations
@@ -95,7 +95,9 @@ def _couplings(
     foot = inner + R6 @ np.array([-size.ankle_x, 0.0, -size.body.ankle_height_m])
     thigh_cuff = hip + R3 @ np.array([0.0, -_SIDE_Y, THIGH_CUFF_Z])
     shank_cuff = knee + R4 @ np.array([0.0, -_SIDE_Y, SHANK_CUFF_Z])
-    axes = np.stack([np.broadcast_to(-x, (n, 3)), -R1[:, :, 2], -R2[:, :, 1], R3[:, :, 1], -R4[:, :, 1], -R5[:, :, 0]], 1)
+    axes = np.stack(
+        [np.broadcast_to(-x, (n, 3)), -R1[:, :, 2], -R2[:, :, 1], R3[:, :, 1], -R4[:, :, 1], -R5[:, :, 0]], 1
+    )
     pivots = np.stack([np.broadcast_to(back, (n, 3)), rotation_pivot, hip, knee, ankle, inner], 1)
 
     def moves(point: Array, joints: int) -> Array:

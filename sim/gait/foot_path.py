@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator, make_interp_spline
@@ -187,9 +188,7 @@ def _rate(pitch_of: Callable[[Array], Array], a: Footstep, b: Footstep, t: float
     return float(change[0] / (2 * h) * (b.t_touch - a.t_off))
 
 
-def _lift_needed(
-    path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height: Callable[[Array], Array]
-) -> float:
+def _lift_needed(path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height: Callable[[Array], Array]) -> float:
     """Amplitude of the lift bump that keeps every point of the sole clear of the ground, m."""
     p, R, toe = path
     points = [p + R @ np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
@@ -210,7 +209,7 @@ def _lift_needed(
 def _pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array]:
     """Pitch of the foot against the ground as a smooth function of time."""
     knots: list[tuple[float, float]] = [(-10.0, 0.0)]
-    for a, b in zip(steps[:-1], steps[1:]):
+    for a, b in pairwise(steps):
         swing = b.t_touch - a.t_off
         leave, land = DEPARTURES[a.departure], ARRIVALS[b.arrival]
         step_time = swing / (1.0 - DOUBLE_SUPPORT)

@@ -108,7 +108,7 @@ def _tangent(strip: Strip) -> float:
 def _places(
     profile: Sequence[Strip], k: int, size: Wearer, nominal: float, gait: Gait, rng: np.random.Generator
 ) -> list[tuple[float, Strip]]:
-    """x of the footprints on strip k (none for the two feet that stand at the start)."""
+    """X of the footprints on strip k (none for the two feet that stand at the start)."""
     strip = profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x
     last_strip = k == len(profile) - 1
@@ -163,7 +163,12 @@ def _times(
     durations, previous = [], (0.0, places[0][1])
     for i, (x, strip) in enumerate(places):
         rise = strip.z0 - previous[1].z1
-        if strip is not previous[1] and abs(rise) > 0.02 and (x - previous[0]) < 1.0 and _riser_between(previous, strip):
+        if (
+            strip is not previous[1]
+            and abs(rise) > 0.02
+            and (x - previous[0]) < 1.0
+            and _riser_between(previous, strip)
+        ):
             duration = stair_step * _STEP_TIME["up" if rise > 0 else "down"]
         else:
             ratio = np.clip((x - previous[0]) / nominal, 0.3, 1.3)
@@ -202,7 +207,11 @@ def _footstep(row: _Row, before: _Row, after: _Row, t_off: float, rng: np.random
         terrain=row.strip.terrain,
         mode=mode,
         arrival="flat" if up else "forefoot" if down else "heel",
-        departure="climb" if next_riser and next_rise > 0.02 else "lower" if next_riser and next_rise < -0.02 else "push",
+        departure="climb"
+        if next_riser and next_rise > 0.02
+        else "lower"
+        if next_riser and next_rise < -0.02
+        else "push",
         t_touch=row.t_touch,
         t_off=t_off,
         step_m=rise,

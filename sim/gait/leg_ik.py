@@ -46,8 +46,8 @@ def reach(size: Wearer, knee_flexion: Array | float) -> Array:
 
 
 def solve_leg(
-    size: Wearer, side: str, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot_in_world: Array, R_world_foot: Array,
-    knee_min: float,
+    size: Wearer, side: str, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot_in_world: Array,
+    R_world_foot: Array, knee_min: float,
 ) -> LegAngles:  # fmt: skip
     """Joint angles that bring the foot to its pose.
 
@@ -58,7 +58,7 @@ def solve_leg(
         R_world_pelvis: (N, 3, 3).
         p_foot_in_world: (N, 3) foot frame's origin.
         R_world_foot: (N, 3, 3).
-        knee_min: Smallest knee flexion, rad; a foot out of reach is approached, and `stretch` says by how much it is missed.
+        knee_min: Smallest knee flexion, rad; `stretch` says by how much a foot out of reach is missed.
     """
     sign = 1.0 if side == "l" else -1.0
     p_hip = p_pelvis_in_world + R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])

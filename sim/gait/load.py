@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -23,7 +23,7 @@ _TRAVEL = {
 _STANDING = 0.50
 
 
-def load_shares(steps: dict[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
+def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
     """Share of the load on each foot, (N,), summing to 1: it passes over by quintics during double support."""
     raw = {foot: np.zeros_like(t) for foot in steps}
     for foot, own in steps.items():
@@ -32,14 +32,18 @@ def load_shares(steps: dict[str, Sequence[Footstep]], t: Array) -> dict[str, Arr
             other_off = min((s.t_off for s in other if s.t_off > step.t_touch), default=np.inf)
             other_touch = max((s.t_touch for s in other if s.t_touch < step.t_off), default=-np.inf)
             up = _taken((t - step.t_touch) / max(other_off - step.t_touch, 1e-6)) if np.isfinite(step.t_touch) else 1.0
-            down = 1 - _taken(1 - (step.t_off - t) / max(step.t_off - other_touch, 1e-6)) if np.isfinite(step.t_off) else 1.0
+            down = (
+                1 - _taken(1 - (step.t_off - t) / max(step.t_off - other_touch, 1e-6))
+                if np.isfinite(step.t_off)
+                else 1.0
+            )
             on = (t >= step.t_touch) & (t <= step.t_off)
             raw[foot] = np.where(on, up * down, raw[foot])
     total = sum(raw.values())
     return {foot: r / total for foot, r in raw.items()}
 
 
-def standing_blend(shares: dict[str, Array], steps: dict[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
+def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
     """Shares with the quiet stand at both ends: half on each foot, then over to the foot that stays."""
     first = min(s.t_off for own in steps.values() for s in own)
     last = max(s.t_touch for own in steps.values() for s in own)

@@ -34,7 +34,11 @@ def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
 
 
 def highest(
-    size: Wearer, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot: dict[str, Array], R_foot: dict[str, Array]
+    size: Wearer,
+    p_pelvis_in_world: Array,
+    R_world_pelvis: Array,
+    p_foot: dict[str, Array],
+    R_foot: dict[str, Array],
 ) -> Array:
     """(N,) height of the pelvis at which one of the legs is as straight as `KNEE_MIN_RAD` allows."""
     limits = []
@@ -56,11 +60,11 @@ def height_below(limit: Array, dt: float) -> Array:
     """
     n = len(limit)
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
-    penalty = (_SMOOTHNESS**2 * (D.T @ D)).todia()
+    penalty = sp.dia_array(D.T @ D)
     bands = np.zeros((4, n))
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:
-            bands[3 - offset, offset:] = row[offset:n]
+            bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
     weight = np.ones(n)
     z = limit.copy()
     for _ in range(40):

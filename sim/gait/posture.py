@@ -33,7 +33,11 @@ class Posture:
 
 
 def posture(
-    p_foot: dict[str, Array], shares: dict[str, Array], step_m: float, dt: float, height: Callable[[Array], Array]
+    p_foot: dict[str, Array],
+    shares: dict[str, Array],
+    step_m: float,
+    dt: float,
+    height: Callable[[Array], Array],
 ) -> Posture:
     """Posture that goes with the feet.
 

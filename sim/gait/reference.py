@@ -8,9 +8,11 @@ inverted pendulum, then corrected by the inverse dynamics of the whole body.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from stridetwin.sim.body import EXO_LEG_JOINTS, LEG_JOINTS, SIDES, Wearer
@@ -59,7 +61,7 @@ class Reference:
     paths: dict[str, FootPath]
     grid: Array
 
-    def state(self, t: Array) -> tuple[Array, Array, Array]:
+    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
         t = np.clip(t, 0.0, self.duration_s)
         return self.coordinates.to_mujoco(self.splines(t), self.splines(t, 1), self.splines(t, 2))
@@ -88,7 +90,7 @@ def reference(
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
     centres = {side: pressure_centres(steps[side], paths[side], size.shoe, t) for side in SIDES}
-    wanted = sum(shares[side][:, None] * centres[side] for side in SIDES)
+    wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
     p_foot = {side: paths[side].p_foot_in_world for side in SIDES}
     R_foot = {side: paths[side].R_world_foot for side in SIDES}
     pose = posture(p_foot, shares, step_length(config.gait, config.person.height_m), GRID_S, terrain.height)
@@ -103,7 +105,10 @@ def reference(
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
         p_pelvis[:, 2] = height_below(highest(size, p_pelvis, R_pelvis, p_foot, R_foot), GRID_S)
         legs = _legs(size, p_pelvis, R_pelvis, paths)
-        if round_ in (0, _ZMP_ROUNDS - 1):  # the frame hardly moves between rounds: it is fitted first and last
+        if round_ in (
+            0,
+            _ZMP_ROUNDS - 1,
+        ):  # the frame hardly moves between rounds: it is fitted first and last
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs)
         splines = make_interp_spline(t, _coordinates(layout, p_pelvis, pose, legs, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
@@ -114,7 +119,9 @@ def reference(
     if worst > _REACH_TOLERANCE_M:
         side = max(legs, key=lambda s: legs[s].stretch.max())
         when = t[legs[side].stretch.argmax()]
-        raise StrideTwinError(f"the {side} leg misses its footstep by {1e3 * worst:.1f} mm at {when:.2f} s: steps too long")
+        raise StrideTwinError(
+            f"the {side} leg misses its footstep by {1e3 * worst:.1f} mm at {when:.2f} s: steps too long"
+        )
     loads = np.column_stack(
         [shares["l"], centres["l"], shares["r"], centres["r"]]
         + [force for side in SIDES for force in (exo[side].thigh_force, exo[side].shank_force)]
@@ -134,7 +141,12 @@ def _legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootP
 
 
 def _exo(
-    size: Wearer, t: Array, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles]
+    size: Wearer,
+    t: Array,
+    p_pelvis: Array,
+    R_pelvis: Array,
+    paths: dict[str, FootPath],
+    legs: dict[str, LegAngles],
 ) -> dict[str, ExoLeg]:
     """Both legs of the frame, fitted at every second instant and splined between."""
     k = slice(None, None, _STRIDE)

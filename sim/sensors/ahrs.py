@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
@@ -22,9 +23,7 @@ class AhrsModel:
         self._calibration, self._noise = calibration, noise
         tilt, heading = calibration.number("tilt_bias_sd_rad"), calibration.number("heading_bias_sd_rad")
         self._bias = noise.normal(1.0, 3) * [tilt, tilt, heading]  # rotation vector in the world
-        self._white_sd = np.repeat(
-            [calibration.number("tilt_sd_rad"), calibration.number("rate_sd_radps")], 3
-        )
+        self._white_sd = np.repeat([calibration.number("tilt_sd_rad"), calibration.number("rate_sd_radps")], 3)
 
     def read(self, body: Track) -> Block[Ahrs]:
         """Samples at the instants of the carrying body's track."""

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import ImuCalibration

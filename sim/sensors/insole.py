@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor

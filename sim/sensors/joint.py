@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from stridetwin.sim.noise import Noise
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Actuator, Array, Block, Encoder, Interaction
@@ -65,9 +66,7 @@ class ActuatorModel:
         self._calibration, self._noise = calibration, noise
         self._sd = np.array([calibration.number(n) for n in ("torque_sd_nm", "speed_sd_radps")])
 
-    def read(
-        self, t_ns: Instants, command: ArrayLike, torque: ArrayLike, speed: ArrayLike
-    ) -> Block[Actuator]:
+    def read(self, t_ns: Instants, command: ArrayLike, torque: ArrayLike, speed: ArrayLike) -> Block[Actuator]:
         """Samples of the command (N,) and the true torque (N,), N m, and the joint's true speed (N,), rad/s.
 
         Without an actuation module mounted command and torque are 0.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.terrain import Terrain
 from stridetwin.sim.track import Track
@@ -45,9 +46,7 @@ class SonarModel:
         T_world_sensor = body.mounted(self._calibration.mount.T_body_sensor).poses()
         balls = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         balls += other_foot.p_body_in_world[:, None]
-        in_sensor = np.einsum(
-            "nji,nbj->nbi", T_world_sensor[:, :3, :3], balls - T_world_sensor[:, None, :3, 3]
-        )
+        in_sensor = np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], balls - T_world_sensor[:, None, :3, 3])
         nearest = np.minimum(
             np.min(_range_of_balls(in_sensor, SHOE[:, 3], self._half_beam), axis=-1),
             self._range_of_terrain(T_world_sensor),
@@ -85,8 +84,6 @@ def _fan(half_beam: float) -> Array:
         turn = 2 * math.pi * np.arange(count) / count
         off = share * half_beam
         rays.append(
-            np.column_stack(
-                [np.full(count, math.cos(off)), math.sin(off) * np.cos(turn), math.sin(off) * np.sin(turn)]
-            )
+            np.column_stack([np.full(count, math.cos(off)), math.sin(off) * np.cos(turn), math.sin(off) * np.sin(turn)])
         )
     return np.concatenate(rays)

@@ -89,13 +89,9 @@ def walk(
     up = np.where(k < strides / 2, rise, -rise)
     height = np.concatenate([[0.0], np.cumsum(np.where(np.arange(strides) < strides / 2, rise, -rise))])
     heading = turn_rad / strides * np.arange(strides + 1)
-    way = np.vstack(
-        [np.zeros(2), np.cumsum(stride_m * np.c_[np.cos(heading[1:]), np.sin(heading[1:])], axis=0)]
-    )
+    way = np.vstack([np.zeros(2), np.cumsum(stride_m * np.c_[np.cos(heading[1:]), np.sin(heading[1:])], axis=0)])
     i = k.astype(int)
-    toe = np.column_stack(
-        [way[i] + advance[:, None] * (way[i + 1] - way[i]), height[i] + advance * up + lift]
-    )
+    toe = np.column_stack([way[i] + advance[:, None] * (way[i + 1] - way[i]), height[i] + advance * up + lift])
     pitch = CubicSpline(
         [0.0, 0.15, 0.30, 0.52, 0.72, 0.86, 0.93, 1.0],
         np.radians([0.0, 0.0, 0.0, 55.0, 10.0, -18.0, 0.0, 0.0]),
@@ -122,9 +118,7 @@ def walk(
         force = force + calibration.accelerometer_bias_sd * rng.standard_normal(3)
         force += calibration.accelerometer_noise_density * white * rng.standard_normal(force.shape)
     t_ns = np.round(t[1:] * 1e9).astype(np.int64)
-    block = Block(
-        topic="/foot_l/imu", kind=Imu, t_ns=t_ns, columns={"angular_rate": rate, "specific_force": force}
-    )
+    block = Block(topic="/foot_l/imu", kind=Imu, t_ns=t_ns, columns={"angular_rate": rate, "specific_force": force})
     return Walk(
         t_ns=t_ns,
         p_imu_in_world=p[1:],

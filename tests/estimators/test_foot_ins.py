@@ -73,9 +73,7 @@ def test_mounting_does_not_matter(R_foot_imu: np.ndarray) -> None:
 
 @pytest.mark.parametrize("flip", [1.0, -1.0], ids=["z_up", "z_down"])
 def test_without_a_start_pose_the_sensor_begins_at_the_origin_with_heading_zero(flip: float) -> None:
-    tilt = Rotation.from_euler("xyz", [12.0, -20.0, 70.0], degrees=True).as_matrix() @ np.diag(
-        [1.0, flip, flip]
-    )
+    tilt = Rotation.from_euler("xyz", [12.0, -20.0, 70.0], degrees=True).as_matrix() @ np.diag([1.0, flip, flip])
     path = FootIns().run(walk(R_foot_imu=tilt).imu).trajectory
     x_axis = Rotation.from_quat(path.q_world_frame[5], scalar_first=True).apply([1.0, 0.0, 0.0])
     np.testing.assert_array_equal(path.p_frame_in_world[0], 0.0)
@@ -128,9 +126,7 @@ def test_sample_by_sample_and_block_give_identical_numbers() -> None:
     np.testing.assert_array_equal([e.standing_speed_sd for e in estimates], path.standing_speed_sd)
     np.testing.assert_array_equal([e.aligned for e in estimates], path.aligned)
     pose = np.r_[0:3, 6:9]
-    np.testing.assert_array_equal(
-        [e.covariance[np.ix_(pose, pose)] for e in estimates], path.trajectory.covariance
-    )
+    np.testing.assert_array_equal([e.covariance[np.ix_(pose, pose)] for e in estimates], path.trajectory.covariance)
 
 
 def test_a_block_in_pieces_gives_the_same_path() -> None:
@@ -138,9 +134,7 @@ def test_a_block_in_pieces_gives_the_same_path() -> None:
     whole = FootIns().run(truth.imu).trajectory.p_frame_in_world
     pieces = FootIns()
     cut = len(truth.imu) // 3
-    parts = [
-        pieces.run(block_like(truth, s)).trajectory.p_frame_in_world for s in (slice(cut), slice(cut, None))
-    ]
+    parts = [pieces.run(block_like(truth, s)).trajectory.p_frame_in_world for s in (slice(cut), slice(cut, None))]
     np.testing.assert_array_equal(np.vstack(parts), whole)
 
 
@@ -211,9 +205,7 @@ def test_after_a_long_gap_the_filter_says_that_it_is_lost_and_aligns_anew() -> N
     np.testing.assert_array_equal(p[after], p[before])
     assert np.sqrt(cov[after, 0, 0]) > 3.0
     way = p[-1] - p[np.flatnonzero(path.aligned & (tk > 9.0))[0]]
-    true_way = (
-        truth.p_imu_in_world[-1] - truth.p_imu_in_world[keep][np.flatnonzero(path.aligned & (tk > 9.0))[0]]
-    )
+    true_way = truth.p_imu_in_world[-1] - truth.p_imu_in_world[keep][np.flatnonzero(path.aligned & (tk > 9.0))[0]]
     assert np.linalg.norm(way - true_way) < 0.1 * np.linalg.norm(true_way)
 
 

@@ -37,7 +37,5 @@ def test_other_files_are_no_baseline(bad):
 
 
 def test_a_summary_has_means_and_the_largest_maximum():
-    both = summary(
-        [{"a": {"ape_rmse_m": 1.0, "ape_max_m": 2.0}}, {"a": {"ape_rmse_m": 3.0, "ape_max_m": 8.0}}]
-    )
+    both = summary([{"a": {"ape_rmse_m": 1.0, "ape_max_m": 2.0}}, {"a": {"ape_rmse_m": 3.0, "ape_max_m": 8.0}}])
     assert both == {"a": {"ape_rmse_m": 2.0, "ape_max_m": 8.0}}

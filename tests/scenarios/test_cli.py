@@ -166,15 +166,11 @@ def test_bad_arguments_are_told_in_one_line(capsys, words):
 
 def test_a_bad_scenario_leaves_the_old_files_alone(simulator, capsys, tmp_path):
     bad = tmp_path / "bad.yaml"
-    bad.write_text(
-        "description: a\nterrain:\n  - level: {length_m: 5}\n  - stairs: {risers: 3, riser_mm: 500}\n"
-    )
+    bad.write_text("description: a\nterrain:\n  - level: {length_m: 5}\n  - stairs: {risers: 3, riser_mm: 500}\n")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scores.json").write_text("old")
     line = failed(capsys, "run", bad, "-o", tmp_path / "out")
-    assert line.endswith(
-        f"{bad}: terrain[1].stairs: 'no direction' is not valid; valid: the key direction is required"
-    )
+    assert line.endswith(f"{bad}: terrain[1].stairs: 'no direction' is not valid; valid: the key direction is required")
     assert (tmp_path / "out" / "scores.json").read_text() == "old"
 
 
@@ -270,9 +266,7 @@ def test_the_hardware_commands_do_without_the_simulator_and_the_viewer(walk, tmp
         "assert main(['view', r]) == 2\n"
         "assert main(['run', 'level_20m']) == 2\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     assert "pip install 'stridetwin[view]'" in done.stderr
     assert "pip install 'stridetwin[twin]'" in done.stderr

@@ -31,9 +31,7 @@ def turned(path, yaw, shift, rotation=None):
 
 
 def offset(path, error):
-    return Trajectory(
-        t_ns=path.t_ns, p_frame_in_world=path.p_frame_in_world + error, q_world_frame=path.q_world_frame
-    )
+    return Trajectory(t_ns=path.t_ns, p_frame_in_world=path.p_frame_in_world + error, q_world_frame=path.q_world_frame)
 
 
 yaws = st.floats(-3.1, 3.1)
@@ -130,9 +128,7 @@ def test_an_honest_covariance_has_nees_three_and_95_percent_within():
     scores = score(compare(moved, path))
     assert scores["nees_position_mean"] == pytest.approx(3, abs=0.3)
     assert scores["nees_position_within_95_pct"] == pytest.approx(95, abs=2)
-    assert nees_position(compare(moved, path)) == pytest.approx(
-        nees_position(compare(estimate, path)), abs=1e-6
-    )
+    assert nees_position(compare(moved, path)) == pytest.approx(nees_position(compare(estimate, path)), abs=1e-6)
 
 
 def test_estimates_that_cannot_be_scored_are_refused():
@@ -143,9 +139,7 @@ def test_estimates_that_cannot_be_scored_are_refused():
     late = Trajectory(
         t_ns=T_NS + 10**12, p_frame_in_world=path.p_frame_in_world, q_world_frame=path.q_world_frame
     )  # fmt: skip
-    with pytest.raises(
-        RecordingError, match=r"0 poses of the estimate lie within the truth's 0\.000-20\.000 s"
-    ):
+    with pytest.raises(RecordingError, match=r"0 poses of the estimate lie within the truth's 0\.000-20\.000 s"):
         compare(late, path)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+
 from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.contact import share_out
 from stridetwin.sim.playback import Playback
@@ -28,7 +29,11 @@ HUMAN_DEG = {"hip_flexion": (-30, 120), "knee_flexion": (0, 140), "ankle_dorsifl
 
 def make(name: str, seed: int = 7, person: Person | None = None, gait: Gait | None = None) -> Twin:
     config = TwinConfig(
-        name=name, route=Route(segments=ROUTES[name]), sensors=(), person=person or Person(), gait=gait or Gait()
+        name=name,
+        route=Route(segments=ROUTES[name]),
+        sensors=(),
+        person=person or Person(),
+        gait=gait or Gait(),
     )
     return Twin(config, seed)
 
@@ -110,8 +115,9 @@ def test_down_stairs_lands_on_the_forefoot() -> None:
 
 
 def test_modes_follow_the_terrain() -> None:
-    modes = {name: [s.mode for s in sorted(sum(make(name).reference.steps.values(), []), key=lambda s: s.t_touch)]
-             for name in ("stairs", "ramp")}  # fmt: skip
+    modes = {}
+    for name in ("stairs", "ramp"):
+        modes[name] = [step.mode for own in make(name).reference.steps.values() for step in own]
     assert modes["stairs"].count("SA") == 4
     assert modes["stairs"].count("SD") == 4
     assert set(modes["ramp"]) == {"LG", "RA", "RD"}
@@ -166,7 +172,9 @@ def test_same_seed_same_walk_other_seed_other_steps() -> None:
     assert one.duration_s != three.duration_s
 
 
-@pytest.mark.parametrize("person", [Person(height_m=1.50, mass_kg=45, sex="female"), Person(height_m=1.95, mass_kg=110)])
+@pytest.mark.parametrize(
+    "person", [Person(height_m=1.50, mass_kg=45, sex="female"), Person(height_m=1.95, mass_kg=110)]
+)
 def test_small_and_tall_people_walk_stairs(person: Person) -> None:
     twin = make("stairs", person=person)
     t = np.arange(0.0, twin.duration_s, 0.01)

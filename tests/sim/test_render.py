@@ -4,6 +4,7 @@ import cv2
 import mujoco
 import numpy as np
 import pytest
+
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
 from stridetwin.sim.render import FilmCamera, SensorView, camera_pose, swap_camera_convention
 from stridetwin.sim.terrain import Terrain
@@ -99,9 +100,7 @@ def test_discs_land_where_opencv_projects_them():
     assert count == len(pixels) + 1
     to_camera = np.linalg.inv(T)
     K = np.array([[fu, 0, pu], [0, fv, pv], [0, 0, 1.0]])
-    expected = cv2.projectPoints(centres, cv2.Rodrigues(to_camera[:3, :3])[0], to_camera[:3, 3], K, None)[0][
-        :, 0
-    ]
+    expected = cv2.projectPoints(centres, cv2.Rodrigues(to_camera[:3, :3])[0], to_camera[:3, 3], K, None)[0][:, 0]
     error = expected[:, None] - found[None, 1:]
     error = error[np.arange(len(expected)), np.argmin(np.linalg.norm(error, axis=-1), axis=1)]
     assert np.max(np.linalg.norm(error, axis=-1)) < 0.1

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+
 from stridetwin.sim.config import Level, Route, Stairs, TwinConfig
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.sensors.ahrs import AhrsModel

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.sensors.imu import GRAVITY, ImuModel
 from stridetwin.sim.track import Track
@@ -29,18 +30,14 @@ def imu(T_body_sensor=None, rate_hz=120.0):
 def attitude(t):
     return Rotation.from_euler(
         "ZYX",
-        np.column_stack(
-            [0.4 * np.sin(0.9 * t), 1.1 * np.sin(4 * np.pi * t), 0.25 * np.sin(6 * np.pi * t + 0.3)]
-        ),
+        np.column_stack([0.4 * np.sin(0.9 * t), 1.1 * np.sin(4 * np.pi * t), 0.25 * np.sin(6 * np.pi * t + 0.3)]),
     )
 
 
 def foot_like(t):
     """A foot's motion with peaks of 4.5 m/s and 800 deg/s; analytic but for the rate (central difference)."""
     w = 2 * np.pi
-    p = np.column_stack(
-        [1.5 * t + 3 / w * np.sin(w * t), 0.05 * np.sin(w * t), 0.1 * (1 - np.cos(2 * w * t))]
-    )
+    p = np.column_stack([1.5 * t + 3 / w * np.sin(w * t), 0.05 * np.sin(w * t), 0.1 * (1 - np.cos(2 * w * t))])
     v = np.column_stack([1.5 + 3 * np.cos(w * t), 0.05 * w * np.cos(w * t), 0.2 * w * np.sin(2 * w * t)])
     h = 1e-5
     rate = (attitude(t - h).inv() * attitude(t + h)).as_rotvec() / (2 * h)
@@ -115,9 +112,7 @@ def test_at_rest_it_feels_gravity_upwards():
         w_body=np.zeros((len(t), 3)),
     )
     block = ImuModel(imu(), STILL).read(still)
-    np.testing.assert_allclose(
-        block.columns["specific_force"], np.tile([0, 0, 9.81], (len(t), 1)), atol=1e-12
-    )
+    np.testing.assert_allclose(block.columns["specific_force"], np.tile([0, 0, 9.81], (len(t), 1)), atol=1e-12)
     np.testing.assert_allclose(block.columns["angular_rate"], 0.0, atol=1e-12)
     assert next(iter(block)).specific_force.shape == (3,)
 

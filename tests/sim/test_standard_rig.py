@@ -3,6 +3,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.rig_bodies import add_rig
 from stridetwin.sim.standard_rig import GROUPS, standard_rig
@@ -50,9 +51,7 @@ def test_left_and_right_are_mirrored():
     for name, mount in all_mounts.items():
         if "_l" in name:
             other = all_mounts[name.replace("_l", "_r")]
-            np.testing.assert_allclose(
-                MIRROR @ mount.T_body_sensor[:3, 3], other.T_body_sensor[:3, 3], err_msg=name
-            )
+            np.testing.assert_allclose(MIRROR @ mount.T_body_sensor[:3, 3], other.T_body_sensor[:3, 3], err_msg=name)
     for name, axis in (("/foot_{}/camera", 2), ("/foot_{}/sonar", 0), ("foot_{}", 2)):
         left, right = (all_mounts[name.format(s)].T_body_sensor[:3, axis] for s in "lr")
         np.testing.assert_allclose(MIRROR @ left, right, atol=1e-12)

@@ -1,6 +1,7 @@
 """A small rig and one block of every small sample, for the tests."""
 
 import numpy as np
+
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import (
     Actuator,

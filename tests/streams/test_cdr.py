@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rigs import every_small_block, small_rig
+
 from stridetwin.streams.cdr import layout_of
 from stridetwin.streams.mcap_writer import message_rows
 from stridetwin.streams.ros_samples import SMALL, fill
@@ -43,9 +44,7 @@ def assign(target, path, value):
 def test_layout_finds_numbers_behind_any_strings(frame, names, little):
     frame, names = frame.replace("\0", ""), [n.replace("\0", "") for n in names]
     numbers = np.arange(len(names), dtype=float) + 0.5
-    msg = message(
-        "sensor_msgs/msg/JointState", {"header.frame_id": frame, "name": names, "position": numbers}
-    )
+    msg = message("sensor_msgs/msg/JointState", {"header.frame_id": frame, "name": names, "position": numbers})
     payload = bytes(typestore().serialize_cdr(msg, "sensor_msgs/msg/JointState", little_endian=little))
     layout = layout_of(payload, "sensor_msgs/msg/JointState", typestore())
     row = np.frombuffer(payload, layout.dtype)

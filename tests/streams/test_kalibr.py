@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rigs import small_rig
 from scipy.spatial.transform import Rotation
+
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig, rig_from_yaml, rig_to_yaml, write_rig
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rigs import every_small_block, small_rig
 from rosbags.highlevel import AnyReader
+
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.recording import Recording, RecordingWriter
@@ -314,6 +315,7 @@ def test_a_flipped_bit_anywhere_is_noticed(recorded, tmp_path, share, bit):
 def foreign(path, stamps, log_offset=5_000_000, names=("a",), frame="imu"):
     """A recording by the stock writer, by a driver with another frame, latency and a big-endian machine."""
     from mcap.writer import Writer
+
     from stridetwin.streams.ros_types import definition, message, typestore
 
     with path.open("wb") as file:
@@ -328,9 +330,7 @@ def foreign(path, stamps, log_offset=5_000_000, names=("a",), frame="imu"):
                     values |= {"header.frame_id": frame * (1 + i % 2), "linear_acceleration.z": 9.8 + i}
                 else:
                     values |= {"name": list(names), "position": np.full(len(names), float(i))}
-                data = typestore().serialize_cdr(
-                    message(typename, values), typename, little_endian=bool(i % 3)
-                )
+                data = typestore().serialize_cdr(message(typename, values), typename, little_endian=bool(i % 3))
                 writer.add_message(channel, t + log_offset, bytes(data), t + log_offset)
         writer.finish()
     return path

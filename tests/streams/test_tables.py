@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.imu_table import read_imu_table
 from stridetwin.streams.trajectory import Trajectory
