@@ -102,5 +102,20 @@ def matrix_from_quat(q: Array) -> Array:
     )
 
 
+def quat_product(a: Array, b: Array) -> Array:
+    """(..., 4) Hamilton product of (..., 4) quaternions (w, x, y, z)."""
+    w1, x1, y1, z1 = np.moveaxis(a, -1, 0)
+    w2, x2, y2, z2 = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        ],
+        -1,
+    )
+
+
 def _rows(*rows: tuple[Array, ...]) -> Array:
     return np.stack([np.stack(row, -1) for row in rows], -2)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.rotation import matrix_from_quat, quat_from_matrix, quat_product
 from stridetwin.streams.samples import Array
 
 
@@ -56,13 +57,12 @@ class Track:
         """
         T = np.asarray(T_body_sensor, dtype=float)
         R_body_sensor, lever = T[:3, :3], T[:3, 3]
-        rotation = self.rotation
-        sensor = rotation * Rotation.from_matrix(R_body_sensor)
+        R_world_body = matrix_from_quat(self.q_world_body)
         return Track(
             t_ns=self.t_ns,
-            p_body_in_world=self.p_body_in_world + rotation.apply(lever),
-            q_world_body=sensor.as_quat(scalar_first=True),
-            v_body_in_world=self.v_body_in_world + rotation.apply(np.cross(self.w_body, lever)),
+            p_body_in_world=self.p_body_in_world + R_world_body @ lever,
+            q_world_body=quat_product(self.q_world_body, quat_from_matrix(R_body_sensor)),
+            v_body_in_world=self.v_body_in_world + np.einsum("nij,nj->ni", R_world_body, np.cross(self.w_body, lever)),
             w_body=self.w_body @ R_body_sensor,
         )
 

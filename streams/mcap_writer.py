@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 2 << 20
-CHUNK_NS = 1_000_000_000
+CHUNK_NS = 2_000_000_000
 _RECORD_HEAD = np.dtype(
     [
         ("opcode", "u1"),

@@ -32,6 +32,7 @@ from stridetwin.streams.samples import Array
 
 GRID_S = 0.005
 _ZMP_ROUNDS = 4
+_ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _COM_ABOVE_PELVIS_M = 0.03
 _GRAVITY = 9.81
@@ -114,7 +115,7 @@ def reference(
         if round_ < _ZMP_ROUNDS - 1:
             zmp, kappa = _zero_moment_point(model, layout, splines, t[::_STRIDE], wanted[::_STRIDE, 2])
             error = cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
-            over_ground = over_ground + make_interp_spline(t[::_STRIDE], error, k=5)(t)
+            over_ground = over_ground + _ZMP_GAIN * make_interp_spline(t[::_STRIDE], error, k=5)(t)
     worst = max(float(leg.stretch.max()) for leg in legs.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs, key=lambda s: legs[s].stretch.max())
