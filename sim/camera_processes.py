@@ -50,6 +50,11 @@ class CameraProcesses:
         self._workers = [_Worker(model, cameras, seed, ideal) for _ in range(PROCESSES if cameras else 0)]
         self._order: list[tuple[_Worker, int]] = []
 
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers."""
+        return [worker.pid for worker in self._workers]
+
     def ask(self, motion: Motion, after_ns: int, until_ns: int) -> None:
         """Starts on the pictures after `after_ns` and up to `until_ns`."""
         due: Due = [
@@ -93,6 +98,10 @@ class _Worker:
         self._collecting = threading.Thread(target=self._collect, daemon=True)
         self._collecting.start()
         self.ask((model, list(cameras), seed, ideal))
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
 
     @property
     def _ends(self) -> tuple[IO[bytes], IO[bytes]]:

@@ -1,0 +1,159 @@
+"""The twin as a whole: every stream at its rate, the same bytes for the same seed, inertial streams that integrate."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stridetwin.sim.camera_processes import CameraProcesses
+from stridetwin.sim.cameras import Cameras
+from stridetwin.sim.config import Gait, Level, Route, Stairs, TwinConfig
+from stridetwin.sim.playback import Playback
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.samples import Block, Depth, Footprint, Image
+
+SHORT = TwinConfig(name="short", route=Route(segments=(Level(length_m=1.3),)), gait=Gait(stand_s=0.6))
+QUIET = replace(SHORT, sensors=tuple(s for s in SHORT.sensors if "camera" not in s))
+RATES_HZ = {
+    "/head/color": 30, "/head/depth": 30, "/head/imu": 200, "/foot_l/imu": 120, "/foot_r/imu": 120,
+    "/foot_l/camera": 60, "/foot_r/camera": 60, "/foot_l/sonar": 25, "/foot_r/sonar": 25, "/foot_l/insole": 100,
+    "/foot_r/insole": 100, "/exo/back/ahrs": 100, "/exo/thigh_l/ahrs": 100, "/exo/thigh_r/ahrs": 100,
+    "/exo/foot_l/ahrs": 100, "/exo/foot_r/ahrs": 100, "/exo/knee_l/encoder": 100, "/exo/knee_r/encoder": 100,
+    "/exo/thigh_l/interaction": 100, "/exo/thigh_r/interaction": 100, "/exo/shank_l/interaction": 100,
+    "/exo/shank_r/interaction": 100, "/exo/hip_l/actuator": 100, "/exo/hip_r/actuator": 100,
+    "/exo/knee_l/actuator": 100, "/exo/knee_r/actuator": 100, "/truth/joints": 200, "/truth/pelvis/odometry": 200,
+    "/truth/foot_l/odometry": 200, "/truth/foot_r/imu/odometry": 200, "/truth/head/imu/odometry": 200,
+    "/truth/foot_l/wrench": 200, "/truth/foot_r/phase": 200, "/truth/root_residual": 200,
+}  # fmt: skip
+
+
+def record(twin: Twin, path: Path) -> Path:
+    with RecordingWriter(path, twin.rig) as writer:
+        for items in twin.blocks():
+            for item in items:
+                writer.write(item)
+    return path
+
+
+def blocks(twin: Twin) -> dict[str, list[Block]]:
+    found: dict[str, list[Block]] = {}
+    for items in twin.blocks():
+        for item in items:
+            if isinstance(item, Block):
+                found.setdefault(item.topic, []).append(item)
+    return found
+
+
+def test_every_stream_is_recorded_at_its_rate(tmp_path: Path) -> None:
+    twin = Twin(SHORT, 1)
+    recording = Recording(record(twin, tmp_path / "short.mcap"))
+    for topic, rate in RATES_HZ.items():
+        info = recording.topics[topic]
+        assert abs(info.count - rate * twin.duration_s) <= 1.5, topic
+        assert info.first_ns == 0, topic
+    assert {"/truth/footprints", "/truth/foot_l/cop", "/truth/foot_r/cop"} < set(recording.topics)
+    for topic in recording.topics:
+        times = [s.t_ns for s in recording.samples([topic])]
+        assert np.all(np.diff(times) > 0), topic
+    head, depth = next(iter(recording.samples(["/head/color"]))), next(iter(recording.samples(["/head/depth"])))
+    shoe = next(iter(recording.samples(["/foot_l/camera"])))
+    assert isinstance(head, Image)
+    assert isinstance(depth, Depth)
+    assert isinstance(shoe, Image)
+    assert (head.pixels.shape, depth.depth.shape, shoe.pixels.shape) == ((480, 640, 3), (480, 640), (600, 800))
+    prints = list(recording.samples(["/truth/footprints"]))
+    assert all(isinstance(p, Footprint) for p in prints)
+    assert [p.foot for p in prints[:3]] == ["l", "r", "r"]
+
+
+def test_same_seed_same_bytes_other_seed_others(tmp_path: Path) -> None:
+    one = record(Twin(QUIET, 5), tmp_path / "one.mcap").read_bytes()
+    assert one == record(Twin(QUIET, 5), tmp_path / "two.mcap").read_bytes()
+    assert one != record(Twin(QUIET, 6), tmp_path / "three.mcap").read_bytes()
+
+
+def test_a_sensor_more_or_less_changes_no_other_sensor() -> None:
+    few = blocks(Twin(replace(SHORT, sensors=("foot_imu",)), 5))["/foot_l/imu"]
+    many = blocks(Twin(QUIET, 5))["/foot_l/imu"]
+    for a, b in zip(few, many, strict=True):
+        assert all(np.array_equal(a.columns[name], b.columns[name]) for name in a.columns)
+
+
+def test_rendering_processes_change_no_pixel() -> None:
+    twin = Twin(SHORT, 5)
+    t_ns = np.round(np.arange(0, 5) * 1e9 / 60).astype(np.int64)
+    motion = Playback(twin.model, twin.reference).motion(t_ns)
+    cameras = list(twin.rig.cameras.values())
+    with CameraProcesses(twin.model, cameras, 5, ideal=False) as processes:
+        processes.ask(motion, -1, int(t_ns[-1]))
+        apart = list(processes.pictures())
+    due = [(p.t_ns, p.topic) for p in apart if isinstance(p, Image)]
+    with Cameras(twin.model, cameras, 5, ideal=False) as here:
+        together = list(here.frames(due, motion.qpos[motion.rows(np.array([t for t, _ in due]))]))
+    assert len(apart) == len(together) == 2 * 5 + 2 * 3
+    for a, b in zip(apart, together):
+        assert (a.topic, a.t_ns) == (b.topic, b.t_ns)
+        assert np.array_equal(
+            getattr(a, "pixels", getattr(a, "depth", None)), getattr(b, "pixels", getattr(b, "depth", None))
+        )
+
+
+def test_a_rendering_process_that_dies_is_told() -> None:
+    twin = Twin(SHORT, 5)
+    t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
+    motion = Playback(twin.model, twin.reference).motion(t_ns)
+    with CameraProcesses(twin.model, list(twin.rig.cameras.values()), 5, ideal=False) as processes:
+        processes.ask(motion, -1, int(t_ns[-1]))
+        os.kill(processes.pids[0], signal.SIGKILL)
+        with pytest.raises(StrideTwinError, match="rendering process ended early"):
+            list(processes.pictures())
+
+
+def test_an_ideal_imu_integrates_back_onto_the_true_path() -> None:
+    """Within 1 mm after 20 s, from the true start, by the samples alone."""
+    route = Route(segments=(Level(length_m=6.0), Stairs(risers=5), Level(length_m=12.0)))
+    twin = Twin(TwinConfig(name="ideal", route=route, sensors=("foot_imu", "head_imu"), ideal=True), 3)
+    streams = blocks(twin)
+    playback = Playback(twin.model, twin.reference)
+    for topic in ("/foot_l/imu", "/head/imu"):
+        t_ns = np.concatenate([b.t_ns for b in streams[topic]])
+        rate = np.concatenate([b.columns["angular_rate"] for b in streams[topic]])
+        force = np.concatenate([b.columns["specific_force"] for b in streams[topic]])
+        imu = twin.rig.imu(topic)
+        truth = playback.motion(t_ns).tracks[imu.mount.body].mounted(imu.mount.T_body_sensor)
+        R, p, v = truth.rotation[0].as_matrix(), truth.p_body_in_world[0], truth.v_body_in_world[0]
+        end = int(np.searchsorted(t_ns, 20_000_000_000))
+        assert end < len(t_ns)
+        for k in range(1, end + 1):
+            dt = (t_ns[k] - t_ns[k - 1]) * 1e-9
+            turn = Rotation.from_rotvec(rate[k] * dt).as_matrix()
+            half = Rotation.from_rotvec(rate[k] * dt / 2).as_matrix()
+            # mean of the rotation over the interval by Simpson's rule: exact to the sixth order of the turn
+            mean = (np.eye(3) + 4 * half + turn) / 6
+            v_next = v + dt * (R @ mean @ force[k] + np.array([0.0, 0.0, -9.81]))
+            p, v, R = p + dt * (v + v_next) / 2, v_next, R @ turn
+        assert np.linalg.norm(p - truth.p_body_in_world[end]) < 1e-3, topic
+
+
+def test_physics_that_is_not_there_is_refused_with_what_is() -> None:
+    with pytest.raises(StrideTwinError, match="kinematic"):
+        Twin(replace(QUIET, physics="magnetic"), 1)
+
+
+def test_no_joint_of_the_frame_jumps_and_cuffs_push_both_ways() -> None:
+    twin = Twin(replace(QUIET, route=Route(segments=(Level(length_m=6.0),))), 2)
+    t_ns = np.arange(0, int(twin.duration_s * 1e9), 5_000_000)
+    motion = Playback(twin.model, twin.reference).motion(t_ns)
+    for name, speed in motion.speed.items():
+        assert np.abs(speed).max() < 25.0, name  # rad/s
+    for place, force in motion.cuff_force.items():
+        assert force.min() < 0.0 < force.max(), place
+        assert np.abs(force).max() < 120.0, place
