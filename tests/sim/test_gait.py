@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks import gait
 from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.contact import share_out
 from stridetwin.sim.playback import Playback
@@ -24,16 +25,15 @@ ROUTES: dict[str, tuple[Segment, ...]] = {
         Ramp(angle_rad=np.radians(8.5), rise_m=0.4, down=True), Level(length_m=2.5),
     ),
 }  # fmt: skip
-HUMAN_DEG = {"hip_flexion": (-30, 120), "knee_flexion": (0, 140), "ankle_dorsiflexion": (-45, 38)}
 
 
-def make(name: str, seed: int = 7, person: Person | None = None, gait: Gait | None = None) -> Twin:
+def make(name: str, seed: int = 7, person: Person | None = None, gait_of: Gait | None = None) -> Twin:
     config = TwinConfig(
         name=name,
         route=Route(segments=ROUTES[name]),
         sensors=(),
         person=person or Person(),
-        gait=gait or Gait(),
+        gait=gait_of or Gait(),
     )
     return Twin(config, seed)
 
@@ -43,53 +43,19 @@ def twin(request: pytest.FixtureRequest) -> Twin:
     return make(request.param)
 
 
-def sole_points(twin: Twin, side: str, t: np.ndarray) -> np.ndarray:
-    """(N, 6, 3) corners of heel, mid-sole and toe tip in the world, from the model's own kinematics."""
-    motion = Playback(twin.model, twin.reference).motion(np.round(t * 1e9).astype(np.int64))
-    shoe = twin.size.shoe
-    foot, toe = motion.tracks[f"foot_{side}"], motion.tracks[f"toe_{side}"]
-    R_foot, R_toe = matrix_from_quat(foot.q_world_body), matrix_from_quat(toe.q_world_body)
-    w = shoe.half_width - 0.004
-    rear = [[x, y, 0.0] for x in (shoe.heel_back_x, 0.9 * shoe.toe_hinge_x) for y in (-w, w)]
-    front = [[x, 0.0, -shoe.toe_hinge_z] for x in (0.0, shoe.toe_tip_x - shoe.toe_hinge_x)]
-    points = [foot.p_body_in_world + R_foot @ np.array(p) for p in rear]
-    points += [toe.p_body_in_world + R_toe @ np.array(p) for p in front]
-    return np.stack(points, 1)
-
-
 def test_no_foot_goes_through_the_ground(twin: Twin) -> None:
-    t = np.arange(0.0, twin.duration_s, 0.004)
-    for side in "lr":
-        sole = sole_points(twin, side, t)
-        depth = twin.terrain.height(sole[..., :2]) - sole[..., 2]
-        assert depth.max() < 0.005
+    assert max(gait.penetration(twin, side) for side in "lr") < 0.005
 
 
 def test_stance_does_not_slip(twin: Twin) -> None:
-    """The pivot that carries the foot (heel edge or toe hinge) stays within 2 mm in each stance."""
-    shoe = twin.size.shoe
-    for side in "lr":
-        for step in twin.reference.steps[side]:
-            t = np.arange(max(step.t_touch, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
-            motion = Playback(twin.model, twin.reference).motion(np.round(t * 1e9).astype(np.int64))
-            track = motion.tracks[f"foot_{side}"]
-            R = matrix_from_quat(track.q_world_body)
-            pitch = np.interp(t, twin.reference.grid, twin.reference.paths[side].pitch)
-            heel = track.p_body_in_world + R @ np.array([shoe.heel_back_x, 0.0, 0.0])
-            hinge = track.p_body_in_world + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
-            for point, on in ((heel, pitch < 1e-4), (hinge, pitch > -1e-4)):
-                if on.sum() > 1:
-                    assert np.ptp(point[on], axis=0).max() < 0.002
+    assert max(gait.slip(twin, side) for side in "lr") < 0.002
 
 
 def test_joints_stay_in_human_ranges_and_knees_never_bend_backwards(twin: Twin) -> None:
-    t = np.arange(0.0, twin.duration_s, 0.005)
-    values = np.degrees(twin.reference.splines(t))
-    for i, name in enumerate(twin.reference.coordinates.names):
-        for joint, (low, high) in HUMAN_DEG.items():
-            if name in (f"{joint}_l", f"{joint}_r"):
-                assert low <= values[:, i].min(), name
-                assert values[:, i].max() <= high, name
+    for joint, (low, high) in gait.HUMAN_DEG.items():
+        least, most = gait.joint_range_deg(twin, joint)
+        assert low <= least, joint
+        assert most <= high, joint
 
 
 def test_soles_lie_wholly_on_one_tread(twin: Twin) -> None:
@@ -104,14 +70,10 @@ def test_soles_lie_wholly_on_one_tread(twin: Twin) -> None:
 
 
 def test_down_stairs_lands_on_the_forefoot() -> None:
-    twin = make("stairs")
-    down = [s for own in twin.reference.steps.values() for s in own if s.mode == "SD"]
-    assert len(down) == 4
-    for step in down:
-        t_ns = np.array([round((step.t_touch + 0.002) * 1e9)])
-        track = Playback(twin.model, twin.reference).motion(t_ns).tracks[f"foot_{step.foot}"]
-        pitch = np.arcsin(-matrix_from_quat(track.q_world_body)[0, 2, 0])
-        assert 15 <= np.degrees(pitch) <= 35
+    pitches = gait.landing_pitch_deg(make("stairs"), "SD")
+    assert len(pitches) == 4
+    assert min(pitches) >= 15
+    assert max(pitches) <= 35
 
 
 def test_modes_follow_the_terrain() -> None:
@@ -184,10 +146,10 @@ def test_small_and_tall_people_walk_stairs(person: Person) -> None:
     assert body == pytest.approx(person.mass_kg, rel=2e-3)
 
 
-@pytest.mark.parametrize(("gait", "text"), [(Gait(speed_mps=3.0), "speed_mps"), (Gait(speed_mps=0.05), "0.4-1.6")])
-def test_speed_out_of_range_is_refused_with_the_range(gait: Gait, text: str) -> None:
+@pytest.mark.parametrize(("walk", "text"), [(Gait(speed_mps=3.0), "speed_mps"), (Gait(speed_mps=0.05), "0.4-1.6")])
+def test_speed_out_of_range_is_refused_with_the_range(walk: Gait, text: str) -> None:
     with pytest.raises(StrideTwinError, match=text):
-        make("level", gait=gait)
+        make("level", gait_of=walk)
 
 
 def test_shared_load_balances_any_wrench() -> None:

@@ -1,0 +1,119 @@
+"""The walk as a body sees it: depth of the soles in the ground, slip in stance, joint ranges, landing on stairs.
+
+Run as `python -m benchmarks.gait [--json] [--seeds 1000 1001 ...]`; walks `level_20m`, `stair_up_down` and
+`ramp_up_down` and prints the worst over feet and seeds beside what is allowed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.body import SIDES
+from stridetwin.sim.playback import Motion, Playback
+from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.samples import Array
+
+SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down")
+HUMAN_DEG = {"hip_flexion": (-30, 120), "knee_flexion": (0, 140), "ankle_dorsiflexion": (-45, 38)}
+ALLOWED = {"penetration_mm": 5.0, "slip_mm": 2.0}
+
+
+def motion_at(twin: Twin, t: Array) -> Motion:
+    """Motion of a walk at (N,) s."""
+    return Playback(twin.model, twin.reference).motion(np.round(t * 1e9).astype(np.int64))
+
+
+def penetration(twin: Twin, side: str) -> float:
+    """Deepest point of a sole under the ground at any time, m (negative: never touches)."""
+    motion = motion_at(twin, np.arange(0.0, twin.duration_s, 0.004))
+    shoe = twin.size.shoe
+    foot, toe = motion.tracks[f"foot_{side}"], motion.tracks[f"toe_{side}"]
+    R_foot, R_toe = matrix_from_quat(foot.q_world_body), matrix_from_quat(toe.q_world_body)
+    w = shoe.half_width - 0.004
+    rear = [[x, y, 0.0] for x in (shoe.heel_back_x, 0.9 * shoe.toe_hinge_x) for y in (-w, w)]
+    front = [[x, 0.0, -shoe.toe_hinge_z] for x in (0.0, shoe.toe_tip_x - shoe.toe_hinge_x)]
+    points = [foot.p_body_in_world + R_foot @ np.array(p) for p in rear]
+    points += [toe.p_body_in_world + R_toe @ np.array(p) for p in front]
+    sole = np.stack(points, 1)
+    return float((twin.terrain.height(sole[..., :2]) - sole[..., 2]).max())
+
+
+def slip(twin: Twin, side: str) -> float:
+    """Largest way along one axis that the carrying pivot (heel's edge or toe hinge) makes in one stance, m."""
+    shoe, worst = twin.size.shoe, 0.0
+    for step in twin.reference.steps[side]:
+        t = np.arange(max(step.t_touch, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
+        track = motion_at(twin, t).tracks[f"foot_{side}"]
+        R = matrix_from_quat(track.q_world_body)
+        pitch = np.interp(t, twin.reference.grid, twin.reference.paths[side].pitch)
+        heel = track.p_body_in_world + R @ np.array([shoe.heel_back_x, 0.0, 0.0])
+        hinge = track.p_body_in_world + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
+        for point, on in ((heel, pitch < 1e-4), (hinge, pitch > -1e-4)):
+            if on.sum() > 1:
+                worst = max(worst, float(np.ptp(point[on], axis=0).max()))
+    return worst
+
+
+def joint_range_deg(twin: Twin, joint: str) -> tuple[float, float]:
+    """Smallest and largest angle of a leg joint on either side, degrees."""
+    values = np.degrees(twin.reference.splines(np.arange(0.0, twin.duration_s, 0.005)))
+    columns = [i for i, n in enumerate(twin.reference.coordinates.names) if n in (f"{joint}_l", f"{joint}_r")]
+    return float(values[:, columns].min()), float(values[:, columns].max())
+
+
+def landing_pitch_deg(twin: Twin, mode: str) -> list[float]:
+    """Pitch of the sole just after touch-down of every step of a mode, degrees, toes down positive."""
+    pitches = []
+    for step in (s for own in twin.reference.steps.values() for s in own if s.mode == mode):
+        track = motion_at(twin, np.array([step.t_touch + 0.002])).tracks[f"foot_{step.foot}"]
+        pitches.append(float(np.degrees(np.arcsin(-matrix_from_quat(track.q_world_body)[0, 2, 0]))))
+    return pitches
+
+
+def measure(scenario: str, seed: int) -> dict[str, float]:
+    """All figures of one walk."""
+    twin = Twin(replace(load_scenario(scenario).config, sensors=()), seed)
+    row = {
+        "penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
+        "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES),
+    }
+    for joint in HUMAN_DEG:
+        row[f"{joint}_min_deg"], row[f"{joint}_max_deg"] = joint_range_deg(twin, joint)
+    down = landing_pitch_deg(twin, "SD")
+    if down:
+        row["landing_down_min_deg"], row["landing_down_max_deg"] = min(down), max(down)
+    return row
+
+
+def main() -> None:
+    """Prints the worst of each figure, or one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1000, 1010)))
+    args = parser.parse_args()
+    cases = [{"scenario": s, "seed": seed} | measure(s, seed) for s in SCENARIOS for seed in args.seeds]
+    summary: dict[str, dict[str, float]] = {}
+    for scenario in SCENARIOS:
+        rows = [c for c in cases if c["scenario"] == scenario]
+        summary[scenario] = {
+            key: (min if "_min_" in key else max)(row[key] for row in rows)
+            for key in rows[0]
+            if key.endswith(("_mm", "_deg"))
+        }
+    if args.json:
+        print(json.dumps({"experiment": "gait", "summary": summary, "paper": {}, "cases": cases}))
+        return
+    for scenario, row in summary.items():
+        print(scenario)
+        for key, value in row.items():
+            print(f"  {key:26} {value:7.2f}" + (f"   allowed {ALLOWED[key]}" if key in ALLOWED else ""))
+
+
+if __name__ == "__main__":
+    main()
