@@ -1,1 +1,1 @@
-"""."""
+"""The twin: terrain, wearer, gait, physics, sensors and truth."""
