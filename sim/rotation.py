@@ -27,7 +27,7 @@ def rot_z(angle: Array) -> Array:
 
 def from_euler(yaw_pitch_roll: Array) -> Array:
     """(..., 3, 3) matrix Rz(yaw) Ry(pitch) Rx(roll) of (..., 3) angles; pitch positive nose down."""
-    y, p, r = np.moveaxis(yaw_pitch_roll, -1, 0)
+    y, p, r = (yaw_pitch_roll[..., i] for i in range(3))
     return rot_z(y) @ rot_y(p) @ rot_x(r)
 
 
@@ -41,16 +41,16 @@ def to_euler(R: Array) -> Array:
 
 def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:
     """(..., 3) angular rate in body axes of a frame whose yaw, pitch, roll change at (..., 3) `rates`."""
-    _, p, r = np.moveaxis(yaw_pitch_roll, -1, 0)
-    dy, dp, dr = np.moveaxis(rates, -1, 0)
+    _, p, r = (yaw_pitch_roll[..., i] for i in range(3))
+    dy, dp, dr = (rates[..., i] for i in range(3))
     sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)
     return np.stack([dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy], -1)
 
 
 def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, accelerations: Array) -> Array:
     """(..., 3) time derivative of `euler_rates_to_body`."""
-    _, p, r = np.moveaxis(yaw_pitch_roll, -1, 0)
-    dy, dp, dr = np.moveaxis(rates, -1, 0)
+    _, p, r = (yaw_pitch_roll[..., i] for i in range(3))
+    dy, dp, dr = (rates[..., i] for i in range(3))
     sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)
     of_rates = np.stack(
         [
@@ -94,7 +94,7 @@ def quat_from_matrix(R: Array) -> Array:
 
 def matrix_from_quat(q: Array) -> Array:
     """(..., 3, 3) matrices of (..., 4) unit quaternions (w, x, y, z)."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
+    w, x, y, z = (q[..., i] for i in range(4))
     return _rows(
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
@@ -104,8 +104,8 @@ def matrix_from_quat(q: Array) -> Array:
 
 def quat_product(a: Array, b: Array) -> Array:
     """(..., 4) Hamilton product of (..., 4) quaternions (w, x, y, z)."""
-    w1, x1, y1, z1 = np.moveaxis(a, -1, 0)
-    w2, x2, y2, z2 = np.moveaxis(b, -1, 0)
+    w1, x1, y1, z1 = (a[..., i] for i in range(4))
+    w2, x2, y2, z2 = (b[..., i] for i in range(4))
     return np.stack(
         [
             w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
@@ -117,5 +117,9 @@ def quat_product(a: Array, b: Array) -> Array:
     )
 
 
-def _rows(*rows: tuple[Array, ...]) -> Array:
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+def _rows(*rows: tuple[Array, Array, Array]) -> Array:
+    out = np.empty((*np.shape(rows[0][0]), 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            out[..., i, j] = entry
+    return out

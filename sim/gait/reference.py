@@ -34,6 +34,7 @@ GRID_S = 0.005
 _ZMP_ROUNDS = 4
 _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
+_ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone
 _COM_ABOVE_PELVIS_M = 0.03
 _GRAVITY = 9.81
 _REACH_TOLERANCE_M = 2e-4
@@ -87,7 +88,7 @@ def reference(
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
     # the grid reaches beyond the walk, so that nothing at its ends is the spline's own
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
-    t = t[: len(t) - (len(t) - 1) % _STRIDE]  # the coarse grid ends where the fine one does
+    t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end where the fine one does
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
     centres = {side: pressure_centres(steps[side], paths[side], size.shoe, t) for side in SIDES}
@@ -106,11 +107,10 @@ def reference(
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
         p_pelvis[:, 2] = height_below(highest(size, p_pelvis, R_pelvis, p_foot, R_foot), GRID_S)
         legs = _legs(size, p_pelvis, R_pelvis, paths)
-        if round_ in (
-            0,
-            _ZMP_ROUNDS - 1,
-        ):  # the frame hardly moves between rounds: it is fitted first and last
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs)
+        if round_ == 0:  # the frame hardly moves between rounds: it is fitted first and last
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs, _ROUGH_STRIDE)
+        elif round_ == _ZMP_ROUNDS - 1:
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs, _STRIDE)
         splines = make_interp_spline(t, _coordinates(layout, p_pelvis, pose, legs, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
             zmp, kappa = _zero_moment_point(model, layout, splines, t[::_STRIDE], wanted[::_STRIDE, 2])
@@ -148,9 +148,10 @@ def _exo(
     R_pelvis: Array,
     paths: dict[str, FootPath],
     legs: dict[str, LegAngles],
+    stride: int,
 ) -> dict[str, ExoLeg]:
-    """Both legs of the frame, fitted at every second instant and splined between."""
-    k = slice(None, None, _STRIDE)
+    """Both legs of the frame, fitted at every `stride`-th instant and splined between."""
+    k = slice(None, None, stride)
     fitted = {}
     for side in SIDES:
         sign, leg = (1.0 if side == "l" else -1.0), legs[side]
