@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.body import SIDES
+from stridetwin.sim.config import SIDES
 from stridetwin.sim.playback import Motion, Playback
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin

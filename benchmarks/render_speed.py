@@ -13,7 +13,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from stridetwin.sim.body import add_wearer
+from stridetwin.sim.body import add_wearer, compile_model
 from stridetwin.sim.config import Level, Person, Route, Stairs, TwinConfig
 from stridetwin.sim.render import FilmCamera, SensorView, camera_pose
 from stridetwin.sim.rig_bodies import add_rig
@@ -47,7 +47,7 @@ def measure() -> dict[str, list[float]]:
     Terrain.from_route(route).add_to(spec)
     add_wearer(spec, Person())
     add_rig(spec, rig)
-    model = spec.compile()
+    model = compile_model(spec)
     data = mujoco.MjData(model)
     data.qpos[0] = 1.5
     mujoco.mj_forward(model, data)

@@ -14,9 +14,8 @@ import mujoco
 import numpy as np
 
 from stridetwin.sim.anthropometry import Anthropometry, anthropometry
-from stridetwin.sim.config import Person
+from stridetwin.sim.config import SIDES, Person
 
-SIDES = ("l", "r")
 LEG_JOINTS = (
     "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
     "toe_extension",
@@ -85,8 +84,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person) -> Wearer:
 
     for side in SIDES:
         y = 1.0 if side == "l" else -1.0
-        leg = _leaf("leg", {"thigh": body.thigh_m / 0.4222, "shank": 1.0, "foot": 1.0, "toe": 1.0}, girth)
-        _stretch_shank(leg, body.shank_m / 0.4340)
+        leg = _leaf("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
         leg.body("foot").pos = [-size.ankle_x, 0, -body.shank_m - body.ankle_height_m]
         for joint in ("ankle_dorsiflexion", "ankle_inversion"):
             leg.joint(joint).pos = [size.ankle_x, 0, body.ankle_height_m]
@@ -136,12 +134,6 @@ def _size_scale(kind: mujoco.mjtGeom, length: float, girth: float) -> np.ndarray
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         return np.array([girth, length, 1.0])
     return np.array([girth, girth, length])
-
-
-def _stretch_shank(leg: mujoco.MjSpec, k: float) -> None:
-    for geom in leg.body("shank").geoms:
-        geom.pos = np.asarray(geom.pos) * k
-        geom.size = np.asarray(geom.size) * _size_scale(geom.type, k, 1.0)
 
 
 def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:

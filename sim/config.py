@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+SIDES = ("l", "r")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Person:

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.body import SIDES, TRACKED
+from stridetwin.sim.body import TRACKED
+from stridetwin.sim.config import SIDES
 from stridetwin.sim.contact import FootLoad, share_out
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.rotation import matrix_from_quat

@@ -31,14 +31,6 @@ def from_euler(yaw_pitch_roll: Array) -> Array:
     return rot_z(y) @ rot_y(p) @ rot_x(r)
 
 
-def to_euler(R: Array) -> Array:
-    """(..., 3) yaw, pitch, roll of (..., 3, 3) matrices, |pitch| < pi/2."""
-    yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
-    pitch = -np.arcsin(np.clip(R[..., 2, 0], -1.0, 1.0))
-    roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
-    return np.stack([yaw, pitch, roll], -1)
-
-
 def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:
     """(..., 3) angular rate in body axes of a frame whose yaw, pitch, roll change at (..., 3) `rates`."""
     _, p, r = (yaw_pitch_roll[..., i] for i in range(3))

@@ -11,12 +11,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
 
-SIDES = ("l", "r")
 GROUPS = (
     "foot_imu", "foot_camera", "sonar", "insole", "ahrs", "encoder", "interaction", "actuator", "head_imu",
     "head_camera",

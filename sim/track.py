@@ -71,37 +71,3 @@ class Track:
         T = np.tile(np.eye(4), (len(self), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self.rotation.as_matrix(), self.p_body_in_world
         return T
-
-    def at(self, t_ns: ArrayLike) -> Track:
-        """Track at other instants inside this one's span.
-
-        Position follows the cubic that meets position and velocity of the neighbours; attitude turns at a
-        constant rate between them; the rate is linear.
-
-        Args:
-            t_ns: (M,) instants.
-
-        Raises:
-            ValueError: An instant outside the track.
-        """
-        t = np.asarray(t_ns, dtype=np.int64)
-        if len(t) and (t.min() < self.t_ns[0] or t.max() > self.t_ns[-1]):
-            raise ValueError(f"instants must lie in [{self.t_ns[0]}, {self.t_ns[-1]}] ns")
-        i = np.clip(np.searchsorted(self.t_ns, t, side="right") - 1, 0, max(len(self) - 2, 0))
-        j = np.minimum(i + 1, len(self) - 1)
-        h = np.maximum(self.t_ns[j] - self.t_ns[i], 1)[:, None] * 1e-9
-        s = (t - self.t_ns[i])[:, None] * 1e-9 / h
-        p0, p1 = self.p_body_in_world[i], self.p_body_in_world[j]
-        v0, v1 = self.v_body_in_world[i], self.v_body_in_world[j]
-        w0, w1 = self.w_body[i], self.w_body[j]
-        a, b = p1 - p0 - h * v0, h * (v1 - v0)
-        c2, c3 = 3 * a - b, b - 2 * a  # p = p0 + h v0 s + c2 s² + c3 s³
-        rotation = self.rotation
-        turn = (rotation[i].inv() * rotation[j]).as_rotvec()
-        return Track(
-            t_ns=t,
-            p_body_in_world=p0 + s * (h * v0 + s * (c2 + s * c3)),
-            q_world_body=(rotation[i] * Rotation.from_rotvec(s * turn)).as_quat(scalar_first=True),
-            v_body_in_world=v0 + s * (2 * c2 + 3 * s * c3) / h,
-            w_body=w0 + s * (w1 - w0),
-        )

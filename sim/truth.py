@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.body import SIDES
+from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.foot_path import base_rotation
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.playback import Loads, Motion

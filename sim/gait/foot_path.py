@@ -38,14 +38,12 @@ class FootPath:
         R_world_foot: (N, 3, 3).
         toe_extension: (N,) rad.
         pitch: (N,) rad, foot against the ground it stands on or flies over, toes down positive.
-        stance: (N,) index of the footstep it stands on, -1 in swing.
     """
 
     p_foot_in_world: Array
     R_world_foot: Array
     toe_extension: Array
     pitch: Array
-    stance: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,15 +114,14 @@ def foot_path(
     theta = pitch_of(t)
     n = len(t)
     p, R = np.empty((n, 3)), np.empty((n, 3, 3))
-    toe, stance = np.empty(n), np.full(n, -1)
+    toe = np.empty(n)
     for i, step in enumerate(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
         p[on], R[on], toe[on] = _stance(step, size.shoe, theta[on])
-        stance[on] = i
         if i + 1 < len(steps):
             air = (t > step.t_off) & (t < steps[i + 1].t_touch)
             p[air], R[air], toe[air] = _swing(step, steps[i + 1], size.shoe, t[air], theta[air], pitch_of, height)
-    return FootPath(p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta, stance=stance)
+    return FootPath(p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 
 
 def base_rotation(step: Footstep) -> Array:

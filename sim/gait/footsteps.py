@@ -21,6 +21,8 @@ _EDGE_M = 0.01  # between the sole and any edge
 _TOE_TO_RISER_M = 0.07
 _HEEL_FROM_RISER_M = 0.03
 _STEP_TIME = {"level": 1.0, "ramp": 1.04, "up": 1.16, "down": 1.04}
+SHIFT_S = 0.55  # from both feet onto one, before the first step
+SETTLE_S = 0.60  # and back onto both after the last
 _STAIR_STEP_S = 0.60  # at the preferred speed of 1.2 m/s
 
 
@@ -39,7 +41,6 @@ class Footstep:
         departure: push, climb or lower: how the foot leaves.
         t_touch: Touch-down, s; -inf for the feet that stand at the start.
         t_off: Toe-off, s; inf for the feet that stand at the end.
-        step_m: Rise of the ground since the other foot's footprint.
     """
 
     foot: str
@@ -52,7 +53,6 @@ class Footstep:
     departure: str
     t_touch: float
     t_off: float
-    step_m: float
 
 
 def step_length(gait: Gait, height_m: float) -> float:
@@ -86,7 +86,7 @@ def plan(
         before = rows[i - 1] if i >= 2 else row
         after = rows[following] if following is not None else row
         steps.append(_footstep(row, before, after, t_off, rng, gait))
-    return steps, float(touch[-1] + 0.6 + gait.stand_s)
+    return steps, float(touch[-1] + SETTLE_S + gait.stand_s)
 
 
 @dataclass(frozen=True)
@@ -163,12 +163,7 @@ def _times(
     durations, previous = [], (0.0, places[0][1])
     for i, (x, strip) in enumerate(places):
         rise = strip.z0 - previous[1].z1
-        if (
-            strip is not previous[1]
-            and abs(rise) > 0.02
-            and (x - previous[0]) < 1.0
-            and _riser_between(previous, strip)
-        ):
+        if strip is not previous[1] and abs(rise) > 0.02 and (x - previous[0]) < 1.0:
             duration = stair_step * _STEP_TIME["up" if rise > 0 else "down"]
         else:
             ratio = np.clip((x - previous[0]) / nominal, 0.3, 1.3)
@@ -182,10 +177,6 @@ def _times(
     touch = gait.stand_s + 0.3 + np.cumsum(smooth)
     before = np.concatenate([[gait.stand_s + 0.3], touch[:-1]])
     return touch, before + DOUBLE_SUPPORT * smooth
-
-
-def _riser_between(previous: tuple[float, Strip], strip: Strip) -> bool:
-    return previous[1].terrain == "stair" or strip.terrain == "stair" or abs(strip.z0 - previous[1].z1) > 0.02
 
 
 def _footstep(row: _Row, before: _Row, after: _Row, t_off: float, rng: np.random.Generator, gait: Gait) -> Footstep:
@@ -214,5 +205,4 @@ def _footstep(row: _Row, before: _Row, after: _Row, t_off: float, rng: np.random
         else "push",
         t_touch=row.t_touch,
         t_off=t_off,
-        step_m=rise,
     )

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from stridetwin.sim.body import Shoe
-from stridetwin.sim.gait.foot_path import FootPath, base_rotation
-from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.gait.foot_path import base_rotation
+from stridetwin.sim.gait.footsteps import SETTLE_S, SHIFT_S, Footstep
 from stridetwin.sim.gait.smooth import ease
 from stridetwin.streams.samples import Array
 
@@ -47,11 +47,11 @@ def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footst
     """Shares with the quiet stand at both ends: half on each foot, then over to the foot that stays."""
     first = min(s.t_off for own in steps.values() for s in own)
     last = max(s.t_touch for own in steps.values() for s in own)
-    stand = np.maximum(ease((first - t) / 0.55), ease((t - last) / 0.60))
+    stand = np.maximum(ease((first - t) / SHIFT_S), ease((t - last) / SETTLE_S))
     return {foot: (1 - stand) * s + stand * 0.5 for foot, s in shares.items()}
 
 
-def pressure_centres(steps: Sequence[Footstep], path: FootPath, shoe: Shoe, t: Array) -> Array:
+def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array) -> Array:
     """(N, 3) wanted centre of pressure of one foot in the world; in swing where the next stance begins."""
     p = np.empty((len(t), 3))
     order = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
@@ -62,9 +62,9 @@ def pressure_centres(steps: Sequence[Footstep], path: FootPath, shoe: Shoe, t: A
             u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)
             x = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
         elif np.isfinite(step.t_off):
-            x = _STANDING + (knots[-1, 1] - _STANDING) * ease((t[on] - step.t_off + 0.55) / 0.55)
+            x = _STANDING + (knots[-1, 1] - _STANDING) * ease((t[on] - step.t_off + SHIFT_S) / SHIFT_S)
         else:
-            x = knots[0, 1] + (_STANDING - knots[0, 1]) * ease((t[on] - step.t_touch) / 0.60)
+            x = knots[0, 1] + (_STANDING - knots[0, 1]) * ease((t[on] - step.t_touch) / SETTLE_S)
         local = np.stack([x * shoe.toe_hinge_x, np.zeros_like(x), np.zeros_like(x)], -1)
         p[on] = step.p_foot_in_world + local @ base_rotation(step).T
     return p

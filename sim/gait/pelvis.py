@@ -6,7 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_banded, solveh_banded
 
-from stridetwin.sim.body import SIDES, Wearer
+from stridetwin.sim.body import Wearer
+from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
 from stridetwin.streams.samples import Array
 

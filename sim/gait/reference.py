@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
-from stridetwin.sim.body import EXO_LEG_JOINTS, LEG_JOINTS, SIDES, Wearer
-from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.body import EXO_LEG_JOINTS, LEG_JOINTS, Wearer
+from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.gait.exo_fit import ExoLeg, fit_exo_leg
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
@@ -36,7 +36,6 @@ _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correc
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone
 _COM_ABOVE_PELVIS_M = 0.03
-_GRAVITY = 9.81
 _REACH_TOLERANCE_M = 2e-4
 
 
@@ -91,7 +90,7 @@ def reference(
     t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end where the fine one does
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
-    centres = {side: pressure_centres(steps[side], paths[side], size.shoe, t) for side in SIDES}
+    centres = {side: pressure_centres(steps[side], size.shoe, t) for side in SIDES}
     wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
     p_foot = {side: paths[side].p_foot_in_world for side in SIDES}
     R_foot = {side: paths[side].R_world_foot for side in SIDES}
@@ -99,7 +98,7 @@ def reference(
     R_pelvis = from_euler(pose.pelvis)
 
     hip_height = size.body.thigh_m + size.body.shank_m + size.body.ankle_height_m
-    kappa = np.full(len(t), (hip_height + _COM_ABOVE_PELVIS_M) / _GRAVITY)
+    kappa = np.full(len(t), (hip_height + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
     over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
     layout = Coordinates.of(model)
     exo: dict[str, ExoLeg] = {}

@@ -152,20 +152,6 @@ def test_a_mounted_track_is_a_rigid_body(seed):
     np.testing.assert_allclose(sensor.poses(), foot_like(t).poses() @ T, atol=1e-12)
 
 
-def test_a_track_between_its_instants():
-    track = foot_like(instants(500.0, 2.0))
-    t = np.sort(np.random.default_rng(1).uniform(0.0, 2.0, 200))
-    fine = track.at(np.round(t * 1e9).astype(np.int64))
-    truth = foot_like(np.round(t, 9))
-    np.testing.assert_allclose(fine.p_body_in_world, truth.p_body_in_world, atol=1e-7)
-    np.testing.assert_allclose(fine.v_body_in_world, truth.v_body_in_world, atol=1e-3)
-    assert (fine.rotation.inv() * truth.rotation).magnitude().max() < 1e-4
-    same = track.at(track.t_ns)
-    np.testing.assert_allclose(same.p_body_in_world, track.p_body_in_world, atol=1e-12)
-    with pytest.raises(ValueError, match="instants"):
-        track.at([track.t_ns[-1] + 1])
-
-
 def test_one_topic_never_changes_another():
     a = Noise.of_topic(7, "/foot_l/imu").normal(1.0, 5)
     Noise.of_topic(7, "/foot_r/imu").normal(1.0, 99)
