@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from stridetwin.sim.body import add_wearer, compile_model
-from stridetwin.sim.config import Level, Person, Route, Stairs, TwinConfig
+from stridetwin.sim.config import Exo, Level, Person, Route, Stairs, TwinConfig
 from stridetwin.sim.render import FilmCamera, SensorView, camera_pose
 from stridetwin.sim.rig_bodies import add_rig
 from stridetwin.sim.standard_rig import standard_rig
@@ -45,7 +45,7 @@ def measure() -> dict[str, list[float]]:
     rig = standard_rig(TwinConfig(name="render_speed", route=route))
     spec = mujoco.MjSpec()
     Terrain.from_route(route).add_to(spec)
-    add_wearer(spec, Person())
+    add_wearer(spec, Person(), Exo())
     add_rig(spec, rig)
     model = compile_model(spec)
     data = mujoco.MjData(model)

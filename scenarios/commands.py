@@ -9,7 +9,7 @@ import subprocess
 import sys
 from argparse import Namespace
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +78,7 @@ def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
 def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`list`."""
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
+    from stridetwin.sim.people import PEOPLE
 
     scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
     data = {
@@ -85,6 +86,7 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         "sensors": list(SENSORS),
         "estimators": ESTIMATORS,
         "physics": list(PHYSICS),
+        "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
     lines = ["Scenarios", *(f"  {n:<16} {words}" for n, words in scenarios.items()), "", "Estimators"]
     lines += [
@@ -92,6 +94,9 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         "",
         "Sensors",
         f"  {', '.join(SENSORS)}",
+        "",
+        "People",
+        *(f"  {n:<16} {p.sex}, {p.height_m:.3g} m, {p.mass_kg:.3g} kg" for n, p in PEOPLE.items()),
     ]
     return Outcome(data=data, lines=lines)
 

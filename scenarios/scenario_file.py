@@ -27,7 +27,10 @@ from stridetwin.scenarios.fields import (
     suggest,
     text,
 )
-from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.actuation import JOINTS, modules
+from stridetwin.sim.config import Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.people import PEOPLE
+from stridetwin.sim.standard_rig import EXO_GROUPS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 SENSORS: tuple[str, ...] = TwinConfig.sensors
@@ -74,22 +77,51 @@ _TERRAIN = {
         Ramp,
     ),
 }
+_PERSON = mapping(
+    {
+        "height_m": Field(attribute="height_m", read=number(1.5, 1.95)),
+        "mass_kg": Field(attribute="mass_kg", read=number(45, 110)),
+        "sex": Field(attribute="sex", read=choice({"male": "male", "female": "female"})),
+        "shoe_mm": Field(attribute="shoe_m", read=number(200, 320, scale=_MM)),
+    },
+    Person,
+)
+_EXO = mapping(
+    {
+        "mode": Field(attribute="mode", read=integer(0, 4), required=True),
+        "joints": Field(attribute="joints", read=names_of(JOINTS)),
+    },
+    Exo,
+)
+
+
+def _person(node: object, where: Where) -> Person:
+    """Someone of the catalogue by name, or a mapping."""
+    person: Person = (choice(PEOPLE) if isinstance(node, str) else _PERSON)(node, where)
+    return person
+
+
+def _exo(node: object, where: Where) -> Exo | None:
+    """`none`, or a mapping whose joints its mode powers."""
+    if node == "none":
+        return None
+    if not isinstance(node, dict):
+        raise where.error(node, "none, or keys mode, joints")
+    exo: Exo = _EXO(node, where)
+    try:
+        modules(exo)
+    except ConfigError as error:
+        raise where.key(error.field).error(error.value, error.valid) from None
+    return exo
+
+
 _FILE = mapping(
     {
         "description": Field(attribute="description", read=text, required=True),
         "terrain": Field(attribute="terrain", read=sequence(one_of(_TERRAIN)), required=True),
         "width_m": Field(attribute="width_m", read=number(1.2, 10)),
-        "person": Field(
-            attribute="person",
-            read=mapping(
-                {
-                    "height_m": Field(attribute="height_m", read=number(1.5, 1.95)),
-                    "mass_kg": Field(attribute="mass_kg", read=number(45, 110)),
-                    "sex": Field(attribute="sex", read=choice({"male": "male", "female": "female"})),
-                },
-                Person,
-            ),
-        ),
+        "person": Field(attribute="person", read=_person),
+        "exo": Field(attribute="exo", read=_exo),
         "gait": Field(
             attribute="gait",
             read=mapping(
@@ -168,6 +200,8 @@ def read_scenario(path: Path) -> Scenario:
     where = Where(source=str(path))
     values = _FILE(node, where)
     _check_order(path, values["route"].segments)
+    if values.get("exo", Exo()) is None:
+        _check_worn(path, values.get("sensors", ()))
     return Scenario(description=values.pop("description"), config=TwinConfig(name=path.stem, **values))
 
 
@@ -179,3 +213,10 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
         if i and kind == "stairs" and isinstance(segments[i - 1], Stairs):
             valid = "level, ramp (the last riser of the stairs before needs a landing)"
             raise ConfigError(path, f"terrain[{i}]", kind, valid)
+
+
+def _check_worn(path: Path, sensors: tuple[str, ...]) -> None:
+    for i, name in enumerate(sensors):
+        if name in EXO_GROUPS:
+            valid = ", ".join(n for n in SENSORS if n not in EXO_GROUPS) + " (exo: none)"
+            raise ConfigError(path, f"sensors[{i}]", name, valid)

@@ -45,7 +45,8 @@ _TABLE: dict[str, dict[str, tuple[float, ...]]] = {
 _STATURE_M = {"male": 1.741, "female": 1.735}
 _HIP_HALF_WIDTH = 0.050  # of stature, between the hip centres / 2
 _ANKLE_HEIGHT = 0.043  # of stature, ankle centre above the bare sole
-_SHOE_LENGTH = 0.155  # of stature
+_FOOT_LENGTH = 0.148  # of stature
+_SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
 SHOE_SOLE_M = 0.025
 
 
@@ -93,7 +94,7 @@ def anthropometry(person: Person) -> Anthropometry:
     """Dimensions and mass properties of `person`.
 
     Raises:
-        ConfigError: Height, mass or sex outside what the tables cover.
+        ConfigError: Height, mass, sex or shoe size outside what the tables cover.
     """
     if not 1.50 <= person.height_m <= 1.95:
         raise ConfigError("person", "height_m", person.height_m, "1.50-1.95")
@@ -101,6 +102,8 @@ def anthropometry(person: Person) -> Anthropometry:
         raise ConfigError("person", "mass_kg", person.mass_kg, "45-110")
     if person.sex not in _TABLE:
         raise ConfigError("person", "sex", person.sex, "male, female")
+    if person.shoe_m is not None and not 0.20 <= person.shoe_m <= 0.32:
+        raise ConfigError("person", "shoe_m", person.shoe_m, "0.20-0.32")
     table, k = _TABLE[person.sex], person.height_m / _STATURE_M[person.sex]
 
     def length(name: str) -> float:
@@ -141,7 +144,8 @@ def anthropometry(person: Person) -> Anthropometry:
     return Anthropometry(
         thigh_m=length("thigh"), shank_m=length("shank"), upper_arm_m=length("upper_arm"),
         forearm_m=length("forearm"), ankle_height_m=ankle_height,
-        hip_half_width_m=_HIP_HALF_WIDTH * person.height_m, shoe_length_m=_SHOE_LENGTH * person.height_m,
+        hip_half_width_m=_HIP_HALF_WIDTH * person.height_m,
+        shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + _SHOE_OVER_FOOT_M,
         trunk_m=trunk, inertials=inertials,
     )  # fmt: skip
 

@@ -13,22 +13,18 @@ from importlib import resources
 import mujoco
 import numpy as np
 
+from stridetwin.sim.actuation import modules
 from stridetwin.sim.anthropometry import Anthropometry, anthropometry
-from stridetwin.sim.config import SIDES, Person
+from stridetwin.sim.config import SIDES, Exo, Person
+from stridetwin.sim.exo_body import add_exoskeleton
+from stridetwin.sim.exoskeleton import ExoLinks, fit_links
 
 LEG_JOINTS = (
     "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
     "toe_extension",
 )  # fmt: skip
-EXO_LEG_JOINTS = (
-    "exo_hip_adduction", "exo_hip_rotation", "exo_hip_flexion", "exo_knee_flexion", "exo_ankle_dorsiflexion",
-    "exo_ankle_inversion",
-)  # fmt: skip
-TRACKED = (
-    "pelvis", "torso", "head", "exo_back",
-    *(f"{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot", "toe", "exo_thigh", "exo_shank", "exo_foot")),
-)  # fmt: skip
-EXO_HOLE_SPACING_M = 0.010  # telescopic links are pinned in holes: the fit is never perfect
+_TRACKED = ("pelvis", "torso", "head", *(f"{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot", "toe")))
+_TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot")))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,34 +43,44 @@ class Wearer:
     """Dimensions of person and exoskeleton that the gait is planned with."""
 
     body: Anthropometry
+    girth: float
     shoe: Shoe
     ankle_x: float
-    exo_thigh_m: float
-    exo_shank_m: float
+    exo: ExoLinks | None
 
 
-def wearer(person: Person) -> Wearer:
-    """Dimensions of `person` in shoes and exoskeleton."""
+def wearer(person: Person, with_exo: bool = True) -> Wearer:
+    """Dimensions of `person` in shoes, and of the exoskeleton set to them.
+
+    Raises:
+        ConfigError: A person outside what the tables cover.
+    """
     body = anthropometry(person)
+    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
     k = body.shoe_length_m / 0.270
-    return Wearer(
-        body=body,
-        shoe=Shoe(heel_back_x=-0.045, toe_hinge_x=0.145 * k, toe_hinge_z=0.024,
-                  toe_tip_x=body.shoe_length_m - 0.045, half_width=0.037),
-        ankle_x=0.020,
-        exo_thigh_m=_to_hole(body.thigh_m),
-        exo_shank_m=_to_hole(body.shank_m),
-    )  # fmt: skip
+    shoe = Shoe(heel_back_x=-0.045, toe_hinge_x=0.145 * k, toe_hinge_z=0.024,
+                toe_tip_x=body.shoe_length_m - 0.045, half_width=0.037)  # fmt: skip
+    ankle_x = 0.020
+    links = fit_links(body, girth, ankle_x, shoe.heel_back_x) if with_exo else None
+    return Wearer(body=body, girth=girth, shoe=shoe, ankle_x=ankle_x, exo=links)
 
 
-def add_wearer(spec: mujoco.MjSpec, person: Person) -> Wearer:
+def tracked(with_exo: bool) -> tuple[str, ...]:
+    """Bodies whose frames a model of the wearer tracks, with or without exoskeleton."""
+    return _TRACKED + (_TRACKED_EXO if with_exo else ())
+
+
+def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     """Attaches person, shoes and exoskeleton to the world of `spec` with a free root and tracks their frames.
 
-    Adds the sensors framepos, framequat, framelinvel and frameangvel of every body in `TRACKED`, in that order.
+    Adds the sensors framepos, framequat, framelinvel and frameangvel of every body in `tracked`, in that order.
+
+    Raises:
+        ConfigError: A person outside what the tables cover, or an exoskeleton whose mode does not exist.
     """
-    size = wearer(person)
-    body = size.body
-    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
+    spec.compiler.degree = False  # as in the leaf files
+    size = wearer(person, exo is not None)
+    body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826
     trunk = _leaf("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth)
@@ -96,12 +102,10 @@ def add_wearer(spec: mujoco.MjSpec, person: Person) -> Wearer:
             _attach(spec.body(f"{carrier}_{side}"), shoe, part, None, side)
         arm = _leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
         _attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
-        exo = _leaf("exoskeleton_leg", {}, 1.0)
-        _fit_exoskeleton(exo, size)
-        _attach(pelvis, exo, "exo_hip_abduction", None, side)
-    _attach(pelvis, _leaf("exoskeleton_back", {}, 1.0), "exo_back")
     _set_inertials(spec, body)
-    for name in TRACKED:
+    if exo is not None and size.exo is not None:
+        add_exoskeleton(spec, pelvis, size.exo, girth, modules(exo))
+    for name in tracked(size.exo is not None):
         for kind in (mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMEQUAT,
                      mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):  # fmt: skip
             spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name)
@@ -142,22 +146,6 @@ def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
         stretch = 1.0 if geom.name in ("sole_heel", "upper_heel", "ankle") else k
         geom.pos = np.asarray(geom.pos) * [stretch, 1.0, 1.0]
         geom.size = np.asarray(geom.size) * [stretch, 1.0, 1.0]
-
-
-def _fit_exoskeleton(exo: mujoco.MjSpec, size: Wearer) -> None:
-    for body, nominal, length in (
-        ("exo_thigh", 0.4222, size.exo_thigh_m),
-        ("exo_shank", 0.4340, size.exo_shank_m),
-    ):
-        for geom in exo.body(body).geoms:
-            if geom.name.endswith("_bar"):
-                geom.pos = np.asarray(geom.pos) * [1.0, 1.0, length / nominal]
-                geom.size = np.asarray(geom.size) + [0.0, 0.0, (length - nominal) / 2]
-    exo.body("exo_hip_abduction").pos = [-0.150, size.body.hip_half_width_m, 0.0]
-    exo.body("exo_shank").pos = [0.0, 0.0, -size.exo_thigh_m]
-    exo.body("exo_foot").pos = [-size.ankle_x, -0.118, -size.exo_shank_m - size.body.ankle_height_m]
-    exo.joint("exo_ankle_dorsiflexion").pos = [size.ankle_x, 0.118, size.body.ankle_height_m]
-    exo.joint("exo_ankle_inversion").pos = [size.ankle_x, 0.0, size.body.ankle_height_m]
 
 
 def _mirror(spec: mujoco.MjSpec) -> None:
@@ -202,7 +190,3 @@ def _set_inertials(spec: mujoco.MjSpec, body: Anthropometry) -> None:
             target.explicitinertial = True
             target.mass, target.ipos, target.inertia = part.mass, part.com, part.inertia
             target.iquat = [1, 0, 0, 0]
-
-
-def _to_hole(length: float) -> float:
-    return round(length / EXO_HOLE_SPACING_M) * EXO_HOLE_SPACING_M

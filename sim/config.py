@@ -15,11 +15,28 @@ class Person:
         height_m: Standing height without shoes, 1.50-1.95.
         mass_kg: Body mass, 45-110.
         sex: `male` or `female` (de Leva's tables).
+        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like), 0.20-0.32; None takes the
+            stature's.
     """
 
     height_m: float = 1.75
     mass_kg: float = 75.0
     sex: str = "male"
+    shoe_m: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exo:
+    """The exoskeleton of Shim et al. 2019 and its actuation modules.
+
+    Attributes:
+        mode: 0 no modules (measurement only), 1 both hips and knees, 2 both hips or both knees, 3 hip and knee of one
+            leg, 4 one joint.
+        joints: Which joints have a module (hip_l, hip_r, knee_l, knee_r), where the mode leaves a choice.
+    """
+
+    mode: int = 0
+    joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +100,7 @@ class TwinConfig:
     """Everything that a walk is made of; with a seed it fixes every byte of the recording.
 
     Attributes:
+        exo: The exoskeleton; None for a person without it, and then without its sensors.
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
             actuator, head_imu, head_camera.
         rig_mount: `head` or `chest`: where the RGB-D camera sits.
@@ -92,6 +110,7 @@ class TwinConfig:
     name: str
     route: Route
     person: Person = field(default_factory=Person)
+    exo: Exo | None = field(default_factory=Exo)
     gait: Gait = field(default_factory=Gait)
     physics: str = "kinematic"
     sensors: tuple[str, ...] = (

@@ -8,15 +8,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.body import TRACKED
+from stridetwin.sim.body import tracked
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.contact import FootLoad, share_out
+from stridetwin.sim.coupling import Coupling, Pose, wrench
+from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.track import Track
 from stridetwin.streams.samples import Array
-
-_CUFFS = ("thigh_l", "shank_l", "thigh_r", "shank_r")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,10 +26,11 @@ class Motion:
     Attributes:
         t_ns: (N,) increasing.
         qpos: (N, nq) in MuJoCo's layout.
-        tracks: Track by body name (`body.TRACKED`).
+        tracks: Track by body name (`body.tracked`).
         angle: (N,) rad by hinge name.
         speed: (N,) rad/s by hinge name.
-        cuff_force: (N,) N by place (thigh_l, ...), force of the cuff on the wearer, forward positive.
+        cuff_force: (N,) N by place (thigh_l, ...), force of the cuff on the wearer, forward positive; none without
+            exoskeleton.
     """
 
     t_ns: NDArray[np.int64]
@@ -51,8 +52,8 @@ class Loads:
     Attributes:
         t_ns: (N,).
         feet: Load of each foot, `l` and `r`.
-        joint_torque: (N, J) N m of the hinges, in the order of `Coordinates.names[6:]`; those of the frame's joints are
-            what its unpowered leg needs and come from the wearer through the cuffs.
+        joint_torque: (N, J) N m of the hinges, in the order of `Coordinates.names[6:]`. What the couplings of the
+            exoskeleton give and take is accounted for, so that its own joints are left with stops and modules.
         residual_force: (N, 3) N, world: what the contacts do not explain.
         residual_torque: (N, 3) N m about the pelvis.
     """
@@ -75,6 +76,7 @@ class Playback:
     def __init__(self, model: mujoco.MjModel, reference: Reference) -> None:
         self._model, self._reference = model, reference
         self._data = mujoco.MjData(model)
+        self._couplings = couplings(reference.size)
 
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
@@ -90,14 +92,15 @@ class Playback:
             mujoco.mj_sensorVel(model, data)
             read[i] = data.sensordata
         names, layout = reference.coordinates.names[6:], reference.coordinates
-        cuffs = reference.loads(t_ns * 1e-9)[:, 8:]
+        bodies = tracked(reference.size.exo is not None)
+        tracks = {body: _track(t_ns, read[:, 13 * i : 13 * i + 13]) for i, body in enumerate(bodies)}
         return Motion(
             t_ns=t_ns,
             qpos=q,
-            tracks={body: _track(t_ns, read[:, 13 * i : 13 * i + 13]) for i, body in enumerate(TRACKED)},
+            tracks=tracks,
             angle={name: q[:, layout.qpos[i]] for i, name in enumerate(names)},
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
-            cuff_force={place: cuffs[:, i] for i, place in enumerate(_CUFFS)},
+            cuff_force={c.name: _push_forward(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
         )
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
@@ -108,17 +111,22 @@ class Playback:
         needed = np.empty((len(t), model.nv))
         jacobians = {side: np.empty((len(t), 6, model.nv)) for side in SIDES}
         foot_id = {side: model.body(f"foot_{side}").id for side in SIDES}
+        rows = motion.rows(t_ns)
+        held = [(c, _wrench(c, motion.tracks, rows)) for c in self._couplings]
+        coupled = np.zeros((len(t), model.nv))
         for i in range(len(t)):
             data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
             mujoco.mj_inverse(model, data)
             needed[i] = data.qfrc_inverse
+            for c, (push, turn, point) in held:
+                mujoco.mj_applyFT(model, data, push[i], turn[i], point[i], model.body(c.exo_body).id, coupled[i])
+                mujoco.mj_applyFT(model, data, -push[i], -turn[i], point[i], model.body(c.body).id, coupled[i])
             for side in SIDES:
                 J = jacobians[side][i]
                 mujoco.mj_jac(model, data, J[:3], J[3:], data.xpos[foot_id[side]], foot_id[side])
         R_root = matrix_from_quat(q[:, 3:7])
         force, torque = needed[:, :3], np.einsum("nij,nj->ni", R_root, needed[:, 3:6])
         planned = reference.loads(t)
-        rows = motion.rows(t_ns)
         feet, left_force, left_torque = share_out(
             force, torque, q[:, :3],
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
@@ -129,9 +137,25 @@ class Playback:
             np.einsum("nkj,nk->nj", jacobians[side], np.hstack([feet[side].force, feet[side].torque])) for side in SIDES
         )
         return Loads(
-            t_ns=t_ns, feet=feet, joint_torque=(needed - carried)[:, reference.coordinates.dof],
+            t_ns=t_ns, feet=feet, joint_torque=(needed - carried - coupled)[:, reference.coordinates.dof],
             residual_force=left_force, residual_torque=left_torque,
         )  # fmt: skip
+
+
+def _wrench(c: Coupling, tracks: dict[str, Track], rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    return wrench(c, _pose(tracks[c.exo_body][rows]), _pose(tracks[c.body][rows]))
+
+
+def _push_forward(c: Coupling, tracks: dict[str, Track]) -> Array:
+    """(N,) N, force of a coupling on the wearer along its own fore-aft axis."""
+    exo = _pose(tracks[c.exo_body])
+    force, _, _ = wrench(c, exo, _pose(tracks[c.body]))
+    return -np.einsum("ni,ni->n", exo.R[:, :, 0], force)
+
+
+def _pose(track: Track) -> Pose:
+    R = matrix_from_quat(track.q_world_body)
+    return Pose(p=track.p_body_in_world, R=R, v=track.v_body_in_world, w=np.einsum("nij,nj->ni", R, track.w_body))
 
 
 def _track(t_ns: NDArray[np.int64], read: Array) -> Track:

@@ -97,5 +97,5 @@ def _read(sensor: OtherSensor, model: Any, motion: Motion, loads: Loads, t_ns: I
             return model.read(t_ns, motion.angle[f"exo_{place}_flexion_{side}"][rows])
         case "interaction":
             return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # a push forward is felt behind
-        case _:  # actuation modules are not mounted (mode 0): no command, no torque
+        case _:  # nothing commands the modules: their motors give no torque
             return model.read(t_ns, 0.0, np.zeros(len(t_ns)), motion.speed[f"exo_{place}_flexion_{side}"][rows])

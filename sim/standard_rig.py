@@ -11,7 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.sim.config import SIDES, TwinConfig
+from stridetwin.sim.actuation import modules
+from stridetwin.sim.config import SIDES, Exo, TwinConfig
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
@@ -20,6 +21,7 @@ GROUPS = (
     "foot_imu", "foot_camera", "sonar", "insole", "ahrs", "encoder", "interaction", "actuator", "head_imu",
     "head_camera",
 )  # fmt: skip
+EXO_GROUPS = ("ahrs", "encoder", "interaction", "actuator")
 _G = 9.80665
 _DEG = math.pi / 180
 _WALK_S = 100.0
@@ -37,7 +39,8 @@ def standard_rig(config: TwinConfig) -> Rig:
     """The rig that a walk carries.
 
     Args:
-        config: Which groups of sensors are on, and where the RGB-D camera sits.
+        config: Which groups of sensors are on, and where the RGB-D camera sits. Without exoskeleton the groups that sit
+            on it are left out.
 
     Returns:
         Rig with the sensors of the chosen groups.
@@ -50,7 +53,7 @@ def standard_rig(config: TwinConfig) -> Rig:
             raise ConfigError(config.name, f"sensors[{i}]", group, ", ".join(GROUPS))
     if config.rig_mount not in _RGBD_MOUNT:
         raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(_RGBD_MOUNT))
-    on = set(config.sensors)
+    on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
     imus: list[ImuCalibration] = []
     cameras: list[CameraCalibration] = []
     boards: list[Board] = []
@@ -65,6 +68,8 @@ def standard_rig(config: TwinConfig) -> Rig:
     if "head_imu" in on:
         imus.append(_rgbd_imu(config.rig_mount))
     others = [s for group, sensors in _OTHERS.items() if group in on for s in sensors()]
+    if config.exo is not None and "actuator" in on:
+        others += _actuators(config.exo)
     return Rig(
         imus={s.topic: s for s in imus},
         cameras={s.topic: s for s in cameras},
@@ -253,18 +258,24 @@ def _interactions() -> list[OtherSensor]:
     ]
 
 
-def _actuators() -> list[OtherSensor]:
+def _actuators(exo: Exo) -> list[OtherSensor]:
+    mounted = modules(exo)
+    limits = {
+        joint: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
+        for joint, m in mounted.items()
+    }
     return [
         OtherSensor(
             topic=f"/exo/{joint}_{side}/actuator",
             kind="actuator",
-            part="actuation module",
+            part="actuation module" if f"{joint}_{side}" in mounted else "no actuation module",
             rate_hz=100.0,
             mount=Mount(body=f"exo_{body}_{side}"),
             parameters={
                 "torque_sd_nm": 0.2,
                 "speed_sd_radps": 0.01,
-            },  # current sensing; differentiated encoder
+            }  # current sensing; differentiated encoder
+            | limits.get(f"{joint}_{side}", {}),
         )
         for joint, body in (("hip", "thigh"), ("knee", "shank"))
         for side in SIDES
@@ -277,7 +288,6 @@ _OTHERS = {
     "ahrs": _ahrs,
     "encoder": _encoders,
     "interaction": _interactions,
-    "actuator": _actuators,
 }
 
 

@@ -55,7 +55,7 @@ class Twin:
         self.terrain = Terrain.from_route(config.route)
         spec = mujoco.MjSpec()
         self.terrain.add_to(spec)
-        self.size = add_wearer(spec, config.person)
+        self.size = add_wearer(spec, config.person, config.exo)
         add_rig(spec, self.rig)
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)

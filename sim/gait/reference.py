@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
-from stridetwin.sim.body import EXO_LEG_JOINTS, LEG_JOINTS, Wearer
+from stridetwin.sim.body import LEG_JOINTS, Wearer
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.coordinates import Coordinates
-from stridetwin.sim.gait.exo_fit import ExoLeg, fit_exo_leg
+from stridetwin.sim.exoskeleton import EXO_LEG_JOINTS
+from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, limbs, settle
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
 from stridetwin.sim.gait.footsteps import Footstep, plan, step_length
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
@@ -45,16 +46,17 @@ class Reference:
 
     Attributes:
         duration_s: Length of the walk.
+        size: The wearer who walks.
         steps: Footsteps of each foot in order of time, the standing ones first.
         coordinates: Layout of the generalised coordinates.
         splines: Quintic splines of the coordinates (`Coordinates.names`).
-        loads: Quintic splines of share (1) and wanted centre of pressure (3) of the left, then the right foot, and the
-            fore-aft cuff forces thigh_l, shank_l, thigh_r, shank_r: 12 columns.
+        loads: Cubic splines of share (1) and wanted centre of pressure (3) of the left, then the right foot.
         paths: Foot paths on the grid, for the phases.
         grid: (N,) s.
     """
 
     duration_s: float
+    size: Wearer
     steps: dict[str, list[Footstep]]
     coordinates: Coordinates
     splines: BSpline
@@ -101,7 +103,7 @@ def reference(
     kappa = np.full(len(t), (hip_height + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
     over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
     layout = Coordinates.of(model)
-    exo: dict[str, ExoLeg] = {}
+    exo: dict[str, Array] = {}
     for round_ in range(_ZMP_ROUNDS):
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
         p_pelvis[:, 2] = height_below(highest(size, p_pelvis, R_pelvis, p_foot, R_foot), GRID_S)
@@ -109,7 +111,7 @@ def reference(
         if round_ == 0:  # the frame hardly moves between rounds: it is fitted first and last
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs, _ROUGH_STRIDE)
         elif round_ == _ZMP_ROUNDS - 1:
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs, _STRIDE)
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs, _STRIDE, (model, layout, pose))
         splines = make_interp_spline(t, _coordinates(layout, p_pelvis, pose, legs, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
             zmp, kappa = _zero_moment_point(model, layout, splines, t[::_STRIDE], wanted[::_STRIDE, 2])
@@ -122,12 +124,9 @@ def reference(
         raise StrideTwinError(
             f"the {side} leg misses its footstep by {1e3 * worst:.1f} mm at {when:.2f} s: steps too long"
         )
-    loads = np.column_stack(
-        [shares["l"], centres["l"], shares["r"], centres["r"]]
-        + [force for side in SIDES for force in (exo[side].thigh_force, exo[side].shank_force)]
-    )
+    loads = np.column_stack([shares["l"], centres["l"], shares["r"], centres["r"]])
     return Reference(
-        duration_s=duration, steps=steps, coordinates=layout, splines=splines,
+        duration_s=duration, size=size, steps=steps, coordinates=layout, splines=splines,
         loads=make_interp_spline(t, loads, k=3), paths=paths, grid=t,
     )  # fmt: skip
 
@@ -141,35 +140,40 @@ def _legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootP
 
 
 def _exo(
-    size: Wearer,
-    t: Array,
-    p_pelvis: Array,
-    R_pelvis: Array,
-    paths: dict[str, FootPath],
-    legs: dict[str, LegAngles],
-    stride: int,
-) -> dict[str, ExoLeg]:
-    """Both legs of the frame, fitted at every `stride`-th instant and splined between."""
+    size: Wearer, t: Array, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles],
+    stride: int, weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
+) -> dict[str, Array]:  # fmt: skip
+    """(N, 6) angles of both legs of the exoskeleton, found at every `stride`-th instant and splined between.
+
+    They are those of weightless legs, or where `weighing` says what to weigh with, of legs with weight.
+    """
+    if size.exo is None:
+        return {}
     k = slice(None, None, stride)
-    fitted = {}
+    to_pelvis = np.swapaxes(R_pelvis[k], 1, 2)
+    frames, wearers, coarse = {}, {}, {}
     for side in SIDES:
-        sign, leg = (1.0 if side == "l" else -1.0), legs[side]
+        sign, leg, path = (1.0 if side == "l" else -1.0), legs[side], paths[side]
         R_thigh = (
-            R_pelvis[k] @ rot_y(-leg.hip_flexion[k]) @ rot_x(-sign * leg.hip_adduction[k])
-            @ rot_z(-sign * leg.hip_rotation[k])
+            rot_y(-leg.hip_flexion[k]) @ rot_x(-sign * leg.hip_adduction[k]) @ rot_z(-sign * leg.hip_rotation[k])
         )  # fmt: skip
-        coarse = fit_exo_leg(
-            size, side, R_pelvis[k], p_pelvis[k], R_thigh, R_thigh @ rot_y(leg.knee_flexion[k]),
-            paths[side].p_foot_in_world[k], paths[side].R_world_foot[k],
-        )  # fmt: skip
-        rows = np.column_stack([coarse.angles, coarse.thigh_force, coarse.shank_force])
-        fine = make_interp_spline(t[k], rows, k=5)(t)
-        fitted[side] = ExoLeg(angles=fine[:, :6], thigh_force=fine[:, 6], shank_force=fine[:, 7])
-    return fitted
+        p_foot = np.einsum("nij,nj->ni", to_pelvis, path.p_foot_in_world[k] - p_pelvis[k])
+        wearers[side] = limbs(
+            size, side, R_thigh, R_thigh @ rot_y(leg.knee_flexion[k]), p_foot, to_pelvis @ path.R_world_foot[k]
+        )
+        frames[side] = ExoLeg(size, side)
+        coarse[side] = fit_leg(frames[side], wearers[side])
+    fine = {side: make_interp_spline(t[k], coarse[side], k=5)(t) for side in SIDES}
+    if weighing is None:
+        return fine
+    model, layout, pose = weighing
+    splines = make_interp_spline(t, _coordinates(layout, p_pelvis, pose, legs, fine, paths), k=5)
+    settled = settle(frames, coarse, wearers, model, layout, splines, t[k])
+    return {side: make_interp_spline(t[k], settled[side], k=5)(t) for side in SIDES}
 
 
 def _coordinates(
-    layout: Coordinates, p_pelvis: Array, pose: Posture, legs: dict[str, LegAngles], exo: dict[str, ExoLeg],
+    layout: Coordinates, p_pelvis: Array, pose: Posture, legs: dict[str, LegAngles], exo: dict[str, Array],
     paths: dict[str, FootPath],
 ) -> Array:  # fmt: skip
     columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
@@ -178,8 +182,8 @@ def _coordinates(
         for joint in LEG_JOINTS[:-1]:
             columns[f"{joint}_{side}"] = getattr(legs[side], joint)
         columns[f"toe_extension_{side}"] = paths[side].toe_extension
-        for i, joint in enumerate(EXO_LEG_JOINTS):
-            columns[f"{joint}_{side}"] = exo[side].angles[:, i]
+        if side in exo:
+            columns |= {f"{joint}_{side}": exo[side][:, i] for i, joint in enumerate(EXO_LEG_JOINTS)}
     return np.column_stack([columns[name] for name in layout.names])
 
 

@@ -69,7 +69,7 @@ class ActuatorModel:
     def read(self, t_ns: Instants, command: ArrayLike, torque: ArrayLike, speed: ArrayLike) -> Block[Actuator]:
         """Samples of the command (N,) and the true torque (N,), N m, and the joint's true speed (N,), rad/s.
 
-        Without an actuation module mounted command and torque are 0.
+        Without an actuation module, or with an idle one, command and torque of the motor are 0.
         """
         n = len(t_ns)
         white = self._noise.normal(self._sd, (n, 2))

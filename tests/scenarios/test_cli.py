@@ -66,6 +66,7 @@ def test_json_is_one_object_and_nothing_else_on_stdout(simulator, capsys, tmp_pa
     assert "/head/color" not in Recording(tmp_path / "recording.mcap").topics
     code, out, _ = call(capsys, "list", "--json")
     assert "demo" in json.loads(out)["scenarios"]
+    assert json.loads(out)["people"]["shim_s6"]["height_m"] == 1.61
 
 
 def test_list_names_scenarios_estimators_and_sensors(capsys):

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from stridetwin.scenarios.fields import Where, number
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
-from stridetwin.sim.config import Level, Ramp, Stairs
+from stridetwin.sim.config import Exo, Level, Ramp, Stairs
+from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 GOOD = {
@@ -65,9 +66,28 @@ def test_degrees_and_millimetres_become_radians_and_metres(tmp_path):
     assert read_scenario(written(tmp_path)).config.route.segments[1].riser_m == pytest.approx(0.165)
 
 
+def test_people_and_exoskeletons(tmp_path):
+    def read(**keys):
+        return read_scenario(written(tmp_path, lambda node: node.update(keys))).config
+
+    assert read().exo == Exo()
+    assert read(exo="none").exo is None
+    assert read(exo={"mode": 1}).exo == Exo(mode=1)
+    assert read(exo={"mode": 3, "joints": ["hip_r", "knee_r"]}).exo == Exo(mode=3, joints=("hip_r", "knee_r"))
+    assert read(person="shim_s6").person == PEOPLE["shim_s6"]
+    assert read(person={"height_m": 1.7, "shoe_mm": 265}).person.shoe_m == pytest.approx(0.265)
+
+
 @pytest.mark.parametrize(
     ("change", "where", "valid"),
     [
+        (lambda n: n.update(person="shim_s8"), "person", "shim_s7"),
+        (lambda n: n.update(person={"shoe_mm": 500}), "person.shoe_mm", "200-320"),
+        (lambda n: n.update(exo="off"), "exo", "none, or keys mode, joints"),
+        (lambda n: n.update(exo={"mode": 5}), "exo.mode", "0-4"),
+        (lambda n: n.update(exo={"mode": 2, "joints": ["hip_l"]}), "exo.joints", "[hip_l, hip_r] or [knee_l, knee_r]"),
+        (lambda n: n.update(exo={"mode": 4, "joints": ["ankle_l"]}), "exo.joints[0]", "hip_l, hip_r, knee_l, knee_r"),
+        (lambda n: n.update(exo="none", sensors=["foot_imu", "ahrs"]), "sensors[1]", "foot_imu, foot_camera"),
         (lambda n: stairs(n).update(riser_mm=500), "terrain[1].stairs.riser_mm: 500", "20-250"),
         (lambda n: stairs(n).update(risers=2.5), "terrain[1].stairs.risers: 2.5", "1-60"),
         (lambda n: stairs(n).update(risers=True), "terrain[1].stairs.risers: True", "whole number"),
