@@ -1,7 +1,7 @@
 """The walk as a body sees it: depth of the soles in the ground, slip in stance, joint ranges, landing on stairs.
 
-Run as `python -m benchmarks.gait [--json] [--seeds 1000 1001 ...]`; walks `level_20m`, `stair_up_down` and
-`ramp_up_down` and prints the worst over feet and seeds beside what is allowed.
+Run as `python -m benchmarks.gait [--json] [--seeds 1000 1001 ...]`; walks `level_20m`, `stair_up_down`,
+`ramp_up_down`, `turns` and `cross_slope` and prints the worst over feet and seeds beside what is allowed.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ import numpy as np
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.playback import Motion, Playback
+from stridetwin.sim.playback import Motion
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Array
 
-SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down")
+SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down", "turns", "cross_slope")
 HUMAN_DEG = {"hip_flexion": (-30, 120), "knee_flexion": (0, 140), "ankle_dorsiflexion": (-45, 38)}
 ALLOWED = {"penetration_mm": 5.0, "slip_mm": 2.0}
 
 
 def motion_at(twin: Twin, t: Array) -> Motion:
     """Motion of a walk at (N,) s."""
-    return Playback(twin.model, twin.reference).motion(np.round(t * 1e9).astype(np.int64))
+    return twin.player().motion(np.round(t * 1e9).astype(np.int64))
 
 
 def penetration(twin: Twin, side: str) -> float:
@@ -47,11 +47,11 @@ def penetration(twin: Twin, side: str) -> float:
 def slip(twin: Twin, side: str) -> float:
     """Largest way along one axis that the carrying pivot (heel's edge or toe hinge) makes in one stance, m."""
     shoe, worst = twin.size.shoe, 0.0
-    for step in twin.reference.steps[side]:
+    for step in twin.walk.steps[side]:
         t = np.arange(max(step.t_touch, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
         track = motion_at(twin, t).tracks[f"foot_{side}"]
         R = matrix_from_quat(track.q_world_body)
-        pitch = np.interp(t, twin.reference.grid, twin.reference.paths[side].pitch)
+        pitch = twin.walk.pitch(side, t)
         heel = track.p_body_in_world + R @ np.array([shoe.heel_back_x, 0.0, 0.0])
         hinge = track.p_body_in_world + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
         for point, on in ((heel, pitch < 1e-4), (hinge, pitch > -1e-4)):
@@ -62,15 +62,15 @@ def slip(twin: Twin, side: str) -> float:
 
 def joint_range_deg(twin: Twin, joint: str) -> tuple[float, float]:
     """Smallest and largest angle of a leg joint on either side, degrees."""
-    values = np.degrees(twin.reference.splines(np.arange(0.0, twin.duration_s, 0.005)))
-    columns = [i for i, n in enumerate(twin.reference.coordinates.names) if n in (f"{joint}_l", f"{joint}_r")]
+    values = np.degrees(twin.walk.splines(np.arange(0.0, twin.duration_s, 0.005)))
+    columns = [i for i, n in enumerate(twin.walk.coordinates.names) if n in (f"{joint}_l", f"{joint}_r")]
     return float(values[:, columns].min()), float(values[:, columns].max())
 
 
 def landing_pitch_deg(twin: Twin, mode: str) -> list[float]:
     """Pitch of the sole just after touch-down of every step of a mode, degrees, toes down positive."""
     pitches = []
-    for step in (s for own in twin.reference.steps.values() for s in own if s.mode == mode):
+    for step in (s for own in twin.walk.steps.values() for s in own if s.mode == mode):
         track = motion_at(twin, np.array([step.t_touch + 0.002])).tracks[f"foot_{step.foot}"]
         pitches.append(float(np.degrees(np.arcsin(-matrix_from_quat(track.q_world_body)[0, 2, 0]))))
     return pitches

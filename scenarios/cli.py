@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
 
     def walk(p: argparse.ArgumentParser) -> None:
         p.add_argument("scenario", metavar="SCENARIO", help="name in the catalogue (see `list`), or a .yaml file")
-        p.add_argument("--physics", help="how the body moves: kinematic (default: as the scenario says)")
+        p.add_argument("--physics", help="how the body moves: kinematic, dynamic (default: as the scenario says)")
         p.add_argument("--seed", type=_seed, default=0, help="fixes every byte of the recording (default 0)")
         p.add_argument("--no-cameras", action="store_true", help="leave every camera of the rig off: much faster")
 

@@ -7,16 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from stridetwin.scenarios.evaluate import FEET, Result
-from stridetwin.scenarios.ground import Strip
+from stridetwin.scenarios.ground import Layout
 from stridetwin.scenarios.scoring import CHI2_3_95
-from stridetwin.scenarios.svg import Plot, data_range, wide_and_narrow
+from stridetwin.scenarios.svg import Plot, Range, data_range, wide_and_narrow
 from stridetwin.streams.samples import Array, Block, Footprint
 
 INK = "#0f1c2e"
 COLORS = {"l": "#0b6bcb", "r": "#d9480f"}
 _SHADES = {"l": "#9cc4ee", "r": "#f3b898"}
 _GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
-_FOOT_M = 0.26
+_FOOT_M, _HALF_FOOT_M = 0.26, 0.045
+
+_Lines = tuple[tuple[Array, Array], tuple[Array, Array]]  # (horizontal, vertical) of the truth, of the estimate
 
 
 def foot_of(name: str) -> str:
@@ -24,41 +26,50 @@ def foot_of(name: str) -> str:
     return name.split("/")[0][-1]
 
 
-def side_view(profile: Sequence[Strip], results: Sequence[Result]) -> str:
+def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
     """Heights along the way: terrain, true and estimated paths of the feet."""
-    xs, zs = _coordinates(results, 0), _coordinates(results, 2)
-    span_x = (float(xs.min()) - 0.6, float(xs.max()) + 0.6)
-    floor = min((min(s.z0, s.z1) for s in profile), default=float(zs.min()))
-    span_z = data_range(zs, include=(floor - 0.12,))
+    lines = [_along(layout, result) for result in results]
+    every_s = np.concatenate([s for line in lines for s, _ in line])
+    every_z = np.concatenate([z for line in lines for _, z in line])
+    profile = layout.profile if layout else ()
+    span_s = (float(every_s.min()) - 0.6, float(every_s.max()) + 0.6)
+    floor = min((min(s.z0, s.z1) for s in profile), default=float(every_z.min()))
+    span_z = data_range(every_z, include=(floor - 0.12,))
 
     def draw(width: float) -> Plot:
-        plot = Plot(width=width, height=300, x=span_x, y=span_z, title="Side view", x_label="x, m", y_label="z, m")
+        plot = Plot(
+            width=width, height=300, x=span_s, y=span_z, title="Side view", x_label="along the way, m", y_label="z, m"
+        )
         for strip in profile:
-            x = np.clip([strip.x0, strip.x1], *span_x)
-            if x[1] > x[0]:
-                z = np.interp(x, [strip.x0, strip.x1], [strip.z0, strip.z1])
+            s = np.clip([strip.s0, strip.s1], *span_s)
+            if s[1] > s[0]:
+                z = np.interp(s, [strip.s0, strip.s1], [strip.z0, strip.z1])
                 corners = np.r_[z, span_z[0], span_z[0]]
-                plot.polygon(np.r_[x, x[::-1]], corners, _GROUND[strip.terrain])
-        _paths(plot, results, 2)
+                plot.polygon(np.r_[s, s[::-1]], corners, _GROUND[strip.terrain])
+        _paths(plot, results, lines)
         return plot
 
     return wide_and_narrow(draw)
 
 
-def plan_view(results: Sequence[Result], footprints: Block[Footprint] | None) -> str:
-    """The walk from above: footprints, true and estimated paths of the feet."""
-    prints = [] if footprints is None else [p.p_foot_in_world for p in footprints]
-    ends = [p[0] + _FOOT_M for p in prints]
-    span_x = data_range(_coordinates(results, 0), ends, margin=0.02)
-    span_y = data_range(_coordinates(results, 1), margin=0.2)
+def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Block[Footprint] | None) -> str:
+    """The walk from above: ground, footprints, true and estimated paths of the feet; true to scale where it turns."""
+    prints = [] if footprints is None else [_outline(p) for p in footprints]
+    lines = [_from_above(result) for result in results]
+    every_x = [x for line in lines for x, _ in line] + [p[:, 0] for p in prints]
+    every_y = [y for line in lines for _, y in line] + [p[:, 1] for p in prints]
+    turns = layout is not None and any(piece.curvature for piece in layout.way.pieces)
+    span_x, span_y = data_range(*every_x, margin=0.02), data_range(*every_y, margin=0.05 if turns else 0.2)
 
     def draw(width: float) -> Plot:
-        plot = Plot(width=width, height=260, x=span_x, y=span_y, title="Plan view", x_label="x, m", y_label="y, m")
-        if prints:
-            for x, y, _ in prints:
-                x_to, half = x + _FOOT_M, 0.045
-                plot.polygon([x, x_to, x_to, x], [y - half, y - half, y + half, y + half], "#e8edf3", stroke="#c9d3de")
-        _paths(plot, results, 1)
+        height, x, y = _to_scale(width, span_x, span_y) if turns else (260.0, span_x, span_y)
+        plot = Plot(width=width, height=height, x=x, y=y, title="Plan view", x_label="x, m", y_label="y, m")
+        for slab in layout.slabs if layout and turns else ():
+            corners = slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left])
+            plot.polygon(np.clip(corners[:, 0], *x), np.clip(corners[:, 1], *y), _GROUND[slab.terrain])
+        for outline in prints:
+            plot.polygon(outline[:, 0], outline[:, 1], "#f6f8fa", stroke="#a9b8c8")
+        _paths(plot, results, lines)
         return plot
 
     return wide_and_narrow(draw)
@@ -99,18 +110,52 @@ def error_over_time(results: Sequence[Result]) -> str:
     return wide_and_narrow(draw)
 
 
-def _paths(plot: Plot, results: Sequence[Result], axis: int) -> None:
-    for i, result in enumerate(results):
-        truth = result.comparison.truth.p_frame_in_world
-        plot.line(truth[:, 0], truth[:, axis], INK, stroke=1.0, label="truth" if i == 0 else "")
-    for result in results:
-        foot, estimate = foot_of(result.estimate.name), result.comparison.estimate.p_frame_in_world
-        plot.line(estimate[:, 0], estimate[:, axis], COLORS[foot], dash="5 3", label=FEET[foot], stroke=1.6)
+def _paths(plot: Plot, results: Sequence[Result], lines: Sequence[_Lines]) -> None:
+    for i, (truth, _) in enumerate(lines):
+        plot.line(*truth, INK, stroke=1.0, label="truth" if i == 0 else "")
+    for result, (_, estimate) in zip(results, lines):
+        foot = foot_of(result.estimate.name)
+        plot.line(*estimate, COLORS[foot], dash="5 3", label=FEET[foot], stroke=1.6)
 
 
-def _coordinates(results: Sequence[Result], axis: int) -> Array:
-    paths = [p for r in results for p in (r.comparison.truth, r.comparison.estimate)]
-    return np.concatenate([p.p_frame_in_world[:, axis] for p in paths])
+def _from_above(result: Result) -> _Lines:
+    """X and y of the true and of the estimated path."""
+    truth, estimate = (p.p_frame_in_world for p in (result.comparison.truth, result.comparison.estimate))
+    return (truth[:, 0], truth[:, 1]), (estimate[:, 0], estimate[:, 1])
+
+
+def _along(layout: Layout | None, result: Result) -> _Lines:
+    """Arc length along the way and height, of the true and of the estimated path.
+
+    The estimate lies as far before or behind the truth as its error says, in the direction of the way there.
+    """
+    truth, estimate = (p.p_frame_in_world for p in (result.comparison.truth, result.comparison.estimate))
+    s, heading = truth[:, 0], np.zeros(len(truth))
+    if layout is not None:
+        s = layout.way.project(truth[:, :2])
+        heading = layout.way.heading(s)
+    error = estimate - truth
+    ahead = error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading)
+    return (s, truth[:, 2]), (s + ahead, estimate[:, 2])
+
+
+def _outline(footprint: Footprint) -> Array:
+    """(4, 2) corners of a print in the world."""
+    w, x, y, z = footprint.q_world_foot
+    toes = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])
+    aside = np.array([-toes[1], toes[0]])
+    local = [(0.0, -_HALF_FOOT_M), (_FOOT_M, -_HALF_FOOT_M), (_FOOT_M, _HALF_FOOT_M), (0.0, _HALF_FOOT_M)]
+    return np.array([footprint.p_foot_in_world[:2] + u * toes + v * aside for u, v in local])
+
+
+def _to_scale(width: float, x: Range, y: Range) -> tuple[float, Range, Range]:
+    """Height of a plot, and ranges at least as wide as asked, so that a metre is as long both ways."""
+    inner = width - 60.0
+    height = float(np.clip(inner * (y[1] - y[0]) / (x[1] - x[0]), 200.0, 640.0))
+    metre = min(inner / (x[1] - x[0]), height / (y[1] - y[0]))
+    wide, tall = inner / metre, height / metre
+    middle_x, middle_y = (x[0] + x[1]) / 2, (y[0] + y[1]) / 2
+    return height + 68.0, (middle_x - wide / 2, middle_x + wide / 2), (middle_y - tall / 2, middle_y + tall / 2)
 
 
 def _seconds(result: Result) -> Array:

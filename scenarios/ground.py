@@ -1,21 +1,34 @@
-"""Heights along the way, as a recording's metadata carries them for reports and viewers."""
+"""A route laid out in the world, as a recording's metadata carries it for reports and viewers."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 
-from stridetwin.sim.route import Strip  # plain data: needs no simulator
+from stridetwin.sim.route import Layout, Slab, Strip  # plain data: needs no simulator
+from stridetwin.sim.way import Piece, Way
 
 KEY = "terrain"
 
 
-def to_text(profile: Iterable[Strip]) -> str:
-    """The profile as JSON."""
-    return json.dumps([asdict(strip) for strip in profile])
+def to_text(layout: Layout) -> str:
+    """The layout as JSON."""
+    rows = {
+        "way": [asdict(piece) for piece in layout.way.pieces],
+        "profile": [asdict(strip) for strip in layout.profile],
+        "slabs": [asdict(slab) for slab in layout.slabs],
+    }
+    return json.dumps(rows)
 
 
-def from_metadata(metadata: Mapping[str, str]) -> list[Strip]:
-    """The profile of a recording's metadata; empty where it has none."""
-    return [Strip(**strip) for strip in json.loads(metadata.get(KEY, "[]"))]
+def from_metadata(metadata: Mapping[str, str]) -> Layout | None:
+    """The layout of a recording's metadata; None where it has none."""
+    if KEY not in metadata:
+        return None
+    rows = json.loads(metadata[KEY])
+    return Layout(
+        way=Way(pieces=tuple(Piece(**row) for row in rows["way"])),
+        profile=tuple(Strip(**row) for row in rows["profile"]),
+        slabs=tuple(Slab(**row) for row in rows["slabs"]),
+    )

@@ -86,6 +86,8 @@ def render_report(story: Story) -> str:
         f"{config.gait.speed_mps:g} m/s on the level",
         "ideal sensors" if config.ideal else "data-sheet sensors",
     ]
+    if "fell_at_s" in story.recording.metadata:
+        chips.append(f"FELL after {story.recording.metadata['fell_at_s']} s")
     sections = [
         _score_cards(story.results),
         _film(story.film),
@@ -166,12 +168,16 @@ def _paths(story: Story) -> str:
         return ""
     topic = "/truth/footprints"
     footprints = story.recording.block(topic) if topic in story.recording.topics else None
+    layout = from_metadata(story.recording.metadata)
     figures = (
-        side_view(from_metadata(story.recording.metadata), story.results),
-        plan_view(story.results, footprints),
+        side_view(layout, story.results),
+        plan_view(layout, story.results, footprints),
         error_over_time(story.results),
     )
-    lead = "Paths of the two foot IMUs: black is true, dashed is estimated. Heights and sides are stretched."
+    lead = (
+        "Paths of the two foot IMUs: black is true, dashed is estimated. Heights are stretched, and so are sides where "
+        "the way is straight."
+    )
     return _section("Where it went", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from stridetwin.scenarios.evaluate import FEET, Result, true_frames
 from stridetwin.scenarios.figures_path import foot_of
 from stridetwin.scenarios.figures_streams import curves_of, scalar_topics
-from stridetwin.scenarios.ground import Strip, from_metadata
+from stridetwin.scenarios.ground import Layout, from_metadata
 from stridetwin.scenarios.pictures import camera_topics, pictures_of, shown
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array
@@ -51,34 +51,24 @@ def write_rerun(path: Path, recording: Recording, results: Sequence[Result]) -> 
     stream.disconnect()
 
 
-def _terrain(rr: Any, stream: Any, profile: Sequence[Strip]) -> None:
-    if not profile:
+def _terrain(rr: Any, stream: Any, layout: Layout | None) -> None:
+    if layout is None:
         return
-    width, floor = 1.2, min(min(s.z0, s.z1) for s in profile) - 0.1
-    for i, strip in enumerate(profile):
-        tops = [(strip.x0, strip.z0), (strip.x1, strip.z1)]
-        corners = [(x, y, z) for x, top in tops for y in (-width, width) for z in (floor, top)]
-        faces = [
-            (1, 5, 7),
-            (1, 7, 3),
-            (0, 1, 3),
-            (0, 3, 2),
-            (4, 6, 7),
-            (4, 7, 5),
-            (0, 4, 5),
-            (0, 5, 1),
-            (2, 3, 7),
-            (2, 7, 6),
-        ]
-        flat = np.asarray(corners, dtype=np.float32)[np.ravel(faces)]
+    floor = min(min(s.z0, s.z1) for s in layout.slabs) - 0.1
+    for i, slab in enumerate(layout.slabs):
+        tops = slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left])
+        under = np.column_stack([tops[:, :2], np.full(4, floor)])
+        sides = [(under[j], under[k], tops[k], tops[j]) for j, k in ((0, 1), (1, 2), (2, 3), (3, 0))]
+        faces = np.array([tops, *sides], dtype=np.float32)
+        flat = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         normals = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         mesh = rr.Mesh3D(
             vertex_positions=flat,
             vertex_normals=np.repeat(normals, 3, axis=0),
-            vertex_colors=np.full((len(flat), 3), _GROUND[strip.terrain], np.uint8),
+            vertex_colors=np.full((len(flat), 3), _GROUND[slab.terrain], np.uint8),
         )
-        stream.log(f"world/terrain/{i:02d}_{strip.terrain}", mesh, static=True)
+        stream.log(f"world/terrain/{i:02d}_{slab.terrain}", mesh, static=True)
 
 
 def _paths(rr: Any, stream: Any, recording: Recording, results: Sequence[Result]) -> None:

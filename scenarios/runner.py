@@ -73,8 +73,10 @@ def record(twin: Twin, path: Path, progress: Progress) -> None:
         "physics": config.physics,
         "person_height_m": f"{config.person.height_m:g}",
         "person_mass_kg": f"{config.person.mass_kg:g}",
-        ground.KEY: ground.to_text(twin.terrain.profile),
+        ground.KEY: ground.to_text(twin.terrain.layout),
     }
+    if twin.fell_at is not None:
+        metadata["fell_at_s"] = f"{twin.fell_at:g}"
     t_ns = 0
     with RecordingWriter(path, twin.rig, metadata) as writer:
         for blocks in twin.blocks():
@@ -115,7 +117,8 @@ def run_scenario(
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
         scores = {r.estimate.name: r.scores for r in results}
-        (out / "scores.json").write_text(json_text(scores_document(scenario, seed, results)), encoding="utf-8")
+        document = scores_document(scenario, seed, results, twin.fell_at)
+        (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         film = None
         if pictures:
             film = make_film(_told(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress), twin.duration_s)
@@ -138,10 +141,13 @@ def run_scenario(
     return Run(folder=folder, files=files, scores=scores)
 
 
-def scores_document(scenario: Scenario, seed: int, results: list[Result]) -> dict[str, object]:
+def scores_document(
+    scenario: Scenario, seed: int, results: list[Result], fell_at: float | None = None
+) -> dict[str, object]:
     """What `scores.json` holds: no times of day, no paths, so that equal runs give equal bytes."""
+    walk = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}
     return {
-        "recordings": [{"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}],
+        "recordings": [walk if fell_at is None else walk | {"fell_at_s": fell_at}],
         "estimators": {r.estimate.name: r.scores for r in results},
     }
 

@@ -28,14 +28,16 @@ from stridetwin.scenarios.fields import (
     text,
 )
 from stridetwin.sim.actuation import JOINTS, modules
-from stridetwin.sim.config import Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Exo, Gait, Lanes, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.people import PEOPLE
+from stridetwin.sim.route import lay_out
+from stridetwin.sim.route_checks import LANES_MAX, SCENERIES
 from stridetwin.sim.standard_rig import EXO_GROUPS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 SENSORS: tuple[str, ...] = TwinConfig.sensors
 CAMERAS = ("foot_camera", "head_camera")
-PHYSICS = ("kinematic",)
+PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
 
 
@@ -52,22 +54,55 @@ class Scenario:
     config: TwinConfig
 
 
-def _scenario(description: str, terrain: tuple[Segment, ...], width_m: float = 2.4, **rest: Any) -> dict[str, Any]:
-    return {"description": description, "route": Route(segments=terrain, width_m=width_m), **rest}
+def _scenario(description: str, terrain: tuple[Segment, ...], **rest: Any) -> dict[str, Any]:
+    of_route = {key: rest.pop(key) for key in ("width_m", "scenery") if key in rest}
+    return {"description": description, "route": Route(segments=terrain, **of_route), **rest}
 
 
 _MM, _DEG = 1e-3, math.pi / 180.0
-_TERRAIN = {
-    "level": mapping({"length_m": Field(attribute="length_m", read=number(0.5, 500), required=True)}, Level),
-    "stairs": mapping(
+_RISER_MM = number(20, 250, scale=_MM)
+_ANY_STAIRS = {
+    "tread_mm": Field(attribute="tread_m", read=number(200, 600, scale=_MM)),
+    "direction": Field(attribute="down", read=choice(DIRECTIONS), required=True),
+}
+_EVEN_STAIRS = mapping(
+    {
+        "risers": Field(attribute="risers", read=integer(1, 60), required=True),
+        "riser_mm": Field(attribute="riser_m", read=_RISER_MM),
+        **_ANY_STAIRS,
+    },
+    Stairs,
+)
+_UNEVEN_STAIRS = mapping(
+    {"risers_mm": Field(attribute="riser_m", read=sequence(_RISER_MM), required=True), **_ANY_STAIRS},
+    lambda riser_m, **rest: Stairs(risers=len(riser_m), riser_m=riser_m, **rest),
+)
+
+
+def _stairs(node: object, where: Where) -> Stairs:
+    """A stair of equal risers, or of the risers that are listed."""
+    uneven = isinstance(node, dict) and "risers_mm" in node
+    stairs: Stairs = (_UNEVEN_STAIRS if uneven else _EVEN_STAIRS)(node, where)
+    return stairs
+
+
+def _lanes(node: object, where: Where) -> Lanes:
+    """Terrains side by side; files count lanes from 1."""
+    lanes: Lanes = _LANES(node, where)
+    if lanes.walk >= len(lanes.lanes):
+        raise where.key("walk").error(lanes.walk + 1, f"1-{len(lanes.lanes)}, the lanes that there are")
+    return lanes
+
+
+_STRAIGHT = {
+    "level": mapping(
         {
-            "risers": Field(attribute="risers", read=integer(1, 60), required=True),
-            "riser_mm": Field(attribute="riser_m", read=number(20, 250, scale=_MM)),
-            "tread_mm": Field(attribute="tread_m", read=number(200, 600, scale=_MM)),
-            "direction": Field(attribute="down", read=choice(DIRECTIONS), required=True),
+            "length_m": Field(attribute="length_m", read=number(0.5, 500), required=True),
+            "cross_slope_deg": Field(attribute="cross_slope_rad", read=number(-5, 5, scale=_DEG)),
         },
-        Stairs,
+        Level,
     ),
+    "stairs": _stairs,
     "ramp": mapping(
         {
             "angle_deg": Field(attribute="angle_rad", read=number(1, 20, scale=_DEG), required=True),
@@ -115,11 +150,30 @@ def _exo(node: object, where: Where) -> Exo | None:
     return exo
 
 
+_LANES = mapping(
+    {
+        "walk": Field(attribute="walk", read=integer(1, LANES_MAX), required=True),
+        "lanes": Field(attribute="lanes", read=sequence(sequence(one_of(_STRAIGHT))), required=True),
+    },
+    lambda walk, lanes: Lanes(lanes=lanes, walk=walk - 1),
+)
+_TERRAIN = {
+    **_STRAIGHT,
+    "turn": mapping(
+        {
+            "angle_deg": Field(attribute="angle_rad", read=number(-360, 360, scale=_DEG), required=True),
+            "radius_m": Field(attribute="radius_m", read=number(0, 100)),
+        },
+        Turn,
+    ),
+    "lanes": _lanes,
+}
 _FILE = mapping(
     {
         "description": Field(attribute="description", read=text, required=True),
         "terrain": Field(attribute="terrain", read=sequence(one_of(_TERRAIN)), required=True),
         "width_m": Field(attribute="width_m", read=number(1.2, 10)),
+        "scenery": Field(attribute="scenery", read=choice({s: s for s in SCENERIES})),
         "person": Field(attribute="person", read=_person),
         "exo": Field(attribute="exo", read=_exo),
         "gait": Field(
@@ -202,6 +256,11 @@ def read_scenario(path: Path) -> Scenario:
     _check_order(path, values["route"].segments)
     if values.get("exo", Exo()) is None:
         _check_worn(path, values.get("sensors", ()))
+    try:
+        lay_out(values["route"])
+    except ConfigError as error:
+        at = error.field.replace("segments", "terrain")
+        raise ConfigError(path, at, error.value, error.valid) from error
     return Scenario(description=values.pop("description"), config=TwinConfig(name=path.stem, **values))
 
 

@@ -41,23 +41,29 @@ class Exo:
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """Level ground, `length_m` along the route."""
+    """Level ground, `length_m` along the route; `cross_slope_rad` tilts it sideways, the left side up positive."""
 
     length_m: float
+    cross_slope_rad: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stairs:
-    """Straight stair of equal risers; `down` from the walker's view.
+    """Straight stair; `down` from the walker's view.
 
     The first riser stands where the segment begins; `risers` risers with `risers - 1` treads between them, so that
-    the next segment is the landing.
+    the next segment is the landing. `riser_m` is the height of every riser, or of each in the order of the walk.
     """
 
     risers: int
-    riser_m: float = 0.165
+    riser_m: float | tuple[float, ...] = 0.165
     tread_m: float = 0.29
     down: bool = False
+
+    @property
+    def heights_m(self) -> tuple[float, ...]:
+        """Height of each riser, m."""
+        return self.riser_m if isinstance(self.riser_m, tuple) else (self.riser_m,) * self.risers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,15 +75,46 @@ class Ramp:
     down: bool = False
 
 
-Segment = Level | Stairs | Ramp
+@dataclass(frozen=True, kw_only=True)
+class Turn:
+    """Turn on the level, left positive: an arc of `radius_m`, or on the spot where that is 0."""
+
+    angle_rad: float
+    radius_m: float = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lanes:
+    """Terrains side by side, each as wide as the way, that begin on one line at one height.
+
+    The way leads over one of them. Where the next `Lanes` leads over another one, the level between the two is a
+    landing as wide as all lanes, which the walker crosses aslant. Shorter lanes are lengthened by level ground.
+
+    Attributes:
+        lanes: From left to right, each a chain of `Level`, `Stairs` and `Ramp`.
+        walk: Number of the lane that is walked, 0 is the leftmost.
+    """
+
+    lanes: tuple[tuple[Level | Stairs | Ramp, ...], ...]
+    walk: int
+
+
+Segment = Level | Stairs | Ramp | Turn | Lanes
 
 
 @dataclass(frozen=True, kw_only=True)
 class Route:
-    """Terrain along the walk, from x = 0 onwards along world x."""
+    """Terrain along the walk, piece by piece from the world's origin along its x axis.
+
+    Attributes:
+        segments: Each begins where the one before ends, in its direction and at its height.
+        width_m: Of the way, or of each lane.
+        scenery: What stands around: `outdoor` or `room`.
+    """
 
     segments: tuple[Segment, ...]
     width_m: float = 2.4
+    scenery: str = "outdoor"
 
 
 @dataclass(frozen=True, kw_only=True)

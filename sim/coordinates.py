@@ -13,6 +13,7 @@ from stridetwin.sim.rotation import (
     euler_accelerations_to_body,
     euler_rates_to_body,
     from_euler,
+    matrix_from_quat,
     quat_from_matrix,
 )  # fmt: skip
 from stridetwin.streams.samples import Array
@@ -48,6 +49,17 @@ class Coordinates:
             nq=model.nq,
             nv=model.nv,
         )
+
+    def from_mujoco(self, q: Array) -> Array:
+        """Coordinates (N, names) of qpos (N, nq) that follow on each other; the yaw does not jump."""
+        R = matrix_from_quat(q[:, 3:7])
+        x = np.empty((len(q), len(self.names)))
+        x[:, :3] = q[:, :3]
+        x[:, 3] = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+        x[:, 4] = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
+        x[:, 5] = np.arctan2(R[:, 2, 1], R[:, 2, 2])
+        x[:, 6:] = q[:, self.qpos]
+        return x
 
     def to_mujoco(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
         """Qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""

@@ -1,18 +1,22 @@
-"""Kinematic physics: plays the reference exactly and finds by inverse dynamics what the ground must carry."""
+"""Plays a walk and, where nothing was simulated, finds by inverse dynamics what the ground must carry."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
-from stridetwin.sim.body import tracked
+from stridetwin.sim.body import Wearer, tracked
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.contact import FootLoad, share_out
+from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.coupling import Coupling, Pose, wrench
 from stridetwin.sim.exoskeleton import couplings
+from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.track import Track
@@ -65,23 +69,60 @@ class Loads:
     residual_torque: Array
 
 
-class Playback:
-    """Plays a reference on a model.
+class Walk(Protocol):
+    """A walk as functions of time, planned or simulated; the attributes as in `gait.reference.Reference`."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the walk, s."""
+        ...
+
+    @property
+    def size(self) -> Wearer:
+        """Dimensions of the wearer."""
+        ...
+
+    @property
+    def steps(self) -> dict[str, list[Footstep]]:
+        """Footsteps of each foot in order of time."""
+        ...
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Layout of the generalised coordinates."""
+        ...
+
+    @property
+    def splines(self) -> BSpline:
+        """Splines of the coordinates."""
+        ...
+
+    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+        """Position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s."""
+        ...
+
+    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+        """(N,) rad, pitch of a foot against its ground, toes down positive."""
+        ...
+
+
+class Player:
+    """Poses, velocities and cuff forces of a walk on a model.
 
     Args:
         model: Compiled model of the wearer on the terrain.
-        reference: Motion to play.
+        walk: Motion to play.
     """
 
-    def __init__(self, model: mujoco.MjModel, reference: Reference) -> None:
-        self._model, self._reference = model, reference
+    def __init__(self, model: mujoco.MjModel, walk: Walk) -> None:
+        self._model, self._walk = model, walk
         self._data = mujoco.MjData(model)
-        self._couplings = couplings(reference.size)
+        self._couplings = couplings(walk.size)
 
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
-        model, data, reference = self._model, self._data, self._reference
-        q, v, _ = reference.state(t_ns * 1e-9)
+        model, data, walk = self._model, self._data, self._walk
+        q, v, _ = walk.state(t_ns * 1e-9)
         read = np.empty((len(t_ns), model.nsensordata))
         for i in range(len(t_ns)):
             data.qpos, data.qvel = q[i], v[i]
@@ -91,8 +132,8 @@ class Playback:
             mujoco.mj_sensorPos(model, data)
             mujoco.mj_sensorVel(model, data)
             read[i] = data.sensordata
-        names, layout = reference.coordinates.names[6:], reference.coordinates
-        bodies = tracked(reference.size.exo is not None)
+        names, layout = walk.coordinates.names[6:], walk.coordinates
+        bodies = tracked(walk.size.exo is not None)
         tracks = {body: _track(t_ns, read[:, 13 * i : 13 * i + 13]) for i, body in enumerate(bodies)}
         return Motion(
             t_ns=t_ns,
@@ -102,6 +143,19 @@ class Playback:
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
             cuff_force={c.name: _push_forward(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
         )
+
+
+class Playback(Player):
+    """Plays a reference exactly.
+
+    Args:
+        model: Compiled model of the wearer on the terrain.
+        reference: Motion to play.
+    """
+
+    def __init__(self, model: mujoco.MjModel, reference: Reference) -> None:
+        super().__init__(model, reference)
+        self._reference = reference
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.samples import Array
 
@@ -29,6 +30,12 @@ def from_euler(yaw_pitch_roll: Array) -> Array:
     """(..., 3, 3) matrix Rz(yaw) Ry(pitch) Rx(roll) of (..., 3) angles; pitch positive nose down."""
     y, p, r = (yaw_pitch_roll[..., i] for i in range(3))
     return rot_z(y) @ rot_y(p) @ rot_x(r)
+
+
+def between(R_a: Array, R_b: Array, share: Array) -> Array:
+    """(N, 3, 3) rotations on the shortest turn from one (3, 3) matrix to another, at (N,) shares of it."""
+    turn = Rotation.from_matrix(R_a.T @ R_b).as_rotvec()
+    return R_a @ Rotation.from_rotvec(share[:, None] * turn).as_matrix()
 
 
 def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:

@@ -1,120 +1,318 @@
-"""A route laid out along x: the strips that its segments become."""
+"""A route laid out in the world: the way, the strips of ground along it, and every slab that it is built of.
+
+Plain data that needs no simulator; reports and viewers read it from a recording's metadata.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
-from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stridetwin.sim.config import Lanes, Level, Ramp, Route, Segment, Stairs, Turn
+from stridetwin.sim.route_checks import check_segments
+from stridetwin.sim.way import Piece, Way, joined
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.samples import Array
 
 LEAD_IN_M = 2.0
 RUN_OUT_M = 2.0
-RISER_RANGE_M = (0.02, 0.25)
-TREAD_MIN_M = 0.2
-RAMP_MAX_RAD = math.radians(20.0)
-WIDTH_MIN_M = 0.8
+SPOT_RADIUS_M = 0.25  # who turns on the spot still steps around a point
+_SLAB_ANGLE_RAD = math.radians(10.0)  # arcs are built of straight slabs
+_CROSSING_STRAIGHT_M = 0.35  # before and after the aslant part of a crossing
+_CROSSING_RADIUS_M = 1.0
+_SAME_HEIGHT_M = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Strip:
-    """One flat or sloping piece of the way, across its whole width.
+    """One flat or sloping piece of the way.
 
     Attributes:
-        x0: Where it begins, m.
-        x1: Where it ends, m.
-        z0: Height at x0, m.
-        z1: Height at x1, m.
+        s0: Where it begins along the way, m.
+        s1: Where it ends, m.
+        z0: Height of the way at s0, m.
+        z1: Height of the way at s1, m.
         terrain: level, stair or ramp.
+        cross_slope: Tilt to the side, rad, left side up positive.
     """
 
-    x0: float
-    x1: float
+    s0: float
+    s1: float
     z0: float
     z1: float
     terrain: str
+    cross_slope: float = 0.0
+
+    @property
+    def slope(self) -> float:
+        """Inclination along the way, rad, uphill positive."""
+        return math.atan((self.z1 - self.z0) / (self.s1 - self.s0))
+
+    def height(self, s: float, left: float) -> float:
+        """Height of its plane at an arc length and m to the left of the way."""
+        return self.z0 + math.tan(self.slope) * (s - self.s0) + math.tan(self.cross_slope) * left
 
 
-def lay_out(route: Route) -> tuple[Strip, ...]:
-    """Strips of a route, in order of x.
+@dataclass(frozen=True, kw_only=True)
+class Slab:
+    """One flat piece of ground, a rectangle in plan.
 
-    Args:
-        route: Segments along +x, from x = 0 at height 0.
+    Attributes:
+        x: Where its axis begins in the world, m.
+        y: Where its axis begins in the world, m.
+        heading: Direction of its axis, rad.
+        length: Along its axis, m.
+        left: How far it reaches to the left of its axis, m.
+        right: How far it reaches to the right, m.
+        z0: Height where its axis begins, m.
+        z1: Height where its axis ends, m.
+        terrain: level, stair or ramp.
+        cross_slope: Tilt to the side, rad, left side up positive.
+    """
 
-    Returns:
-        Strips from `LEAD_IN_M` behind the start to `RUN_OUT_M` beyond the end; where one's z1 differs from
-        the next one's z0 there is a riser.
+    x: float
+    y: float
+    heading: float
+    length: float
+    left: float
+    right: float
+    z0: float
+    z1: float
+    terrain: str
+    cross_slope: float = 0.0
+
+    def point(self, along: ArrayLike, left: ArrayLike) -> Array:
+        """(..., 3) points of its top in the world, (...) m along its axis and to the left of it."""
+        along, left = np.asarray(along, dtype=float), np.asarray(left, dtype=float)
+        cos, sin = math.cos(self.heading), math.sin(self.heading)
+        z = self.z0 + (self.z1 - self.z0) * along / self.length + math.tan(self.cross_slope) * left
+        return np.stack([self.x + cos * along - sin * left, self.y + sin * along + cos * left, z], -1)
+
+    def local(self, xy: Array) -> tuple[Array, Array]:
+        """(...) m along its axis and to the left of it, of (..., 2) points in the world."""
+        cos, sin = math.cos(self.heading), math.sin(self.heading)
+        dx, dy = xy[..., 0] - self.x, xy[..., 1] - self.y
+        return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """A route in the world.
+
+    Attributes:
+        way: Plane curve that the walk follows, from `LEAD_IN_M` behind the start to `RUN_OUT_M` beyond the end.
+        profile: Strips along the way in order; where one's z1 differs from the next one's z0 there is a riser.
+        slabs: Everything one could stand on, beside the way too.
+    """
+
+    way: Way
+    profile: tuple[Strip, ...]
+    slabs: tuple[Slab, ...]
+
+
+def lay_out(route: Route) -> Layout:
+    """Lays out a route from the world's origin, at height 0, along +x.
 
     Raises:
-        ConfigError: A segment that cannot be built or walked; the message names field, value and range.
+        ConfigError: A segment that cannot be built or walked, or that runs into another one; the message names field,
+            value and range.
     """
-    _check(route)
-    strips = [Strip(x0=-LEAD_IN_M, x1=0.0, z0=0.0, z1=0.0, terrain="level")]
-    x, z = 0.0, 0.0
-    for segment in (*route.segments, Level(length_m=RUN_OUT_M)):
-        pieces, x, z = _lay(segment, x, z)
-        for strip in pieces:
-            _append(strips, strip)
-    return tuple(strips)
-
-
-def _append(strips: list[Strip], strip: Strip) -> None:
-    """Adds a strip, joined to the last one where both are one level of the same class."""
-    last = strips[-1]
-    if last.terrain == strip.terrain and last.z0 == last.z1 == strip.z0 == strip.z1:
-        strips[-1] = Strip(x0=last.x0, x1=strip.x1, z0=last.z0, z1=strip.z1, terrain=last.terrain)
-    else:
-        strips.append(strip)
-
-
-def _lay(segment: Segment, x: float, z: float) -> tuple[list[Strip], float, float]:
-    """Strips of one segment that begins at (x, z), and where the next one begins."""
-    match segment:
-        case Level(length_m=length):
-            end = x + length
-            return [Strip(x0=x, x1=end, z0=z, z1=z, terrain="level")], end, z
-        case Ramp(angle_rad=angle, rise_m=rise, down=down):
-            end, top = x + rise / math.tan(angle), z - rise if down else z + rise
-            return [Strip(x0=x, x1=end, z0=z, z1=top, terrain="ramp")], end, top
-        case Stairs(risers=risers, riser_m=riser, tread_m=tread, down=down):
-            step = -riser if down else riser
-            treads = [
-                Strip(
-                    x0=x + i * tread, x1=x + (i + 1) * tread, z0=z + (i + 1) * step, z1=z + (i + 1) * step,
-                    terrain="stair",
-                )
-                for i in range(risers - 1)
-            ]  # fmt: skip
-            return treads, x + (risers - 1) * tread, z + risers * step
-
-
-def _check(route: Route) -> None:
-    """Refuses what cannot be built or walked."""
-    _demand("width_m", route.width_m, route.width_m >= WIDTH_MIN_M, f"at least {WIDTH_MIN_M} m")
-    for i, segment in enumerate(route.segments):
-        at = f"segments[{i}]"
+    check_segments(route)
+    half = route.width_m / 2
+    pen = _Pen(x=-LEAD_IN_M, y=0.0, heading=0.0, z=0.0, s=-LEAD_IN_M)
+    pen.straight(LEAD_IN_M, "level", half, half)
+    segments = (*route.segments, Level(length_m=RUN_OUT_M))
+    for i, segment in enumerate(segments):
+        pen.owner = i
+        before = segments[i - 1] if i else None
+        after = segments[i + 1] if i + 1 < len(segments) else None
         match segment:
-            case Level(length_m=length):
-                _demand(f"{at}.length_m", length, length > 0, "more than 0 m")
-            case Ramp(angle_rad=angle, rise_m=rise):
-                in_range = 0 < angle <= RAMP_MAX_RAD + 1e-9
-                _demand(f"{at}.angle_rad", angle, in_range, f"above 0 up to {RAMP_MAX_RAD:.4f} rad (20 deg)")
-                _demand(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` tells the direction)")
-            case Stairs(risers=risers, riser_m=riser, tread_m=tread):
-                low, high = RISER_RANGE_M
-                _demand(
-                    f"{at}.risers",
-                    risers,
-                    isinstance(risers, int) and risers >= 1,
-                    "a whole number from 1 on",
+            case Turn(angle_rad=angle, radius_m=radius):
+                pen.arc(angle, radius or SPOT_RADIUS_M, half)
+            case Lanes():
+                _lay_lanes(pen, segment, route.width_m)
+            case Level() if isinstance(before, Lanes) or isinstance(after, Lanes):
+                _lay_landing(pen, segment, before, after, route.width_m)
+            case _:
+                _lay(pen, segment, half)
+    _refuse_conflicts(pen.slabs, pen.owners, len(route.segments))
+    return Layout(way=joined(pen.pieces), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
+
+
+@dataclass(kw_only=True)
+class _Pen:
+    """Where the next piece begins, and what has been laid out so far."""
+
+    x: float
+    y: float
+    heading: float
+    z: float
+    s: float
+    owner: int = -1
+    pieces: list[Piece] = field(default_factory=list)
+    strips: list[Strip] = field(default_factory=list)
+    slabs: list[Slab] = field(default_factory=list)
+    owners: list[int] = field(default_factory=list)
+
+    def beside(self, left: float) -> _Pen:
+        """An empty pen on the same line, to the left."""
+        x, y = self.x - left * math.sin(self.heading), self.y + left * math.cos(self.heading)
+        return _Pen(x=x, y=y, heading=self.heading, z=self.z, s=self.s, owner=self.owner)
+
+    def straight(
+        self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0
+    ) -> None:
+        """Lays a slab along a line."""
+        self._slab(
+            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
+                 z1=self.z + rise, terrain=terrain, cross_slope=cross_slope)
+        )  # fmt: skip
+        self._go(length, 0.0, terrain, rise, cross_slope)
+
+    def arc(self, angle: float, radius: float, half_width: float) -> None:
+        """Lays level slabs along an arc; their outer corners meet."""
+        count = math.ceil(abs(angle) / _SLAB_ANGLE_RAD)
+        part = angle / count
+        reach = (radius + half_width) * math.tan(abs(part) / 2)
+        for i in range(count):
+            heading = self.heading + (i + 0.5) * part
+            chord = 2 * radius * math.sin(abs(part) * (i + 0.5) / 2)
+            toward = self.heading + part * (i + 0.5) / 2
+            x = self.x + chord * math.cos(toward) - reach * math.cos(heading)
+            y = self.y + chord * math.sin(toward) - reach * math.sin(heading)
+            self._slab(
+                Slab(x=x, y=y, heading=heading, length=2 * reach, left=half_width, right=half_width, z0=self.z,
+                     z1=self.z, terrain="level")
+            )  # fmt: skip
+        self._go(radius * abs(angle), math.copysign(1.0 / radius, angle))
+
+    def crossing(self, length: float, aside: float, left: float, right: float) -> None:
+        """Lays a level slab over which the way moves `aside` to the left by two equal arcs."""
+        self._slab(
+            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z, z1=self.z,
+                 terrain="level")
+        )  # fmt: skip
+        aslant = length - 2 * _CROSSING_STRAIGHT_M
+        curvature = 4 * aside / (aslant**2 + aside**2)
+        run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
+        heading = self.heading
+        self._go(_CROSSING_STRAIGHT_M, 0.0)
+        self._go(run, curvature)
+        self._go(run, -curvature)
+        self.heading = heading  # exactly, so that lines before and after are one direction
+        self._go(_CROSSING_STRAIGHT_M, 0.0)
+
+    def _go(
+        self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
+    ) -> None:
+        """Moves on, and tells the way and its profile."""
+        here = Piece(s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature)
+        strip = Strip(s0=self.s, s1=self.s + length, z0=self.z, z1=self.z + rise, terrain=terrain,
+                      cross_slope=cross_slope)  # fmt: skip
+        self.pieces.append(here)
+        last = self.strips[-1] if self.strips else None
+        if last and terrain == "level" and replace(last, s0=strip.s0, s1=strip.s1) == strip:
+            self.strips[-1] = replace(last, s1=strip.s1)
+        else:
+            self.strips.append(strip)
+        way = Way(pieces=(here,))
+        self.x, self.y = way.point(here.s1).tolist()
+        self.heading = float(way.heading(here.s1))
+        self.s, self.z = here.s1, strip.z1
+
+    def _slab(self, slab: Slab) -> None:
+        """Adds a slab, joined to the last one where both are one level."""
+        if self.slabs and slab.terrain == "level":
+            last = self.slabs[-1]
+            meets = math.dist(last.point(last.length, 0.0), slab.point(0.0, 0.0)) < 1e-9
+            if meets and replace(last, x=slab.x, y=slab.y, length=slab.length) == slab:
+                self.slabs[-1] = replace(last, length=last.length + slab.length)
+                return
+        self.slabs.append(slab)
+        self.owners.append(self.owner)
+
+
+def _lay(pen: _Pen, segment: Segment, half: float) -> None:
+    """Lays one straight segment."""
+    match segment:
+        case Level(length_m=length, cross_slope_rad=cross):
+            pen.straight(length, "level", half, half, cross_slope=cross)
+        case Ramp(angle_rad=angle, rise_m=rise, down=down):
+            pen.straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
+        case Stairs(heights_m=heights, tread_m=tread, down=down):
+            for i, height in enumerate(heights):
+                if i:
+                    pen.straight(tread, "stair", half, half)
+                pen.z += -height if down else height
+
+
+def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
+    """Lays terrains side by side; the pen goes on at the end of the one that is walked."""
+    pens = [pen if i == group.walk else pen.beside((group.walk - i) * width) for i in range(len(group.lanes))]
+    for lane_pen, lane in zip(pens, group.lanes):
+        for segment in lane:
+            _lay(lane_pen, segment, width / 2)
+    end = max(p.s for p in pens)
+    for lane_pen in pens:
+        if end - lane_pen.s > 1e-6:
+            lane_pen.straight(end - lane_pen.s, "level", width / 2, width / 2)
+        if lane_pen is not pen:
+            pen.slabs += lane_pen.slabs
+            pen.owners += lane_pen.owners
+
+
+def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment | None, width: float) -> None:
+    """Lays a level that is as wide as the lanes beside it, with the way across it to the next lane to walk."""
+    sides = []
+    aside = 0.0
+    if isinstance(before, Lanes):
+        sides.append(_sides(before, width, 0.0))
+    if isinstance(after, Lanes):
+        if isinstance(before, Lanes):
+            aside = (before.walk - after.walk) * width
+        sides.append(_sides(after, width, aside))
+    left, right = np.max(sides, axis=0).tolist()
+    if aside == 0.0:
+        pen.straight(level.length_m, "level", left, right)
+        return
+    arcs_m = math.sqrt(max(4 * _CROSSING_RADIUS_M * abs(aside) - aside**2, aside**2))
+    shortest = 2 * _CROSSING_STRAIGHT_M + arcs_m
+    if level.length_m < shortest - 1e-9:
+        at = f"segments[{pen.owner}].length_m"
+        valid = f"at least {shortest:.2f} m, to cross over to a lane {abs(aside):.2f} m away"
+        raise ConfigError("route", at, level.length_m, valid)
+    pen.crossing(level.length_m, aside, left, right)
+
+
+def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
+    """How far lanes reach to the left and right of a line that is `aside` to the right of the one walked."""
+    return (group.walk + 0.5) * width + aside, (len(group.lanes) - group.walk - 0.5) * width - aside
+
+
+def _refuse_conflicts(slabs: Sequence[Slab], owners: Sequence[int], count: int) -> None:
+    """Refuses ground that lies on other ground at another height: a way cannot pass under or through it."""
+    for slab, owner in zip(slabs, owners):
+        along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))
+        across = np.linspace(0.02 - slab.right, slab.left - 0.02, max(2, math.ceil((slab.left + slab.right) / 0.25)))
+        points = slab.point(*np.meshgrid(along, across)).reshape(-1, 3)
+        for other, its_owner in zip(slabs, owners):
+            if other is slab:
+                continue
+            u, v = other.local(points[:, :2])
+            inside = (u > 0.01) & (u < other.length - 0.01) & (v > 0.01 - other.right) & (v < other.left - 0.01)
+            gap = np.where(inside, points[:, 2] - other.point(u, v)[:, 2], 0.0)
+            worst = int(np.argmax(np.abs(gap)))
+            if abs(gap[worst]) > _SAME_HEIGHT_M:
+                late, early = max(owner, its_owner), min(owner, its_owner)
+                names = [
+                    "the start" if k < 0 else "the run-out" if k == count else f"segments[{k}]" for k in (late, early)
+                ]
+                x, y, _ = points[worst]
+                valid = (
+                    f"ground that lies nowhere on other ground at another height (here {abs(gap[worst]):.2f} m apart)"
                 )
-                _demand(f"{at}.riser_m", riser, low - 1e-9 <= riser <= high + 1e-9, f"{low} to {high} m")
-                _demand(f"{at}.tread_m", tread, tread >= TREAD_MIN_M, f"at least {TREAD_MIN_M} m")
-                after = route.segments[i + 1 : i + 2]
-                landing = not any(isinstance(s, Stairs) for s in after)
-                _demand(f"segments[{i + 1}]", after, landing, "a level or a ramp after stairs, for the last riser")
-
-
-def _demand(field: str, value: object, valid: bool, range_in_words: str) -> None:
-    if not valid:
-        raise ConfigError("route", field, value, range_in_words)
+                raise ConfigError("route", names[0], f"over {names[1]} at x = {x:.1f}, y = {y:.1f} m", valid)

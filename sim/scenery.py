@@ -1,4 +1,4 @@
-"""What the terrain looks like: textured surfaces, things beside the way, sky and sun.
+"""What the terrain looks like: textured surfaces, sky and sun.
 
 All of it is for the eye only: nothing here collides. One mesh a material keeps drawing fast.
 """
@@ -14,8 +14,8 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from stridetwin.sim.route import Strip
-from stridetwin.sim.solids import Box, Solid, corners
+from stridetwin.sim import polygons
+from stridetwin.sim.solids import Box, Solid, SolidSet, corners
 from stridetwin.sim.textures import PERIOD_M, SIZE, TEXTURES, Pixels
 from stridetwin.streams.samples import Array
 
@@ -23,16 +23,8 @@ _TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
 _SIDE = "stone"
 _NOSING = "nosing"
 _NOSING_M = 0.03
-_CLEARANCE_M = 0.35
+_RISER_M = 0.019
 _SEED = 20260  # the look of the world is the same in every walk
-
-
-@dataclass(frozen=True, kw_only=True)
-class Landmark:
-    """A box beside the way, of one material."""
-
-    box: Box
-    material: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,58 +42,13 @@ class Quad:
     material: str
 
 
-def landmarks(profile: Sequence[Strip], width_m: float, ground_m: float) -> tuple[Landmark, ...]:
-    """Planters and pillars along both sides of the way and a wall beyond its end, clear of the walker."""
-    rng = np.random.default_rng(_SEED)
-    along = np.array([x for s in profile for x in (s.x0, s.x1)])
-    height = np.array([z for s in profile for z in (s.z0, s.z1)])
-    first, last, end = profile[0].x0, profile[-1].x1, profile[-1].z1
-    bottom = ground_m - 0.05
-    inner = width_m / 2 + _CLEARANCE_M
-    found: list[Landmark] = []
-    for side in (-1.0, 1.0):
-        for i, x in enumerate(np.arange(first + 0.5 + (side > 0), last, 2.2).tolist()):
-            z = float(np.interp(x, along, height))
-            if side < 0:  # the side that films are shot from: nothing that hides the walker
-                found += _planter(rng, x, side, inner, z, bottom, hedge_m=(0.12, 0.30))
-            elif i % 3 == 0:
-                found += _pillar(rng, x, side, inner, z, bottom)
-            else:
-                found += _planter(rng, x, side, inner, z, bottom, hedge_m=(0.35, 0.80))
-    wall = Box(x=last + 2.0, y=0.0, length=0.3, width=9.0 + width_m, bottom=bottom, top=end + 2.8)
-    return (*found, Landmark(box=wall, material="brick"))
-
-
-def _pillar(rng: np.random.Generator, x: float, side: float, inner: float, z: float, bottom: float) -> list[Landmark]:
-    size = rng.uniform(0.3, 0.45)
-    y = side * (inner + size / 2 + rng.uniform(0.0, 0.5))
-    top = z + rng.uniform(1.7, 2.6)
-    shaft = Box(x=x, y=y, length=size, width=size, bottom=bottom, top=top)
-    cap = Box(x=x, y=y, length=size + 0.1, width=size + 0.1, bottom=top, top=top + 0.08)
-    return [Landmark(box=shaft, material="plaster"), Landmark(box=cap, material="stone")]
-
-
-def _planter(
-    rng: np.random.Generator, x: float, side: float, inner: float, z: float, bottom: float,
-    hedge_m: tuple[float, float],
-) -> list[Landmark]:  # fmt: skip
-    length, depth = rng.uniform(1.0, 1.7), rng.uniform(0.4, 0.55)
-    y = side * (inner + depth / 2 + rng.uniform(0.0, 0.3))
-    rim = z + rng.uniform(0.1, 0.2)
-    top = rim + rng.uniform(*hedge_m)
-    trough = Box(x=x, y=y, length=length, width=depth, bottom=bottom, top=rim)
-    hedge = Box(x=x, y=y, length=length - 0.1, width=depth - 0.1, bottom=rim - 0.01, top=top)
-    return [Landmark(box=trough, material="stone"), Landmark(box=hedge, material="leaves")]
-
-
-def paint_way(profile: Sequence[Strip], solids: Sequence[Solid]) -> list[Quad]:
-    """Textured faces of the way; treads and landings get a pale strip along the edge one could fall from."""
-    ends_before = [math.inf, *(s.z1 for s in profile[:-1])]
-    starts_after = [*(s.z0 for s in profile[1:]), math.inf]
-    quads = []
-    for strip, solid, before, after in zip(profile, solids, ends_before, starts_after):
-        nose_low, nose_high = before < strip.z0, after < strip.z1
-        low, high = _NOSING_M * nose_low, _NOSING_M * nose_high
+def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
+    """Textured faces of what one stands on; treads and landings get a pale strip along the edge one could fall from."""
+    quads: list[Quad] = []
+    for i, solid in enumerate(solids):
+        # one face would shine through the other where tops lie in each other
+        painted = [corners(other)[4:] for other in solids[:i] if other.start == solid.start and other.end == solid.end]
+        low, high = (_NOSING_M * _falls(solid, end, surface) for end in (-1.0, 1.0))
         quads += _sides(solid, _SIDE)
         for start, end, material in (
             (0.0, low, _NOSING),
@@ -109,27 +56,40 @@ def paint_way(profile: Sequence[Strip], solids: Sequence[Solid]) -> list[Quad]:
             (solid.length - high, solid.length, _NOSING),
         ):
             if end > start:
-                quads.append(_top(solid, start, end, material))
+                quads += _top(solid, start, end, material, painted)
     return quads
 
 
-def paint_landmarks(marks: Iterable[Landmark]) -> list[Quad]:
-    """Textured faces of the landmarks."""
+def paint_box(box: Box, material: str) -> list[Quad]:
+    """Textured faces of a box of one material."""
+    return [*_sides(box, material), *_top(box, 0.0, box.length, material)]
+
+
+def _falls(solid: Solid, end: float, surface: SolidSet) -> bool:
+    """Whether other ground lies a riser lower beyond the start (-1) or the end (1) of a top."""
+    beyond = end * (solid.length / 2 + 0.01)
+    x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
+    height, which = surface.top_facet([x, y])
+    return bool(which >= 0 and height < (solid.start if end < 0 else solid.end) - _RISER_M)
+
+
+def _top(solid: Solid, start: float, end: float, material: str, painted: Sequence[Array] = ()) -> list[Quad]:
+    """Part of the top between two distances along the solid's length, but for what is painted already."""
+    cos, sin = math.cos(solid.yaw), math.sin(solid.yaw)
+    axes = np.array([[cos, sin], [-sin, cos]])
+    centre, half = np.array([solid.x, solid.y]), np.array([solid.length, solid.width]) / 2
+    slope = np.array([(solid.end - solid.start) / solid.length, solid.cross])
+    local = np.array([[start, 0.0], [end, 0.0], [end, solid.width], [start, solid.width]]) - half
     quads = []
-    for mark in marks:
-        quads += [*_sides(mark.box, mark.material), _top(mark.box, 0.0, mark.box.length, mark.material)]
+    for piece in polygons.without(centre + local @ axes, [other[:, :2] for other in painted]):
+        for quad in polygons.quads(piece):
+            own = (quad - centre) @ axes.T
+            z = (solid.start + solid.end) / 2 + own @ slope
+            # level ground is paved by the world, so that slabs side by side show one paving
+            paved = isinstance(solid, Box) and solid.terrain == "level"
+            uv = quad if paved else (own + half) * np.hypot(1.0, slope)
+            quads.append(Quad(np.column_stack([quad, z]), uv, material))
     return quads
-
-
-def _top(solid: Solid, start: float, end: float, material: str) -> Quad:
-    """Part of the top between two distances along the solid's length."""
-    a, b, c, d = corners(solid)[4:]
-    s, e = start / solid.length, end / solid.length
-    piece = np.array([a + s * (b - a), a + e * (b - a), d + e * (c - d), d + s * (c - d)])
-    along = np.array([start, end, end, start]) * math.hypot(solid.length, solid.end - solid.start) / solid.length
-    across = np.array([0.0, 0.0, solid.width, solid.width])
-    uv = np.column_stack([solid.x - solid.length / 2 + along, across])
-    return Quad(piece, uv, material)
 
 
 def _sides(solid: Solid, material: str) -> list[Quad]:

@@ -54,14 +54,20 @@ class Box:
         """Height of the top at its high-x end, m."""
         return self.top
 
+    @property
+    def cross(self) -> float:
+        """Rise of the top along its own y axis, m/m."""
+        return 0.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Wedge:
-    """Upright prism whose top slopes along its own x axis; fields as in `Box`.
+    """Upright prism with a sloping top; fields as in `Box`.
 
     Attributes:
-        start: Height of the top at its low-x end, m.
-        end: Height of the top at its high-x end, m.
+        start: Height of the top in the middle of its low-x end, m.
+        end: Height of the top in the middle of its high-x end, m.
+        cross: Rise of the top along its own y axis, m/m.
     """
 
     x: float
@@ -73,6 +79,7 @@ class Wedge:
     end: float
     yaw: float = 0.0
     terrain: str = "ramp"
+    cross: float = 0.0
 
 
 Solid = Box | Wedge
@@ -84,7 +91,7 @@ def corners(solid: Solid) -> Array:
     cos, sin = np.cos(solid.yaw), np.sin(solid.yaw)
     plan = np.stack([solid.x + cos * x - sin * y, solid.y + sin * x + cos * y], axis=-1)
     under = np.column_stack([plan, np.full(4, solid.bottom)])
-    top = np.column_stack([plan, [solid.start, solid.end, solid.end, solid.start]])
+    top = np.column_stack([plan, np.array([solid.start, solid.end, solid.end, solid.start]) + solid.cross * y])
     return np.concatenate([under, top])
 
 
@@ -94,7 +101,7 @@ class SolidSet:
     def __init__(self, solids: Sequence[Solid], ground: float) -> None:
         column = {
             name: np.array([getattr(s, name) for s in solids])
-            for name in ("x", "y", "yaw", "length", "width", "bottom", "start", "end")
+            for name in ("x", "y", "yaw", "length", "width", "bottom", "start", "end", "cross")
         }
         self._centre = np.stack([column["x"], column["y"]], axis=-1)
         self._half = np.stack([column["length"], column["width"]], axis=-1) / 2
@@ -103,7 +110,8 @@ class SolidSet:
         self._plan = np.array([corners(s)[:4, :2] for s in solids])
         self._bottom = column["bottom"]
         self._mid = (column["start"] + column["end"]) / 2
-        self._slope = (column["end"] - column["start"]) / column["length"]
+        along = (column["end"] - column["start"]) / column["length"]
+        self._slope = np.stack([along, column["cross"]], axis=-1)  # along its own x and y axes
         self._ground = ground
         self.edges = self._find_edges()
 
@@ -127,7 +135,7 @@ class SolidSet:
 
     def top_normal(self, which: NDArray[np.intp]) -> Array:
         """(..., 3) unit normals in the world of the tops of solids (...); -1 is the ground plane."""
-        gradient = self._slope[:, None] * self._axes[:, 0]
+        gradient = np.einsum("sa,sai->si", self._slope, self._axes)
         normal = np.concatenate([-gradient, np.ones((len(gradient), 1))], axis=-1)
         normal = np.concatenate([normal, [[0.0, 0.0, 1.0]]])  # index -1
         return normal[which] / np.linalg.norm(normal[which], axis=-1, keepdims=True)
@@ -194,8 +202,8 @@ class SolidSet:
     def _plane_at(self, xy: Array, beside: Array) -> Array:
         """Height at `xy` and gradient (N, 3) of the plane that is on top at `xy + beside`."""
         _, which = self.top_facet(xy + beside)
-        axis = np.where(which[:, None] >= 0, self._axes[which, 0], 0.0)
-        gradient = np.where(which >= 0, self._slope[which], 0.0)[:, None] * axis
+        gradient = np.einsum("na,nai->ni", self._slope[which], self._axes[which])
+        gradient = np.where(which[:, None] >= 0, gradient, 0.0)
         z = self._mid[which] + np.sum(gradient * (xy - self._centre[which]), axis=-1)
         return np.concatenate([np.where(which >= 0, z, self._ground)[:, None], gradient], axis=-1)
 

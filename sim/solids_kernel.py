@@ -72,7 +72,11 @@ def top(
             along = axes[s, 0, 0] * x + axes[s, 0, 1] * y
             across = axes[s, 1, 0] * x + axes[s, 1, 1] * y
             if abs(along) <= half[s, 0] + touch and abs(across) <= half[s, 1] + touch:
-                z = mid[s] + slope[s] * min(max(along, -half[s, 0]), half[s, 0])
+                z = (
+                    mid[s]
+                    + slope[s, 0] * min(max(along, -half[s, 0]), half[s, 0])
+                    + slope[s, 1] * min(max(across, -half[s, 1]), half[s, 1])
+                )
                 if z > height[i]:
                     height[i], which[i] = z, s
     return height, which

@@ -1,7 +1,7 @@
-"""Terrain along a route: exact boxes and wedges, and what the ground is like anywhere on them.
+"""Terrain of a route: exact boxes and wedges, and what the ground is like anywhere on them.
 
-The walk goes along +x from x = 0 at height 0. A level lead-in lies behind the walker and a run-out beyond the
-last segment; a ground plane lies just below the lowest point all around.
+The walk starts at the world's origin along +x. A level lead-in lies behind the walker and a run-out beyond the last
+segment; a ground plane lies just below the lowest point all around.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.sim.config import Route
-from stridetwin.sim.route import Strip, lay_out
-from stridetwin.sim.scenery import Landmark, add_ground, add_quads, add_sky, landmarks, paint_landmarks, paint_way
+from stridetwin.sim.route import Layout, Slab, Strip, lay_out
+from stridetwin.sim.scenery import add_ground, add_quads, add_sky, paint_box, paint_slabs
 from stridetwin.sim.solids import Box, Solid, SolidSet, Wedge, corners
+from stridetwin.sim.surroundings import Landmark, floor, surroundings
 from stridetwin.streams.samples import Array
 
 _GROUND_BELOW_M = 0.05
+_FOOT_OF_SLABS_M = 0.05  # below the ground plane, so that no gap shows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,71 +30,61 @@ class Terrain:
     """Ground to walk on.
 
     Attributes:
-        profile: Surface along the way, in order of x; where one strip's z1 differs from the next one's z0
-            there is a riser.
-        width_m: Lateral extent of the way, centred on y = 0.
+        layout: The route in the world.
         ground_m: Height of the plane all around.
+        scenery: What stands around: `outdoor` or `room`.
     """
 
-    profile: tuple[Strip, ...]
-    width_m: float
+    layout: Layout
     ground_m: float
+    scenery: str
 
     @classmethod
     def from_route(cls, route: Route) -> Terrain:
         """Lays out a route.
 
         Args:
-            route: Segments along +x.
+            route: Segments from the world's origin along +x.
 
         Returns:
-            The terrain; its first strip begins at x = -2 m, its last level reaches 2 m beyond the route's
-            end.
+            The terrain; its way begins 2 m behind the origin and reaches 2 m beyond the route's end.
 
         Raises:
             ConfigError: A segment that cannot be built or walked; the message names field, value and range.
         """
-        profile = lay_out(route)
-        lowest = min(min(strip.z0, strip.z1) for strip in profile)
-        return cls(profile=profile, width_m=route.width_m, ground_m=lowest - _GROUND_BELOW_M)
+        layout = lay_out(route)
+        lowest = min(float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
+                     for slab in layout.slabs)  # fmt: skip
+        return cls(layout=layout, ground_m=lowest - _GROUND_BELOW_M, scenery=route.scenery)
+
+    @property
+    def profile(self) -> tuple[Strip, ...]:
+        """Surface along the way, in order."""
+        return self.layout.profile
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
-        """One solid a strip, standing on the ground plane."""
-        return tuple(self._solid(s) for s in self.profile)
-
-    def _solid(self, strip: Strip) -> Solid:
-        x, length = (strip.x0 + strip.x1) / 2, strip.x1 - strip.x0
-        bottom = self.ground_m - 0.05  # so that no gap shows at the foot of the way
-        if strip.z0 == strip.z1:
-            return Box(
-                x=x,
-                y=0.0,
-                length=length,
-                width=self.width_m,
-                bottom=bottom,
-                top=strip.z0,
-                terrain=strip.terrain,
-            )
-        return Wedge(
-            x=x, y=0.0, length=length, width=self.width_m, bottom=bottom, start=strip.z0, end=strip.z1,
-            terrain=strip.terrain,
-        )  # fmt: skip
+        """One solid a slab and the floor of a room, standing on the ground plane."""
+        slabs = (*self.layout.slabs, *floor(self.scenery, self.layout))
+        return tuple(_solid(slab, self.ground_m - _FOOT_OF_SLABS_M) for slab in slabs)
 
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
         """Things beside the way, out of the walker's reach."""
-        return landmarks(self.profile, self.width_m, self.ground_m)
+        return surroundings(self.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the terrain to a model.
 
-        Collision geoms are `terrain_<i>`, one a strip of the profile, and the plane `ground`; what is seen
+        Collision geoms are `terrain_<i>`, one a solid, and the plane `ground`; what is seen
         are meshes `scenery_<material>` that do not collide. A sky and a sun come with it.
         """
         for i, solid in enumerate(self.solids):
             _add_collision(spec, f"terrain_{i}", solid)
-        add_quads(spec, [*paint_way(self.profile, self.solids), *paint_landmarks(self.landmarks)])
+        quads = paint_slabs(self.solids, self._set)
+        for mark in self.landmarks:
+            quads += paint_box(mark.box, mark.material)
+        add_quads(spec, quads)
         # Last, so that little of it is drawn where something stands before it.
         add_ground(spec, self.ground_m)
         add_sky(spec)
@@ -137,6 +129,16 @@ class Terrain:
     def ray_hit(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         """As `ray_cast`, and the (N, 3) outward normal of the face that is hit (zero where there is none)."""
         return self._obstacles.ray_cast(origins, directions)
+
+
+def _solid(slab: Slab, bottom: float) -> Solid:
+    x, y, _ = slab.point(slab.length / 2, (slab.left - slab.right) / 2).tolist()
+    width = slab.left + slab.right
+    if slab.z0 == slab.z1 and slab.cross_slope == 0.0:
+        return Box(x=x, y=y, yaw=slab.heading, length=slab.length, width=width, bottom=bottom, top=slab.z0,
+                   terrain=slab.terrain)  # fmt: skip
+    return Wedge(x=x, y=y, yaw=slab.heading, length=slab.length, width=width, bottom=bottom, start=slab.z0,
+                 end=slab.z1, cross=math.tan(slab.cross_slope), terrain=slab.terrain)  # fmt: skip
 
 
 def _add_collision(spec: mujoco.MjSpec, name: str, solid: Solid) -> None:

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.gait.foot_path import base_rotation
-from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.playback import Loads, Motion
+from stridetwin.sim.playback import Loads, Motion, Walk
 from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import Rig
@@ -22,7 +20,7 @@ SWING, CONTACT, FLAT, HEEL_OFF = 0, 1, 2, 3
 _FLAT_RAD = 0.01
 
 
-def truth(reference: Reference, rig: Rig, motion: Motion, loads: Loads, after_ns: int) -> Iterator[Block[Any] | Sample]:
+def truth(walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int) -> Iterator[Block[Any] | Sample]:
     """Truth at the instants of `loads` and the footprints between `after_ns` and the last of them."""
     t_ns = loads.t_ns
     rows = motion.rows(t_ns)
@@ -31,7 +29,7 @@ def truth(reference: Reference, rig: Rig, motion: Motion, loads: Loads, after_ns
     for topic, imu in rig.imus.items():
         track = motion.tracks[imu.mount.body][rows].mounted(imu.mount.T_body_sensor)
         yield _odometry(f"/truth{topic}/odometry", track)
-    names = reference.coordinates.names[6:]
+    names = walk.coordinates.names[6:]
     yield Block(
         topic="/truth/joints", kind=Joints, t_ns=t_ns,
         columns={
@@ -54,16 +52,16 @@ def truth(reference: Reference, rig: Rig, motion: Motion, loads: Loads, after_ns
             )
         yield Block(
             topic=f"/truth/foot_{side}/phase", kind=FootPhase, t_ns=t_ns,
-            columns={"phase": foot_phase(reference, side, t_ns * 1e-9)},
+            columns={"phase": foot_phase(walk, side, t_ns * 1e-9)},
         )  # fmt: skip
     yield _wrench("/truth/root_residual", t_ns, loads.residual_force, loads.residual_torque)
-    yield from _footprints(reference, after_ns, int(t_ns[-1]))
+    yield from _footprints(walk, after_ns, int(t_ns[-1]))
 
 
-def foot_phase(reference: Reference, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def foot_phase(walk: Walk, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     """(N,) phase of a foot: 0 swing, 1 first contact until flat, 2 flat, 3 heel off (phases of Shim et al. 2019)."""
-    steps = reference.steps[side]
-    pitch = np.interp(t, reference.grid, reference.paths[side].pitch)
+    steps = walk.steps[side]
+    pitch = walk.pitch(side, t)
     i = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
     touch = np.array([s.t_touch for s in steps])[i]
     off = np.array([s.t_off for s in steps])[i]
@@ -86,8 +84,8 @@ def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Blo
     return Block(topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque})
 
 
-def _footprints(reference: Reference, after_ns: int, until_ns: int) -> Iterator[Footprint]:
-    steps = sorted((s for own in reference.steps.values() for s in own), key=lambda s: s.t_touch)
+def _footprints(walk: Walk, after_ns: int, until_ns: int) -> Iterator[Footprint]:
+    steps = sorted((s for own in walk.steps.values() for s in own), key=lambda s: s.t_touch)
     standing = [s for s in steps if not np.isfinite(s.t_touch)]
     for step in steps:
         # the standing feet are reported first of all, one nanosecond apart: stamps increase within a topic
@@ -95,5 +93,5 @@ def _footprints(reference: Reference, after_ns: int, until_ns: int) -> Iterator[
         if after_ns < t_ns <= until_ns:
             yield Footprint(
                 topic="/truth/footprints", t_ns=t_ns, foot=step.foot, p_foot_in_world=step.p_foot_in_world,
-                q_world_foot=quat_from_matrix(base_rotation(step)), terrain=step.terrain, mode=step.mode,
+                q_world_foot=quat_from_matrix(step.R_world_sole), terrain=step.terrain, mode=step.mode,
             )  # fmt: skip

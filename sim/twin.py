@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
 from stridetwin.sim.body import add_wearer, compile_model
 from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.dynamics.replay import Replay
+from stridetwin.sim.dynamics.simulate import simulate
+from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.dynamics.soles import add_soles
 from stridetwin.sim.gait.reference import Reference, reference
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.render import FilmCamera
@@ -25,6 +31,8 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Sample
 
 CHUNK_S = 2.0
+PHYSICS = ("kinematic", "dynamic")
+_FILM_SMOOTHING_S = 0.6
 
 
 class Twin:
@@ -48,8 +56,8 @@ class Twin:
     """
 
     def __init__(self, config: TwinConfig, seed: int) -> None:
-        if config.physics != "kinematic":
-            raise ConfigError(config.name, "physics", config.physics, "kinematic")
+        if config.physics not in PHYSICS:
+            raise ConfigError(config.name, "physics", config.physics, ", ".join(PHYSICS))
         self.config, self.seed = config, seed
         self.rig: Rig = standard_rig(config)
         self.terrain = Terrain.from_route(config.route)
@@ -57,6 +65,8 @@ class Twin:
         self.terrain.add_to(spec)
         self.size = add_wearer(spec, config.person, config.exo)
         add_rig(spec, self.rig)
+        add_soles(spec, self.size)
+        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # on in the forward simulation alone
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)
         steps = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
@@ -65,11 +75,29 @@ class Twin:
     @property
     def duration_s(self) -> float:
         """Length of the walk, s."""
-        return self.reference.duration_s
+        return self.walk.duration_s
+
+    @cached_property
+    def walk(self) -> Reference | SimulatedWalk:
+        """What the wearer does: the plan itself, or what becomes of it with real contacts."""
+        if self.config.physics == "kinematic":
+            return self.reference
+        return simulate(self.model, self.reference, self.size, self.terrain.height)
+
+    @property
+    def fell_at(self) -> float | None:
+        """When a simulated walker fell, s; the walk ends there."""
+        return self.walk.fell_at if isinstance(self.walk, SimulatedWalk) else None
+
+    def player(self) -> Playback | Replay:
+        """Plays the walk."""
+        if isinstance(self.walk, SimulatedWalk):
+            return Replay(self.model, self.walk)
+        return Playback(self.model, self.walk)
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
         """Everything that is sensed and true, chunk by chunk of `CHUNK_S`; pictures one by one after the rest."""
-        playback = Playback(self.model, self.reference)
+        playback = self.player()
         suite = SensorSuite(self.rig, self.terrain, self.seed, self.config.ideal)
         end_ns = int(self.duration_s * 1e9)
         cameras = list(self.rig.cameras.values())
@@ -86,7 +114,7 @@ class Twin:
                     rendering.ask(motion, after_ns, until_ns)
                     yield [
                         *suite.read(motion, loads, after_ns, until_ns),
-                        *truth.truth(self.reference, self.rig, motion, loads, after_ns),
+                        *truth.truth(self.walk, self.rig, motion, loads, after_ns),
                     ]
                     for picture in rendering.pictures():
                         yield [picture]
@@ -96,11 +124,23 @@ class Twin:
         """Third-person film: time in s and an RGB picture (height, width, 3) for every frame."""
         data = mujoco.MjData(self.model)
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
-        q, _, _ = self.reference.state(times)
+        q, _, _ = self.walk.state(times)
+        # the camera follows the walker as if on rails: it neither sways nor turns with the pelvis
+        rail = gaussian_filter1d(self.walk.splines(times)[:, :4], _FILM_SMOOTHING_S * fps, axis=0, mode="nearest")
+        x, y, _, heading = rail.T
         with FilmCamera(self.model, width, height) as camera:
-            for t, pose in zip(times.tolist(), q):
+            for i, (t, pose) in enumerate(zip(times.tolist(), q)):
                 data.qpos = pose
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)
-                yield t, camera.frame(data, [pose[0] + 0.30, 0.0, pose[2] - 0.10], 68.0, -9.0, 3.2)
+                yield (
+                    t,
+                    camera.frame(
+                        data,
+                        [x[i] + 0.30 * np.cos(heading[i]), y[i] + 0.30 * np.sin(heading[i]), pose[2] - 0.10],
+                        68.0 + np.degrees(heading[i]),
+                        -9.0,
+                        3.2,
+                    ),
+                )

@@ -45,6 +45,7 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     try:
         store.register(get_types_from_msg(text, typename) if encoding == "ros2msg" else get_types_from_idl(text))
+        store.generate_msgdef(typename, ros_version=2)  # walks all types that it is made of
     except Exception as error:  # the parser raises several unrelated kinds
         raise ValueError(f"schema of {typename} cannot be parsed: {error}") from error
     return store

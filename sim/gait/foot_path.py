@@ -19,12 +19,17 @@ from scipy.ndimage import gaussian_filter1d
 from stridetwin.sim.body import Shoe, Wearer
 from stridetwin.sim.gait.footsteps import DOUBLE_SUPPORT, Footstep
 from stridetwin.sim.gait.smooth import bump, ease, quintic
-from stridetwin.sim.rotation import from_euler, rot_y
+from stridetwin.sim.rotation import between, rot_y
 from stridetwin.streams.samples import Array
 
 CLEARANCE_M = 0.018
 _NEAR_EDGE_M = 0.004  # a riser counts this much before and behind it
 _HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
+# Higher risers and steeper ramps than these bend the knee and lean the shank farther: the heel stays up for longer, by
+# so much a metre or a radian beyond.
+_USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # a fall of a step on a ramp
+_HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 12.0, 2.5, 1.5
+_TIPTOE_BY_RISE, _TIPTOE_BY_SLOPE = 2.4, 1.8
 _PITCH_SMOOTHING_S = 0.012
 _PITCH_GRID_S = 0.004
 
@@ -38,12 +43,16 @@ class FootPath:
         R_world_foot: (N, 3, 3).
         toe_extension: (N,) rad.
         pitch: (N,) rad, foot against the ground it stands on or flies over, toes down positive.
+        s: (N,) m along the way.
+        heading: (N,) rad, direction of the way, not wrapped.
     """
 
     p_foot_in_world: Array
     R_world_foot: Array
     toe_extension: Array
     pitch: Array
+    s: Array
+    heading: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,23 +123,23 @@ def foot_path(
     theta = pitch_of(t)
     n = len(t)
     p, R = np.empty((n, 3)), np.empty((n, 3, 3))
-    toe = np.empty(n)
+    toe, s, heading = np.empty(n), np.empty(n), np.empty(n)
     for i, step in enumerate(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
         p[on], R[on], toe[on] = _stance(step, size.shoe, theta[on])
+        s[on], heading[on] = step.s, step.heading
         if i + 1 < len(steps):
-            air = (t > step.t_off) & (t < steps[i + 1].t_touch)
-            p[air], R[air], toe[air] = _swing(step, steps[i + 1], size.shoe, t[air], theta[air], pitch_of, height)
-    return FootPath(p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
-
-
-def base_rotation(step: Footstep) -> Array:
-    """(3, 3) of the flat foot on its ground: x along the heading in the ground's plane, z along its normal."""
-    return rot_y(np.array(-step.slope)) @ from_euler(np.array([step.yaw, 0.0, 0.0]))
+            to = steps[i + 1]
+            air = (t > step.t_off) & (t < to.t_touch)
+            p[air], R[air], toe[air] = _swing(step, to, size.shoe, t[air], theta[air], pitch_of, height)
+            share = ease((t[air] - step.t_off) / (to.t_touch - step.t_off))
+            s[air] = step.s + share * (to.s - step.s)
+            heading[air] = step.heading + share * (to.heading - step.heading)
+    return FootPath(p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta, s=s, heading=heading)
 
 
 def _stance(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Array, Array]:
-    base, tilt = base_rotation(step), rot_y(theta)
+    base, tilt = step.R_world_sole, rot_y(theta)
     heel = np.array([shoe.heel_back_x, 0.0, 0.0])
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
     pivot = np.where(theta[:, None] < 0.0, heel, hinge)
@@ -148,7 +157,8 @@ def _swing(
     flat = _swing_without_lift(a, b, shoe, s, theta, pitch_of)
     fine = np.linspace(0.0, 1.0, 81)[1:-1]
     fine_theta = pitch_of(a.t_off + fine * (b.t_touch - a.t_off))
-    lift = _lift_needed(_swing_without_lift(a, b, shoe, fine, fine_theta, pitch_of), shoe, fine, height)
+    ahead = np.array([np.cos(b.heading), np.sin(b.heading)])
+    lift = _lift_needed(_swing_without_lift(a, b, shoe, fine, fine_theta, pitch_of), shoe, fine, height, ahead)
     p, R, toe = flat
     p = p.copy()
     p[:, 2] += lift * bump(s)
@@ -163,15 +173,14 @@ def _swing_without_lift(
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
     landing = np.array([shoe.heel_back_x, 0.0, 0.0]) if b.arrival == "heel" else hinge
     within = hinge + ease((s - 0.30) / 0.55)[:, None] * (landing - hinge)  # once the foot has come level
-    start: Array = a.p_foot_in_world + base_rotation(a) @ hinge
-    end = b.p_foot_in_world + base_rotation(b) @ landing
+    start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
+    end = b.p_foot_in_world + b.R_world_sole @ landing
     share = np.stack([forward, forward, upward], -1)
     point = start + share * (end - start)
-    turn = ease(s)
-    slope = a.slope + turn * (b.slope - a.slope)
-    yaw = a.yaw + turn * (b.yaw - a.yaw)
-    heading = np.stack([yaw, np.zeros_like(yaw), np.zeros_like(yaw)], -1)
-    R = rot_y(-slope) @ from_euler(heading) @ rot_y(theta)
+    # in a turn the foot goes round, so that it passes the other one at its distance
+    outward = np.array([end[1] - start[1], start[0] - end[0], 0.0]) * (b.heading - a.heading) / 8.0
+    point += (4.0 * forward * (1.0 - forward))[:, None] * outward
+    R = between(a.R_world_sole, b.R_world_sole, ease(s)) @ rot_y(theta)
     # the toes leave flat on the ground, stay raised in the air and meet the ground as the landing needs
     toe_a, toe_b = pitch_of(np.array([a.t_off]))[0], max(pitch_of(np.array([b.t_touch]))[0], 0.0)
     toe = quintic(s, toe_a, _rate(pitch_of, a, b, a.t_off), toe_b,
@@ -185,8 +194,10 @@ def _rate(pitch_of: Callable[[Array], Array], a: Footstep, b: Footstep, t: float
     return float(change[0] / (2 * h) * (b.t_touch - a.t_off))
 
 
-def _lift_needed(path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height: Callable[[Array], Array]) -> float:
-    """Amplitude of the lift bump that keeps every point of the sole clear of the ground, m."""
+def _lift_needed(
+    path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height: Callable[[Array], Array], ahead: Array
+) -> float:
+    """Amplitude of the lift bump that keeps every point of the sole clear of the ground, m; `ahead` is the way's."""
     p, R, toe = path
     points = [p + R @ np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
     R_toe = R @ rot_y(-toe)
@@ -195,7 +206,7 @@ def _lift_needed(path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height:
         arm = np.array([x * (shoe.toe_tip_x - shoe.toe_hinge_x), 0.0, -shoe.toe_hinge_z])
         points.append(hinge + R_toe @ arm)
     sole = np.stack(points, 1)  # (N, points, 3)
-    ground = np.max([height(sole[..., :2] + [dx, 0.0]) for dx in (-_NEAR_EDGE_M, 0.0, _NEAR_EDGE_M)], axis=0)
+    ground = np.max([height(sole[..., :2] + d * ahead) for d in (-_NEAR_EDGE_M, 0.0, _NEAR_EDGE_M)], axis=0)
     lift = bump(s)
     wanted = CLEARANCE_M * np.minimum(4.0 * lift, 1.0)[:, None]
     missing = (ground + wanted - sole[..., 2]).max(1)
@@ -205,18 +216,29 @@ def _lift_needed(path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height:
 
 def _pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array]:
     """Pitch of the foot against the ground as a smooth function of time."""
-    knots: list[tuple[float, float]] = [(-10.0, 0.0)]
+    flat = -10.0
+    knots: list[tuple[float, float]] = [(flat, 0.0)]
     for a, b in pairwise(steps):
         swing = b.t_touch - a.t_off
         leave, land = DEPARTURES[a.departure], ARRIVALS[b.arrival]
         step_time = swing / (1.0 - DOUBLE_SUPPORT)
         heel_off = leave.heel_off_before * step_time
-        knots += [(a.t_off + (u - 1.0) * heel_off, share * leave.off) for u, share in leave.rise]
+        usual_fall = _USUAL_RISER_M if a.departure == "lower" else _USUAL_FALL_M
+        fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
+        climb = max(-a.fall - _USUAL_RISER_M, 0.0)
+        steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
+        heel_off = min(heel_off * (1.0 + _HEEL_OFF_BY_FALL * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
+        tiptoe = _TIPTOE_BY_RISE * rise
+        if b.arrival == "flat":
+            tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
+        off = leave.off + _PUSH_BY_RISE * climb
+        knots += [(a.t_off + (u - 1.0) * heel_off, share * off) for u, share in leave.rise]
         # uphill the sole comes down nearly parallel to the slope: the ankle has no more room to raise the toes
         uphill = min(max(b.slope, 0.0), -land.touch - _HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
-        knots += [(a.t_off + u * swing, angle) for u, angle in leave.swing]
-        knots += [(a.t_off + u * swing, angle + uphill) for u, angle in land.before]
-        knots += [(b.t_touch, land.touch + uphill), (b.t_touch + land.flat_after * step_time, 0.0)]
+        knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in leave.swing]
+        knots += [(a.t_off + u * swing, angle + uphill + tiptoe) for u, angle in land.before]
+        flat = b.t_touch + (land.flat_after + tiptoe) * step_time
+        knots += [(b.t_touch, land.touch + uphill + tiptoe), (flat, 0.0)]
     knots.append((t_end + 10.0, 0.0))
     at = np.array(knots)
     grid = np.arange(-1.0, t_end + 1.0, _PITCH_GRID_S)

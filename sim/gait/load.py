@@ -8,7 +8,6 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from stridetwin.sim.body import Shoe
-from stridetwin.sim.gait.foot_path import base_rotation
 from stridetwin.sim.gait.footsteps import SETTLE_S, SHIFT_S, Footstep
 from stridetwin.sim.gait.smooth import ease
 from stridetwin.streams.samples import Array
@@ -21,6 +20,9 @@ _TRAVEL = {
     "forefoot": ((0.0, 1.08), (0.12, 1.00), (0.35, 0.45), (0.60, 0.75), (0.86, 1.12), (1.0, 1.10)),
 }
 _STANDING = 0.50
+_BALL = 0.03  # inside the borders of what touches
+_FLAT_RAD = 5e-4
+_PASSING_S = 0.07
 
 
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
@@ -51,8 +53,16 @@ def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footst
     return {foot: (1 - stand) * s + stand * 0.5 for foot, s in shares.items()}
 
 
-def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array) -> Array:
-    """(N, 3) wanted centre of pressure of one foot in the world; in swing where the next stance begins."""
+def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array, pitch: Array) -> Array:
+    """(N, 3) wanted centre of pressure of one foot in the world; in swing where the next stance begins.
+
+    Args:
+        steps: The footsteps of this foot, in order.
+        shoe: Its sole.
+        t: (N,) s.
+        pitch: (N,) rad, of the foot against its ground, toes down positive: only the parts of the sole that it leaves
+            on the ground can press.
+    """
     p = np.empty((len(t), 3))
     order = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
     for i, step in enumerate(steps):
@@ -65,9 +75,24 @@ def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array) -> Array:
             x = _STANDING + (knots[-1, 1] - _STANDING) * ease((t[on] - step.t_off + SHIFT_S) / SHIFT_S)
         else:
             x = knots[0, 1] + (_STANDING - knots[0, 1]) * ease((t[on] - step.t_touch) / SETTLE_S)
+        x = _on_the_ball(x, t[on], step, pitch[on])
         local = np.stack([x * shoe.toe_hinge_x, np.zeros_like(x), np.zeros_like(x)], -1)
-        p[on] = step.p_foot_in_world + local @ base_rotation(step).T
+        p[on] = step.p_foot_in_world + local @ step.R_world_sole.T
     return p
+
+
+def _on_the_ball(x: Array, t: Array, step: Footstep, pitch: Array) -> Array:
+    """Keeps the centre of pressure ahead of the ball while the heel is up, over a riser."""
+    stance = (t >= step.t_touch) & (t <= step.t_off)
+    ahead = np.maximum(x, 1.0 + _BALL)
+    middle = 0.5 * (max(step.t_touch, t[0]) + min(step.t_off, t[-1])) if len(t) else 0.0
+    up = stance & (np.abs(pitch) > _FLAT_RAD)
+    landing, leaving = t[up & (t < middle)], t[up & (t >= middle)]
+    if len(landing) and step.arrival != "heel":
+        x = ahead + (x - ahead) * ease((t - landing[-1]) / _PASSING_S)
+    if len(leaving) and step.departure != "push":
+        x = x + (np.maximum(x, 1.0 + _BALL) - x) * ease((t - leaving[0] + _PASSING_S) / _PASSING_S)
+    return x
 
 
 def _taken(s: Array) -> Array:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.rotation import from_euler
+from stridetwin.sim.route import Strip
 from stridetwin.streams.samples import Array
 
 PELVIS_TILT_RAD = np.radians(12.0)
@@ -17,6 +19,9 @@ _PELVIS_LIST_RAD = 0.035
 _ARM_SWING_RAD = 0.42
 _TORSO_LEAN = 0.03
 _LOOK_AHEAD_M = 1.6
+_TURN_SMOOTHING_S = 0.15
+_HEAD_LEADS_S = 0.40  # into a turn (Grasso et al. 1996: 0.2-0.5 s)
+_TRUNK_LEADS_S = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,34 +38,37 @@ class Posture:
 
 
 def posture(
-    p_foot: dict[str, Array],
+    paths: dict[str, FootPath],
     shares: dict[str, Array],
     step_m: float,
     dt: float,
-    height: Callable[[Array], Array],
+    profile: Sequence[Strip],
 ) -> Posture:
     """Posture that goes with the feet.
 
     Args:
-        p_foot: (N, 3) path of each foot, world.
+        paths: Path of each foot.
         shares: (N,) share of the load on each foot.
         step_m: Length of a full step.
         dt: Time between rows, s.
-        height: Height of the ground at (..., 2) points.
+        profile: Ground along the way.
     """
-    stride = _smooth((p_foot["r"] - p_foot["l"])[:, 0] / step_m, 0.03, dt)
+    heading = _smooth((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
+    apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
+    stride = _smooth((apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / step_m, 0.03, dt)
     list_to_left = _smooth(shares["l"] - shares["r"], 0.05, dt)
-    middle = 0.5 * (p_foot["l"] + p_foot["r"])
-    climb = _smooth(_incline(middle, height), 0.35, dt)
+    climb = _smooth(_incline((paths["l"].s + paths["r"].s) / 2, profile), 0.35, dt)
     effort = np.clip(climb, 0.0, 0.7)
     yaw = _PELVIS_YAW_RAD * stride
     roll = _PELVIS_LIST_RAD * list_to_left
     pitch = PELVIS_TILT_RAD + 0.20 * effort
     torso_pitch = _TORSO_LEAN + 0.26 * effort
     look_down = 0.06 + 0.45 * np.abs(climb)
+    trunk, head = (_ahead_of_time(heading, lead, dt) - heading for lead in (_TRUNK_LEADS_S, _HEAD_LEADS_S))
+    # from the heading's own frame, so that many turns do not matter
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))
-    R_torso = from_euler(np.stack([-0.6 * yaw, torso_pitch, -0.35 * roll], -1))
-    R_head = from_euler(np.stack([0.1 * yaw, look_down, np.zeros_like(yaw)], -1))
+    R_torso = from_euler(np.stack([trunk - 0.6 * yaw, torso_pitch, -0.35 * roll], -1))
+    R_head = from_euler(np.stack([head + 0.1 * yaw, look_down, np.zeros_like(yaw)], -1))
     joints = {
         **_three_axes("lumbar", np.swapaxes(R_pelvis, 1, 2) @ R_torso),
         **_three_axes("neck", np.swapaxes(R_torso, 1, 2) @ R_head),
@@ -73,14 +81,21 @@ def posture(
     for name, value in joints.items():
         if name.startswith("shoulder_flexion"):
             joints[name] = _smooth(value, 0.03, dt)
-    return Posture(pelvis=np.stack([yaw, pitch, roll], -1), joints=joints)
+    return Posture(pelvis=np.stack([heading + yaw, pitch, roll], -1), joints=joints)
 
 
-def _incline(middle: Array, height: Callable[[Array], Array]) -> Array:
-    """(N,) mean slope of the ground from just behind the feet to the place that the walker looks at."""
-    ahead = height(np.stack([middle[:, 0] + _LOOK_AHEAD_M / 2, np.zeros(len(middle))], -1))
-    behind = height(np.stack([middle[:, 0] - 0.3, np.zeros(len(middle))], -1))
+def _incline(s: Array, profile: Sequence[Strip]) -> Array:
+    """(N,) mean slope of the ground from just behind the feet at s to the place that the walker looks at."""
+    at = [v for strip in profile for v in (strip.s0, strip.s1)]
+    z = [v for strip in profile for v in (strip.z0, strip.z1)]
+    ahead, behind = np.interp(s + _LOOK_AHEAD_M / 2, at, z), np.interp(s - 0.3, at, z)
     return (ahead - behind) / (_LOOK_AHEAD_M / 2 + 0.3)
+
+
+def _ahead_of_time(x: Array, lead_s: float, dt: float) -> Array:
+    """What x will be a moment later; at the end it stays."""
+    rows = np.arange(len(x))
+    return np.interp(rows + lead_s / dt, rows, x)
 
 
 def _three_axes(name: str, R: Array) -> dict[str, Array]:

@@ -37,7 +37,7 @@ _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correc
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone
 _COM_ABOVE_PELVIS_M = 0.03
-_REACH_TOLERANCE_M = 2e-4
+_REACH_TOLERANCE_M = 5e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +64,10 @@ class Reference:
     paths: dict[str, FootPath]
     grid: Array
 
+    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+        """(N,) rad, pitch of a foot against the ground that it stands on or flies over, toes down positive."""
+        return np.interp(t, self.grid, self.paths[side].pitch)
+
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
         t = np.clip(t, 0.0, self.duration_s)
@@ -85,18 +89,18 @@ def reference(
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.
     """
-    footsteps, duration = plan(terrain.profile, size, config.gait, config.person.height_m, rng)
+    footsteps, duration = plan(terrain.layout, size, config.gait, config.person.height_m, rng)
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
     # the grid reaches beyond the walk, so that nothing at its ends is the spline's own
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
     t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end where the fine one does
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
-    centres = {side: pressure_centres(steps[side], size.shoe, t) for side in SIDES}
+    centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
     wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
     p_foot = {side: paths[side].p_foot_in_world for side in SIDES}
     R_foot = {side: paths[side].R_world_foot for side in SIDES}
-    pose = posture(p_foot, shares, step_length(config.gait, config.person.height_m), GRID_S, terrain.height)
+    pose = posture(paths, shares, step_length(config.gait, config.person.height_m), GRID_S, terrain.profile)
     R_pelvis = from_euler(pose.pelvis)
 
     hip_height = size.body.thigh_m + size.body.shank_m + size.body.ankle_height_m

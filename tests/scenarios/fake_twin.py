@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from stridetwin.scenarios.ground import Strip
-from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.config import Level, Route, TwinConfig
+from stridetwin.sim.route import lay_out
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import (
     Block,
@@ -32,9 +32,10 @@ class FakeTwin:
 
     def __init__(self, config: TwinConfig, seed: int) -> None:
         self.config, self.seed = config, seed
+        self.fell_at = None
         self.duration_s = 2 * STAND_S + (STRIDES + 1) * STRIDE_S
-        ground = Strip(x0=-2.0, x1=(STRIDES + 2) * STRIDE_M, z0=0.0, z1=0.0, terrain="level")
-        self.terrain = SimpleNamespace(profile=(ground,))
+        route = Route(segments=(Level(length_m=STRIDES * STRIDE_M),))
+        self.terrain = SimpleNamespace(layout=lay_out(route))
         cameras = {}
         if "head_camera" in config.sensors:
             cameras["/head/color"] = CameraCalibration(

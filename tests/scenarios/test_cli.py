@@ -142,7 +142,7 @@ def test_view_says_what_to_open_without_a_display(walk, capsys, tmp_path, monkey
     ("words", "said"),
     [
         (("run", "level_20"), "did you mean 'level_20m'?"),
-        (("run", "demo", "--physics", "dynamic"), "'dynamic' is not valid; valid: kinematic"),
+        (("run", "demo", "--physics", "ragdoll"), "'ragdoll' is not valid; valid: kinematic, dynamic"),
         (("generate", "none.yaml", "-o", "x.mcap"), "none.yaml: cannot be read"),
         (("score", "none.mcap"), "none.mcap: cannot be read"),
         (("estimate", "foot_ins", "none.csv", "-o", "x.txt"), "none.csv: cannot be read"),

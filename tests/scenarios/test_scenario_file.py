@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from stridetwin.scenarios.fields import Where, number
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
-from stridetwin.sim.config import Exo, Level, Ramp, Stairs
+from stridetwin.sim.config import Exo, Level, Ramp, Stairs, Turn
 from stridetwin.sim.people import PEOPLE
+from stridetwin.sim.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 GOOD = {
@@ -47,6 +48,33 @@ def test_the_catalogue_holds_the_terrains():
     assert {"level_20m", "stair_up_down", "ramp_up_down", "demo"} <= set(catalogue())
     kinds = {type(s) for s in load_scenario("demo").config.route.segments}
     assert kinds == {Level, Stairs, Ramp}
+
+
+def test_turns_lanes_and_uneven_risers_are_read(tmp_path):
+    def change(node):
+        lanes = [[{"stairs": {"risers_mm": [150, 160], "direction": "up"}}], [{"level": {"length_m": 1}}]]
+        node["terrain"][1:] = [
+            {"lanes": {"walk": 1, "lanes": lanes}},
+            {"level": {"length_m": 2, "cross_slope_deg": 0}},
+            {"turn": {"angle_deg": -90, "radius_m": 0}},
+            {"level": {"length_m": 2}},
+        ]
+        node["scenery"] = "room"
+
+    route = read_scenario(written(tmp_path, change)).config.route
+    lanes, turn = route.segments[1], route.segments[3]
+    assert lanes.walk == 0
+    assert lanes.lanes[0][0].heights_m == pytest.approx((0.15, 0.16))
+    assert turn == Turn(angle_rad=-math.pi / 2, radius_m=0.0)
+    assert route.scenery == "room"
+
+
+def test_a_loop_of_the_catalogue_comes_back_to_its_start():
+    layout = lay_out(load_scenario("jao_loop_126m").config.route)
+    end = layout.profile[-1].s1 - 2.0
+    assert end == pytest.approx(126.0, abs=0.5)
+    assert layout.way.point(end) == pytest.approx([0.0, 0.0], abs=0.3)
+    assert layout.profile[-1].z1 == pytest.approx(0.0, abs=1e-9)
 
 
 def test_degrees_and_millimetres_become_radians_and_metres(tmp_path):
@@ -102,12 +130,25 @@ def test_people_and_exoskeletons(tmp_path):
         (lambda n: n.update(sensors=["foot_imv"]), "sensors[0]: 'foot_imv'", "did you mean 'foot_imu'?"),
         (lambda n: n.update(sensors=["sonar", "sonar"]), "sensors[1]: 'sonar'", "every name once"),
         (lambda n: n.update(sensors="sonar"), "sensors: 'sonar'", "a list of foot_imu"),
-        (lambda n: n.update(physics="dynamic"), "physics: 'dynamic'", "valid: kinematic"),
+        (lambda n: n.update(physics="ragdoll"), "physics: 'ragdoll'", "valid: kinematic, dynamic"),
         (lambda n: n.update(gait=5), "gait: 5", "keys speed_mps"),
         (lambda n: n.update(gait={"speed_mps": float("nan")}), "gait.speed_mps: nan", "0.5-1.6"),
         (lambda n: n.update(ideal_sensors="yes"), "ideal_sensors: 'yes'", "true, false"),
         (lambda n: n.update(description=" "), "description: ' '", "text"),
         (lambda n: n.update(person={"sex": "m"}), "person.sex: 'm'", "male, female"),
+        (lambda n: n["terrain"].insert(1, {"stairs": {"risers_mm": [100, 500], "direction": "up"}}),
+         "terrain[1].stairs.risers_mm[1]: 500", "20-250"),
+        (lambda n: n["terrain"].insert(1, {"turn": {"angle_deg": 90, "radius_m": 0.3}}), "radius_m: 0.3", "at least 1"),
+        (lambda n: n["terrain"].insert(1, {"turn": {"angle_deg": 90}}), "terrain[2]: 'stairs'", "at least 0.5 m"),
+        (lambda n: n["terrain"].insert(1, {"ramp": {"angle_deg": 40, "rise_m": 1, "direction": "up"}}),
+         "terrain[1].ramp.angle_deg: 40", "1-20"),
+        (lambda n: stairs(n).update(tread_mm=120), "terrain[1].stairs.tread_mm: 120", "200-600"),
+        (lambda n: n.update(width_m=0.6), "width_m: 0.6", "1.2-10"),
+        (lambda n: n.update(scenery="forest"), "scenery: 'forest'", "outdoor, room"),
+        (lambda n: n["terrain"].insert(1, {"lanes": {"walk": 3, "lanes": [[{"level": {"length_m": 2}}]] * 2}}),
+         "terrain[1].lanes.walk: 3", "1-2"),
+        (lambda n: n["terrain"].insert(1, {"level": {"length_m": 2, "cross_slope_deg": 9}}),
+         "terrain[1].level.cross_slope_deg: 9", "-5-5"),
         (lambda n: n.update(terrian=1), "'terrian'", "did you mean 'terrain'?"),
     ],
 )  # fmt: skip
@@ -168,5 +209,5 @@ def test_the_example_of_the_documentation_loads(tmp_path):
     page = Path(__file__).parents[2] / "docs" / "scenarios.md"
     example = page.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
     config = read_scenario(written(tmp_path, text=example)).config
-    assert len(config.route.segments) == 5
+    assert len(config.route.segments) == 7
     assert config.rig_mount == "head"

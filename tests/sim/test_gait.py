@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from benchmarks import gait
-from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.contact import share_out
+from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.rotation import matrix_from_quat, rot_y
 from stridetwin.sim.truth import FLAT, foot_phase
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.way import Way
 from stridetwin.streams.errors import StrideTwinError
 
 ROUTES: dict[str, tuple[Segment, ...]] = {
@@ -24,6 +26,12 @@ ROUTES: dict[str, tuple[Segment, ...]] = {
         Level(length_m=2.5), Ramp(angle_rad=np.radians(8.5), rise_m=0.4), Level(length_m=2.0),
         Ramp(angle_rad=np.radians(8.5), rise_m=0.4, down=True), Level(length_m=2.5),
     ),
+    "arc": (Level(length_m=2.0), Turn(angle_rad=np.radians(-200.0), radius_m=1.5), Level(length_m=1.5)),
+    "spot": (
+        Level(length_m=1.5), Turn(angle_rad=np.radians(90.0), radius_m=0.0), Level(length_m=1.5),
+        Turn(angle_rad=np.radians(-180.0), radius_m=0.0), Level(length_m=1.5),
+    ),
+    "aslant": (Level(length_m=1.5), Level(length_m=3.0, cross_slope_rad=np.radians(5.0)), Level(length_m=1.5)),
 }  # fmt: skip
 
 
@@ -62,11 +70,53 @@ def test_soles_lie_wholly_on_one_tread(twin: Twin) -> None:
     shoe = twin.size.shoe
     for side in "lr":
         for step in twin.reference.steps[side]:
-            heel_toe = step.p_foot_in_world[:2] + np.array([[shoe.heel_back_x, 0.0], [shoe.toe_tip_x, 0.0]])
-            classes = twin.terrain.terrain_class(heel_toe)
-            rise = np.diff(twin.terrain.height(heel_toe))[0]
-            assert classes[0] == classes[1] == step.terrain
-            assert abs(rise - np.tan(step.slope) * (shoe.toe_tip_x - shoe.heel_back_x)) < 1e-9
+            w = shoe.half_width
+            corners = np.array([[x, y, 0.0] for x in (shoe.heel_back_x, shoe.toe_tip_x) for y in (-w, w)])
+            sole = step.p_foot_in_world + corners @ step.R_world_sole.T
+            assert set(twin.terrain.terrain_class(sole[:, :2])) == {step.terrain}
+            np.testing.assert_allclose(twin.terrain.height(sole[:, :2]), sole[:, 2], atol=1e-9)
+
+
+def test_feet_turn_with_the_way_in_steps_that_people_make(twin: Twin) -> None:
+    way, steps = twin.terrain.layout.way, sorted(
+        (s for own in twin.reference.steps.values() for s in own), key=lambda s: s.t_touch
+    )  # fmt: skip
+    turns = np.abs(np.diff([s.heading for s in steps]))
+    assert np.degrees(turns.max()) < 45.0
+    for step in steps:
+        assert step.heading == way.heading(step.s)
+        assert 0.03 < (1 if step.foot == "l" else -1) * _left_of(way, step) < 0.12
+
+
+def _left_of(way: Way, step: Footstep) -> float:
+    """M that a footprint lies to the left of the way."""
+    away = step.p_foot_in_world[:2] - way.point(step.s)
+    return float(away @ [-np.sin(step.heading), np.cos(step.heading)])
+
+
+def test_feet_pass_each_other_without_touching(twin: Twin) -> None:
+    motion, shoe = gait.motion_at(twin, np.arange(0.0, twin.duration_s, 0.01)), twin.size.shoe
+    outline = [[x, y, 0.0] for x in np.linspace(shoe.heel_back_x, shoe.toe_tip_x, 8) for y in (-1, 0, 1)]
+    local = np.array(outline) * [1.0, shoe.half_width, 1.0]
+    left, right = (
+        track.p_body_in_world[:, None] + local @ np.swapaxes(matrix_from_quat(track.q_world_body), 1, 2)
+        for track in (motion.tracks["foot_l"], motion.tracks["foot_r"])
+    )
+    assert np.linalg.norm(left[:, :, None] - right[:, None], axis=-1).min() > 0.015
+
+
+def test_the_head_turns_into_a_curve_before_the_pelvis() -> None:
+    twin = make("arc")
+    motion = gait.motion_at(twin, np.arange(0.0, twin.duration_s, 0.01))
+    names = twin.reference.coordinates.names
+    columns = twin.reference.splines(np.arange(0.0, twin.duration_s, 0.01))
+    pelvis = columns[:, names.index("root_yaw")]
+    assert np.abs(np.diff(pelvis)).max() < 0.05  # continuous beyond half a turn
+    assert pelvis[-1] == pytest.approx(np.radians(-200.0), abs=0.02)
+    R = matrix_from_quat(motion.tracks["head"].q_world_body)
+    head = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+    middle = [int(np.argmax(yaw < np.radians(-100.0))) for yaw in (head, pelvis)]
+    assert 0.1 < 0.01 * (middle[1] - middle[0]) < 0.8
 
 
 def test_down_stairs_lands_on_the_forefoot() -> None:

@@ -51,9 +51,9 @@ def test_height_class_and_normal_along_the_way():
 
 
 def test_lead_in_run_out_and_ground():
-    assert TERRAIN.profile[0].x0 == -2.0
-    end = sum(s.x1 - s.x0 for s in TERRAIN.profile) - 2.0
-    assert TERRAIN.profile[-1].x1 == pytest.approx(end)
+    assert TERRAIN.profile[0].s0 == -2.0
+    end = sum(s.s1 - s.s0 for s in TERRAIN.profile) - 2.0
+    assert TERRAIN.profile[-1].s1 == pytest.approx(end)
     lowest = min(s.z0 for s in TERRAIN.profile)
     assert TERRAIN.height([0.0, 5.0]) == TERRAIN.ground_m < lowest
     assert TERRAIN.height([0.0, 1.199]) == 0.0
@@ -85,15 +85,15 @@ def test_queries_agree_with_the_profile(route, seed):
     terrain = Terrain.from_route(route)
     rng = np.random.default_rng(seed)
     for a, b in zip(terrain.profile[:-1], terrain.profile[1:]):
-        assert a.x1 == pytest.approx(b.x0)
+        assert a.s1 == pytest.approx(b.s0)
     for strip in terrain.profile:
-        x = rng.uniform(strip.x0 + 1e-6, strip.x1 - 1e-6, 4)
+        x = rng.uniform(strip.s0 + 1e-6, strip.s1 - 1e-6, 4)
         xy = np.column_stack([x, rng.uniform(-1.19, 1.19, 4)])
         np.testing.assert_allclose(
-            terrain.height(xy), np.interp(x, [strip.x0, strip.x1], [strip.z0, strip.z1]), atol=1e-9
+            terrain.height(xy), np.interp(x, [strip.s0, strip.s1], [strip.z0, strip.z1]), atol=1e-9
         )
         assert set(terrain.terrain_class(xy)) == {strip.terrain}
-        to_end = np.minimum(x - strip.x0, strip.x1 - x)
+        to_end = np.minimum(x - strip.s0, strip.s1 - x)
         to_side = 1.2 - np.abs(xy[:, 1])
         # Every strip of these routes ends at a jump or a bend.
         np.testing.assert_allclose(terrain.edge_distance(xy), np.minimum(to_end, to_side), atol=1e-8)
@@ -104,7 +104,7 @@ def test_queries_agree_with_the_profile(route, seed):
 def test_a_ray_straight_down_measures_the_height(route, seed):
     terrain = Terrain.from_route(route)
     rng = np.random.default_rng(seed)
-    end = terrain.profile[-1].x1
+    end = terrain.profile[-1].s1
     xy = np.column_stack([rng.uniform(-2.5, end + 0.5, 50), rng.uniform(-1.4, 1.4, 50)])
     origins = np.column_stack([xy, np.full(50, 9.0)])
     np.testing.assert_allclose(9.0 - terrain.ray_cast(origins, [0.0, 0.0, -1.0]), terrain.height(xy), atol=1e-9)
@@ -158,7 +158,7 @@ def test_the_model_collides_with_the_same_surface():
     rng = np.random.default_rng(5)
     groups = np.array([1, 0, 0, 1, 0, 0], np.uint8)  # the ground, and the collision shapes
     hit = np.zeros(1, np.int32)
-    for x, y in rng.uniform([-1.9, -1.15], [TERRAIN.profile[-1].x1 - 0.1, 1.15], (80, 2)):
+    for x, y in rng.uniform([-1.9, -1.15], [TERRAIN.profile[-1].s1 - 0.1, 1.15], (80, 2)):
         far = mujoco.mj_ray(model, data, [x, y, 5.0], [0.0, 0.0, -1.0], groups, 1, -1, hit)
         if model.geom(hit[0]).name.startswith("terrain_"):
             assert 5.0 - far == pytest.approx(float(TERRAIN.height([x, y])), abs=1e-5)
@@ -170,7 +170,7 @@ def test_landmarks_keep_clear_of_the_way():
     assert len(TERRAIN.landmarks) > 10
     for mark in TERRAIN.landmarks:
         beside = abs(mark.box.y) - mark.box.width / 2 >= ROUTE.width_m / 2 + 0.2
-        beyond = mark.box.x - mark.box.length / 2 >= TERRAIN.profile[-1].x1 + 1.0
+        beyond = mark.box.x - mark.box.length / 2 >= TERRAIN.profile[-1].s1 + 1.0
         assert beside or beyond
 
 

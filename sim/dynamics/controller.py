@@ -1,0 +1,218 @@
+"""From plan and state to joint torques: gains and weights of the whole-body problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.body import Wearer
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.coordinates import Coordinates
+from stridetwin.sim.dynamics.couplings import chain_of
+from stridetwin.sim.dynamics.plan import Plan
+from stridetwin.sim.dynamics.replan import StepReplan
+from stridetwin.sim.dynamics.soles import sole_points
+from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
+from stridetwin.sim.dynamics.whole_body import eliminate, solve
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gains:
+    """Tracking and weights; natural frequencies in rad/s, critically damped.
+
+    Attributes:
+        joint_rate: Of the joints.
+        root_rate: Of the root.
+        swing_rate: Of the foot in swing.
+        contact_damping: Rate at which a contact point's velocity dies, 1/s.
+        root, tilt: Weights of the root's position and attitude.
+        joint, lumbar, leg, arm: Weights of neck and exoskeleton joints, lumbar, leg and toe, arm joints.
+        swing, stance, contact: Weights of swing foot, stance foot's attitude and contact points at rest.
+        force: Price of contact force.
+        friction: Friction coefficient that the controller counts on.
+        near_m: A sole point may push while it is this close to the ground.
+        torque_max: Joint torque limit, N m.
+    """
+
+    joint_rate: float = 20.0
+    root_rate: float = 12.0
+    swing_rate: float = 25.0
+    contact_damping: float = 30.0
+    root: float = 1.0
+    tilt: float = 0.15
+    joint: float = 0.05
+    lumbar: float = 0.03
+    leg: float = 0.002
+    arm: float = 0.004
+    swing: float = 5.0
+    stance: float = 0.05
+    contact: float = 20.0
+    force: float = 1e-6
+    friction: float = 0.5
+    near_m: float = 0.004
+    torque_max: float = 400.0
+
+
+class Controller:
+    """Whole-body controller of a person with a known plan.
+
+    Args:
+        model: Model with sole points.
+        size: Wearer.
+        layout: Coordinates of the model.
+        gains: Tracking and weights.
+        assist: Standard deviation of the wrench that may hold the root, N; 0: none.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: float = 0.0
+    ) -> None:
+        self._model, self._gains, self._assist = model, gains, assist
+        names = layout.names[6:]
+        motor = np.array([not name.startswith("exo_") for name in names])
+        self.driven = np.concatenate([np.arange(6), layout.dof[motor]])
+        self.free = layout.dof[~motor]
+        weight = np.full(model.nv, gains.joint)
+        weight[:3], weight[3:6] = gains.root, gains.tilt
+        for name, dof in zip(names, layout.dof):
+            if name.startswith("lumbar"):
+                weight[dof] = gains.lumbar
+            elif name.startswith(("shoulder", "elbow")):
+                weight[dof] = gains.arm
+            elif name.startswith(("hip", "knee", "ankle", "toe")):
+                weight[dof] = gains.leg
+        self._weight = weight[self.driven]
+        self._rate = np.full(model.nv, gains.joint_rate)
+        self._rate[:6] = gains.root_rate
+        points = sole_points(size)
+        self._bodies = np.array([[model.body(f"{body}_{side}").id for body, _ in points] for side in SIDES])
+        self._local = np.array([p for _, p in points])
+        self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
+        self._point_chain = np.array([[chain_of(model, b)[self.driven] for b in row] for row in self._bodies])
+        self._foot_chain = np.array([chain_of(model, b)[self.driven] for b in self._feet])
+        self._M = np.empty((model.nv, model.nv))
+        self._error = np.empty(model.nv)
+
+    def torques(
+        self, data: mujoco.MjData, plan: Plan, i: int, shift: StepReplan, known: Array, height: Array
+    ) -> tuple[Array, NDArray[np.float64]]:
+        """Generalised forces (nv,): joint torques, and the assist at the root.
+
+        Args:
+            data: State after `mj_step1`.
+            plan: What is wanted.
+            i: Row of the plan.
+            shift: How feet and pelvis are shifted against the plan.
+            known: (nv,) generalised force of the couplings.
+            height: (2, points) m of the ground under each sole point.
+
+        Returns:
+            (nv,) generalised forces and (6,) the root's rows of them.
+        """
+        model, gains = self._model, self._gains
+        mujoco.mj_fullM(model, data, self._M)
+        mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
+        rate = self._rate
+        speed, push = plan.v[i].copy(), plan.a[i].copy()
+        self._error[:2] += shift.root[0]
+        speed[:2] += shift.root[1]
+        push[:2] += shift.root[2]
+        wanted = push + rate * rate * self._error + 2 * rate * (speed - data.qvel)
+        p_foot, v_foot, a_foot = plan.p_foot[i].copy(), plan.v_foot[i].copy(), plan.a_foot[i].copy()
+        for feet, moved in zip((p_foot, v_foot, a_foot), shift.foot.transpose(1, 0, 2)):
+            feet[:, :2] += moved
+        torque = _step(
+            self._M, data.qfrc_bias - data.qfrc_passive - known, wanted[self.driven], self._weight, self.driven,
+            self.free, data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat,
+            self._bodies, self._local, self._point_chain, self._feet, self._foot_chain, plan.touching[i],
+            plan.share[i], plan.R_sole[i], p_foot, plan.R_foot[i], v_foot, plan.w_foot[i],
+            a_foot, plan.dw_foot[i], height, gains.swing, gains.stance, gains.contact, gains.swing_rate,
+            gains.contact_damping, gains.force, gains.friction, gains.near_m, self._assist,
+        )  # fmt: skip
+        full = np.zeros(model.nv)
+        full[self.driven] = torque
+        np.clip(full[6:], -gains.torque_max, gains.torque_max, out=full[6:])
+        return full, full[:6].copy()
+
+
+@numba.njit(cache=True)
+def _step(
+    M: Array, h: Array, wanted: Array, weight: Array, driven: NDArray[np.int64], free: NDArray[np.int64], cdof: Array,
+    cdof_dot: Array, cvel: Array, centre: Array, qvel: Array, xpos: Array, xmat: Array, bodies: NDArray[np.int64],
+    local: Array, point_chain: NDArray[np.bool_], feet: NDArray[np.int64], foot_chain: NDArray[np.bool_],
+    touching: NDArray[np.bool_], share: Array, R_sole: Array, p_foot: Array, R_foot: Array, v_foot: Array,
+    w_foot: Array, a_foot: Array, dw_foot: Array, height: Array, swing: float, stance: float, contact: float,
+    swing_rate: float, damping: float, price: float, friction: float, near: float, assist: float,
+) -> Array:  # fmt: skip
+    """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
+    n = len(driven)
+    axes, axes_dot, speed = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+    for j in range(n):
+        axes[j], axes_dot[j], speed[j] = cdof[driven[j]], cdof_dot[driven[j]], qvel[driven[j]]
+    per_foot = bodies.shape[1]
+    tasks, aims, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
+    contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
+    linear, angular, bias, bias_turn = np.empty((3, n)), np.empty((3, n)), np.empty(3), np.empty(3)
+    swept, error = np.empty(3), np.empty(3)
+    m, k = 0, 0
+    for side in range(2):
+        pushing = 0
+        for i in range(per_foot):
+            if not touching[side, i]:
+                continue
+            b = bodies[side, i]
+            p = xpos[b] + xmat[b].copy().reshape(3, 3) @ local[i]
+            if p[2] - height[side, i] > near:
+                continue
+            w = cvel[b, :3].copy()
+            cross(w, p - centre, swept)
+            v = cvel[b, 3:] + swept
+            jacobian(axes, point_chain[side, i], centre, p, linear, angular)
+            bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, bias_turn)
+            tasks[m : m + 3] = linear
+            aims[m : m + 3] = -damping * v - bias
+            weights[m : m + 3] = contact
+            contacts[3 * k : 3 * k + 3] = linear
+            for e in range(4):
+                along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
+                sign = 1.0 if e % 2 == 0 else -1.0
+                edges[k, e] = R_sole[side, :, 2] + sign * friction * along
+            cost[k] = price / max(share[side], 0.02) ** 2
+            m += 3
+            k += 1
+            pushing += 1
+        b = feet[side]
+        R = xmat[b].copy().reshape(3, 3)
+        w = cvel[b, :3].copy()
+        p = xpos[b].copy()
+        cross(w, p - centre, swept)
+        v = cvel[b, 3:] + swept
+        jacobian(axes, foot_chain[side], centre, p, linear, angular)
+        bias_acceleration(axes_dot, foot_chain[side], centre, speed, v, w, p, bias, bias_turn)
+        turn = np.zeros(3)
+        for axis in range(3):
+            cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
+            turn += 0.5 * error
+        tasks[m : m + 3] = angular
+        aims[m : m + 3] = (
+            dw_foot[side] + swing_rate * swing_rate * turn + 2 * swing_rate * (w_foot[side] - w) - bias_turn
+        )
+        weights[m : m + 3] = stance if pushing else swing
+        m += 3
+        if not pushing:
+            tasks[m : m + 3] = linear
+            aims[m : m + 3] = (
+                a_foot[side] + swing_rate * swing_rate * (p_foot[side] - p) + 2 * swing_rate * (v_foot[side] - v) - bias
+            )
+            weights[m : m + 3] = swing
+            m += 3
+    A, bias_driven = eliminate(M, h, driven, free)
+    _, torque, _, _ = solve(
+        A, bias_driven, wanted, weight, tasks[:m], aims[:m], weights[:m], contacts[: 3 * k], edges[:k], cost[:k], assist
+    )
+    return torque

@@ -1,0 +1,104 @@
+"""Forces of the compliant couplings between exoskeleton and wearer, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.coupling import Coupling
+from stridetwin.sim.dynamics.spatial import cross
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CouplingSet:
+    """Couplings of a model as arrays.
+
+    Attributes:
+        names: Their names.
+        bodies: (C, 2) ids of the exoskeleton's and the wearer's body.
+        points: (C, 2, 3) m, in these bodies' frames.
+        law: (C, 4, 3, 3) stiffness, damping, rotational stiffness and damping, exoskeleton body's axes.
+        chain: (C, 2, nv) which degrees of freedom move each body.
+    """
+
+    names: tuple[str, ...]
+    bodies: NDArray[np.int64]
+    points: Array
+    law: Array
+    chain: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, couplings: Sequence[Coupling]) -> CouplingSet:
+        """Compiles couplings for a model."""
+        bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings]).reshape(-1, 2)
+        return cls(
+            names=tuple(c.name for c in couplings),
+            bodies=bodies,
+            points=np.array([[c.p_in_exo, c.p_in_body] for c in couplings]).reshape(-1, 2, 3),
+            law=np.array([[c.stiffness, c.damping, c.turn_stiffness, c.turn_damping] for c in couplings]).reshape(
+                -1, 4, 3, 3
+            ),
+            chain=np.array([[chain_of(model, b) for b in pair] for pair in bodies]).reshape(-1, 2, model.nv),
+        )
+
+
+def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
+    """(nv,) degrees of freedom that move a body."""
+    chain = np.zeros(model.nv, dtype=bool)
+    while body > 0:
+        first, count = model.body_dofadr[body], model.body_dofnum[body]
+        if count:
+            chain[first : first + count] = True
+        body = model.body_parentid[body]
+    return chain
+
+
+@numba.njit(cache=True)
+def coupling_forces(
+    bodies: NDArray[np.int64], points: Array, law: Array, chain: NDArray[np.bool_], xpos: Array, xmat: Array,
+    cvel: Array, cdof: Array, centre: Array,
+) -> Array:  # fmt: skip
+    """Generalised force (nv,) of all couplings, by the law of `coupling.wrench`.
+
+    Args:
+        bodies: As in `CouplingSet`, like the three that follow.
+        points: (C, 2, 3).
+        law: (C, 4, 3, 3).
+        chain: (C, 2, nv).
+        xpos: (nbody, 3) m.
+        xmat: (nbody, 9).
+        cvel: (nbody, 6) angular and linear velocity about `centre`.
+        cdof: (nv, 6) motion axes about `centre`.
+        centre: (3,) m.
+    """
+    nv = len(cdof)
+    applied = np.zeros(nv)
+    swept, lever, turn = np.empty(3), np.empty(3), np.empty(3)
+    for c in range(len(bodies)):
+        exo, own = bodies[c]
+        R_exo, R_own = xmat[exo].copy().reshape(3, 3), xmat[own].copy().reshape(3, 3)
+        point = xpos[own] + R_own @ points[c, 1]
+        displacement = R_exo.T @ (point - xpos[exo]) - points[c, 0]
+        w = cvel[own, :3] - cvel[exo, :3]
+        cross(w, point - centre, swept)
+        rate = R_exo.T @ (cvel[own, 3:] - cvel[exo, 3:] + swept)
+        R = R_exo.T @ R_own
+        turn[0], turn[1], turn[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+        turn *= 0.5
+        change = 0.5 * ((R[0, 0] + R[1, 1] + R[2, 2]) * np.eye(3) - R)
+        turning = change @ (R_exo.T @ w)
+        force = R_exo @ (law[c, 0] @ displacement + law[c, 1] @ rate)  # on the exoskeleton
+        torque = R_exo @ (change.T @ (law[c, 2] @ turn + law[c, 3] @ turning))
+        cross(point - centre, force, lever)
+        torque += lever
+        for j in range(nv):
+            sign = (1.0 if chain[c, 0, j] else 0.0) - (1.0 if chain[c, 1, j] else 0.0)
+            if sign != 0.0:
+                applied[j] += sign * (cdof[j, :3] @ torque + cdof[j, 3:] @ force)
+    return applied

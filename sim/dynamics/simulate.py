@@ -1,0 +1,166 @@
+"""The forward simulation: person, soles, couplings and controller stepped together, and the walk that comes out."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.body import Wearer
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.coordinates import Coordinates
+from stridetwin.sim.dynamics.controller import Controller, Gains
+from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
+from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
+from stridetwin.sim.dynamics.replan import StepReplan
+from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.dynamics.soles import sole_points
+from stridetwin.sim.dynamics.spatial import cross
+from stridetwin.sim.exoskeleton import couplings
+from stridetwin.sim.gait.reference import Reference
+from stridetwin.streams.samples import Array
+
+STEP_S = 0.001
+_FALLEN_M = 0.25  # the pelvis this far below its plan
+
+
+def simulate(
+    model: mujoco.MjModel, reference: Reference, size: Wearer, height: Callable[[Array], Array],
+    gains: Gains | None = None, assist: float = 0.0,
+) -> SimulatedWalk:  # fmt: skip
+    """Walks the reference forward in time with real contacts.
+
+    Args:
+        model: Model with soles; contacts off outside this function.
+        reference: The planned motion.
+        size: Wearer.
+        height: Height of the ground at (..., 2) points, m.
+        gains: Of the controller; its own where not given.
+        assist: Standard deviation of the wrench that may hold the root, N; 0: none.
+    """
+    model = _physics(model)
+    layout = Coordinates.of(model)
+    data = mujoco.MjData(model)
+    plan = plan_control(reference, model, size)
+    control = Controller(model, size, layout, gains or Gains(), assist)
+    coupled = CouplingSet.of(model, couplings(size))
+    n = round(reference.duration_s / STEP_S)
+    every = round(CONTROL_S / STEP_S)
+    record = _Record(n, model)
+    data.qpos, data.qvel = plan.q[0], plan.v[0]
+    ground = _GroundUnder(model, size, height)
+    torque, shift = np.zeros(model.nv), StepReplan.none()
+    fell_at = None
+    for step in range(n):
+        mujoco.mj_step1(model, data)
+        known = coupling_forces(
+            coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
+            data.subtree_com[1],
+        )  # fmt: skip
+        if step % every == 0:
+            i = min(step // every, len(plan.t) - 1)
+            mujoco.mj_subtreeVel(model, data)
+            error = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
+            shift.update(
+                CONTROL_S, error[0], error[1], plan.swinging[i], plan.until_landing[i], plan.share[i], plan.R_way[i],
+                plan.near_edge[i],
+            )  # fmt: skip
+            torque, _ = control.torques(data, plan, i, shift, known, ground(data))
+        data.qfrc_applied = torque + known
+        record.before(step, data, torque)
+        mujoco.mj_step2(model, data)
+        record.after(step, data)
+        if data.qpos[2] < plan.q[min(step // every, len(plan.t) - 1), 2] - _FALLEN_M:
+            fell_at = step * STEP_S
+            break
+    return record.walk(step + 1, reference, size, fell_at)
+
+
+def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
+    model = copy.copy(model)
+    model.opt.timestep = STEP_S
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    model.opt.impratio = 10.0
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+    return model
+
+
+class _GroundUnder:
+    """Height of the ground under each sole point."""
+
+    def __init__(self, model: mujoco.MjModel, size: Wearer, height: Callable[[Array], Array]) -> None:
+        self._height = height
+        self._bodies = np.array([[model.body(f"{b}_{side}").id for b, _ in sole_points(size)] for side in SIDES])
+        self._local = np.array([p for _, p in sole_points(size)])
+
+    def __call__(self, data: mujoco.MjData) -> Array:
+        R = data.xmat[self._bodies].reshape(2, -1, 3, 3)
+        p = data.xpos[self._bodies] + np.einsum("sijk,ik->sij", R, self._local)
+        return self._height(p[..., :2])
+
+
+class _Record:
+    """Arrays that fill up during a simulation."""
+
+    def __init__(self, n: int, model: mujoco.MjModel) -> None:
+        self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
+        self._R, self._p = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3))
+        self._force, self._moment, self._cop = np.zeros((n, 2, 3)), np.zeros((n, 2, 3)), np.zeros((n, 2, 3))
+        self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
+        names = [model.geom(g).name for g in range(model.ngeom)]
+        self._side = np.array([{"sole_l": 0, "sole_r": 1}.get(name[:6], -1) for name in names])
+
+    def before(self, i: int, data: mujoco.MjData, torque: Array) -> None:
+        """Notes the state that step i starts from."""
+        self._q[i], self._torque[i] = data.qpos, torque
+
+    def after(self, i: int, data: mujoco.MjData) -> None:
+        """Notes the contacts at the start of step i, known once it is done."""
+        self._p[i], self._R[i] = data.xpos[self._feet], data.xmat[self._feet].reshape(2, 3, 3)
+        contact = data.contact
+        _foot_loads(
+            self._side, contact.geom, contact.pos, contact.frame, contact.efc_address, data.efc_force,
+            self._p[i], self._force[i], self._moment[i], self._cop[i],
+        )  # fmt: skip
+
+    def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:
+        """The walk that the first n steps make."""
+        return SimulatedWalk.of(
+            reference, size, STEP_S * np.arange(n, dtype=float), self._q[:n], self._torque[:n], self._force[:n],
+            self._moment[:n], self._cop[:n], fell_at, self._R[:n], self._p[:n],
+        )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _foot_loads(
+    side: NDArray[np.int64], geoms: NDArray[np.int32], pos: Array, frame: Array, address: NDArray[np.int32],
+    efc_force: Array, p_feet: Array, force: Array, moment: Array, cop: Array,
+) -> None:  # fmt: skip
+    """Sums elliptic contacts to a wrench on each foot, and their normal forces to a centre of pressure."""
+    lift, own, arm = np.zeros(2), np.empty(3), np.empty(3)
+    for c in range(len(address)):
+        if address[c] < 0:
+            continue
+        first = side[geoms[c, 0]] >= 0
+        s = side[geoms[c, 0]] if first else side[geoms[c, 1]]
+        if s < 0:
+            continue
+        f = efc_force[address[c] : address[c] + 3]
+        for k in range(3):  # the frame's first axis points from the first geom to the second
+            own[k] = f[0] * frame[c, k] + f[1] * frame[c, 3 + k] + f[2] * frame[c, 6 + k]
+            if first:
+                own[k] = -own[k]
+        cross(pos[c] - p_feet[s], own, arm)
+        force[s] += own
+        moment[s] += arm
+        cop[s] += f[0] * pos[c]
+        lift[s] += f[0]
+    for s in range(2):
+        if lift[s] > 0.0:
+            cop[s] /= lift[s]

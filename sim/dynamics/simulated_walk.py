@@ -1,0 +1,156 @@
+"""A walk as the simulation made it: smooth functions of time through its steps, and what the contacts carried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from stridetwin.sim.body import Wearer
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.contact import FootLoad
+from stridetwin.sim.coordinates import Coordinates
+from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.rotation import from_euler
+from stridetwin.streams.samples import Array
+
+_LOADED_N = 20.0
+_EARLY_OR_LATE_S = 0.12  # a touch-down is looked for this close to the planned one
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SimulatedWalk:
+    """What the simulation did; the same questions as to a `Reference`.
+
+    The coordinates of the physics steps are the control points of cubic B-splines, so that position, velocity and
+    acceleration agree exactly at any instant.
+
+    Attributes:
+        duration_s: Length of the walk; it ends where the walker fell.
+        size: Dimensions of the wearer.
+        steps: Footsteps of each foot as they happened.
+        coordinates: Layout of the generalised coordinates.
+        splines: Cubic splines of the coordinates.
+        fell_at: When the walker fell, s, or None.
+        t: (N,) s, the physics steps.
+        torque: (N, nv) what moved the joints, N m; the root's six rows are the assist (world force, torque in the
+            pelvis' axes), 0 without it.
+        foot_force: (N, 2, 3) N, world, left and right.
+        foot_torque: (N, 2, 3) N m about the foot frame's origin.
+        cop: (N, 2, 3) m, centre of pressure; meaningless without load.
+    """
+
+    duration_s: float
+    size: Wearer
+    steps: dict[str, list[Footstep]]
+    coordinates: Coordinates
+    splines: BSpline
+    fell_at: float | None
+    t: Array
+    torque: Array
+    foot_force: Array
+    foot_torque: Array
+    cop: Array
+    _pitch: Array
+
+    @classmethod
+    def of(
+        cls, reference: Reference, size: Wearer, t: Array, q: Array, torque: Array, foot_force: Array,
+        foot_torque: Array, cop: Array, fell_at: float | None, R_foot: Array, p_foot: Array,
+    ) -> SimulatedWalk:  # fmt: skip
+        """The walk of N physics steps.
+
+        Args:
+            reference: What was planned.
+            size: Wearer.
+            t: (N,) s.
+            q: (N, nq).
+            torque: As in the class, like the three that follow.
+            foot_force: (N, 2, 3).
+            foot_torque: (N, 2, 3).
+            cop: (N, 2, 3).
+            fell_at: s, or None.
+            R_foot: (N, 2, 3, 3) the feet's frames.
+            p_foot: (N, 2, 3) m.
+        """
+        x = reference.coordinates.from_mujoco(q)
+        dt = t[1] - t[0]
+        control = np.concatenate([x[:1], x[:1], x, x[-1:], x[-1:]])
+        knots = t[0] + dt * (np.arange(len(control) + 4) - 4.0)
+        end = float(t[-1])
+        steps = {
+            side: [
+                _as_it_happened(step, t, foot_force[:, k, 2], p_foot[:, k], R_foot[:, k])
+                for step in reference.steps[side] if step.t_touch < end
+            ]
+            for k, side in enumerate(SIDES)
+        }  # fmt: skip
+        pitch = np.column_stack([_pitch(steps[side], t, R_foot[:, k]) for k, side in enumerate(SIDES)])
+        return cls(
+            duration_s=end, size=size, steps=steps, coordinates=reference.coordinates,
+            splines=BSpline(knots, control, 3), fell_at=fell_at, t=t, torque=torque, foot_force=foot_force,
+            foot_torque=foot_torque, cop=cop, _pitch=pitch,
+        )  # fmt: skip
+
+    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+        """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
+        t = np.clip(t, 0.0, self.duration_s)
+        return self.coordinates.to_mujoco(self.splines(t), self.splines(t, 1), self.splines(t, 2))
+
+    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+        """(N,) rad, pitch of a foot against the ground under it, toes down positive."""
+        return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
+
+    def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
+        """What the ground carries at (N,) s."""
+        i = np.clip(np.round(t / (self.t[1] - self.t[0])).astype(int), 0, len(self.t) - 1)
+        return {
+            side: FootLoad(
+                force=self.foot_force[i, k], torque=self.foot_torque[i, k], cop=self.cop[i, k],
+                loaded=self.foot_force[i, k, 2] > _LOADED_N,
+            )
+            for k, side in enumerate(SIDES)
+        }  # fmt: skip
+
+    def efforts(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+        """Joint torques (N, J) in the order of `coordinates.names[6:]`, and what helped the root in the world.
+
+        Returns:
+            (N, J) N m; (N, 3) N; (N, 3) N m about the pelvis.
+        """
+        i = np.clip(np.round(t / (self.t[1] - self.t[0])).astype(int), 0, len(self.t) - 1)
+        torque = self.torque[i]
+        R = from_euler(self.splines(t)[:, 3:6])
+        return torque[:, self.coordinates.dof], torque[:, :3], np.einsum("nij,nj->ni", R, torque[:, 3:6])
+
+
+def _as_it_happened(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot: Array) -> Footstep:
+    """A planned footstep with the times at which the foot was loaded and the place where it stood."""
+    loaded = lift > _LOADED_N
+    touch = _nearest(t, np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1, step.t_touch)
+    off = _nearest(t, np.flatnonzero(~loaded[1:] & loaded[:-1]) + 1, step.t_off)
+    during = np.flatnonzero((t >= touch) & (t <= off))
+    if not len(during):
+        return step
+    # flat is where the sole's normal agrees best with the ground's
+    flat = during[np.argmax(np.einsum("nij,ij->n", R_foot[during][:, :, 2:], step.R_world_sole[:, 2:]))]
+    return replace(step, t_touch=touch, t_off=off, p_foot_in_world=p_foot[flat], R_world_sole=R_foot[flat])
+
+
+def _nearest(t: Array, events: NDArray[np.int64], planned: float) -> float:
+    if not np.isfinite(planned) or not len(events):
+        return planned
+    found = float(t[events[np.abs(t[events] - planned).argmin()]])
+    return found if abs(found - planned) < _EARLY_OR_LATE_S else planned
+
+
+def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
+    """(N,) rad, against the ground of the footstep that the foot is at or goes to."""
+    i = np.clip(np.searchsorted([s.t_off for s in steps], t), 0, len(steps) - 1)
+    R_sole = np.array([s.R_world_sole for s in steps])[i]
+    toes = np.einsum("nji,nj->ni", R_sole, R_foot[:, :, 0])
+    return -np.arcsin(np.clip(toes[:, 2], -1.0, 1.0))

@@ -1,0 +1,42 @@
+"""Contact regions of the soles: heel, ball and toes, small spheres under the shoe that alone touch the ground.
+
+The heel's pair sits on the foot, the pairs of ball and toes on the toe body, so that the hinge between them bends
+freely. The spheres' undersides lie in the sole's plane; their compliance stands for the sole's.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from stridetwin.sim.body import Wearer
+from stridetwin.sim.config import SIDES
+from stridetwin.streams.samples import Array
+
+RADIUS_M = 0.006
+FRICTION = 0.9
+PER_FOOT = 6
+HEEL_POINTS = 2  # of each foot's points, the first two
+_SOLREF = (0.010, 1.0)
+_SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
+
+
+def sole_points(size: Wearer) -> list[tuple[str, Array]]:
+    """Body (`foot` or `toe`) and lowest point in its frame, m, of the contact regions of a foot."""
+    shoe = size.shoe
+    w = shoe.half_width - RADIUS_M
+    tip = shoe.toe_tip_x - shoe.toe_hinge_x - RADIUS_M
+    points = [("foot", [shoe.heel_back_x, y, 0.0]) for y in (-w, w)]
+    points += [("toe", [x, y, -shoe.toe_hinge_z]) for x in (0.0, tip) for y in (-w, w)]
+    return [(body, np.array(p)) for body, p in points]
+
+
+def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
+    """Adds the contact spheres `sole_<side>_<i>`, unseen; they touch terrain and nothing else."""
+    for side in SIDES:
+        for i, (body, point) in enumerate(sole_points(size)):
+            spec.body(f"{body}_{side}").add_geom(
+                name=f"sole_{side}_{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS_M, 0, 0],
+                pos=point + [0.0, 0.0, RADIUS_M], group=3, contype=0, conaffinity=1, mass=0.0, condim=3,
+                friction=[FRICTION, 0.005, 0.0001], solref=list(_SOLREF), solimp=list(_SOLIMP), priority=1,
+            )  # fmt: skip

@@ -1,0 +1,103 @@
+"""What can be built and walked, segment by segment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from stridetwin.sim.config import Lanes, Level, Ramp, Route, Segment, Stairs, Turn
+from stridetwin.streams.errors import ConfigError
+
+RISER_RANGE_M = (0.02, 0.25)
+TREAD_MIN_M = 0.2
+RAMP_MAX_RAD = math.radians(20.0)
+CROSS_SLOPE_MAX_RAD = math.radians(5.0)
+TURN_RADIUS_MIN_M = 1.0
+TURN_MAX_RAD = math.radians(360.0)
+LEVEL_BY_TURN_M = 0.5
+WIDTH_MIN_M = 0.8
+LANES_MAX = 6
+SCENERIES = ("outdoor", "room")
+_TINY = 1e-9
+
+
+def check_segments(route: Route) -> None:
+    """Refuses what cannot be built or walked.
+
+    Raises:
+        ConfigError: The message names field, value and range.
+    """
+    _demand("width_m", route.width_m, route.width_m >= WIDTH_MIN_M, f"at least {WIDTH_MIN_M} m")
+    _demand("scenery", route.scenery, route.scenery in SCENERIES, ", ".join(SCENERIES))
+    _check_chain(route.segments, "segments")
+    for i, segment in enumerate(route.segments):
+        neighbours = [(k, route.segments[k]) for k in (i - 1, i + 1) if 0 <= k < len(route.segments)]
+        if isinstance(segment, Turn):
+            for k, other in neighbours:
+                _check_beside_turn(f"segments[{k}]", other)
+        if isinstance(segment, Lanes):
+            for k, other in neighbours:
+                level = isinstance(other, Level) and other.cross_slope_rad == 0.0
+                _demand(f"segments[{k}]", _kind(other), level, "a level without cross slope before and after lanes")
+
+
+def _check_chain(segments: Sequence[Segment], name: str) -> None:
+    for i, segment in enumerate(segments):
+        at = f"{name}[{i}]"
+        match segment:
+            case Level(length_m=length, cross_slope_rad=cross):
+                _demand(f"{at}.length_m", length, length > 0, "more than 0 m")
+                limit = f"up to {CROSS_SLOPE_MAX_RAD:.4f} rad (5 deg) either way"
+                _demand(f"{at}.cross_slope_rad", cross, abs(cross) <= CROSS_SLOPE_MAX_RAD + _TINY, limit)
+            case Ramp(angle_rad=angle, rise_m=rise):
+                in_range = 0 < angle <= RAMP_MAX_RAD + _TINY
+                _demand(f"{at}.angle_rad", angle, in_range, f"above 0 up to {RAMP_MAX_RAD:.4f} rad (20 deg)")
+                _demand(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` tells the direction)")
+            case Stairs():
+                _check_stairs(segment, at)
+                landing = not any(isinstance(s, Stairs) for s in segments[i + 1 : i + 2])
+                what = "a level or a ramp after stairs, for the last riser"
+                _demand(f"{name}[{i + 1}]", "stairs", landing, what)
+            case Turn(angle_rad=angle, radius_m=radius):
+                valid = f"up to {TURN_MAX_RAD:.4f} rad (360 deg) either way, but not 0"
+                _demand(f"{at}.angle_rad", angle, 0 < abs(angle) <= TURN_MAX_RAD + _TINY, valid)
+                valid = f"0 (on the spot), or at least {TURN_RADIUS_MIN_M} m"
+                _demand(f"{at}.radius_m", radius, radius == 0 or radius >= TURN_RADIUS_MIN_M, valid)
+            case Lanes(lanes=lanes, walk=walk):
+                _demand(f"{at}.lanes", len(lanes), 2 <= len(lanes) <= LANES_MAX, f"2-{LANES_MAX} lanes")
+                _demand(f"{at}.walk", walk, 0 <= walk < len(lanes), f"0-{len(lanes) - 1}, the lanes that there are")
+                for k, lane in enumerate(lanes):
+                    straight = bool(lane) and all(isinstance(s, Level | Stairs | Ramp) for s in lane)
+                    _demand(f"{at}.lanes[{k}]", lane, straight, "level, stairs and ramps")
+                    _check_chain(lane, f"{at}.lanes[{k}]")
+
+
+def _check_stairs(stairs: Stairs, at: str) -> None:
+    low, high = RISER_RANGE_M
+    risers, heights = stairs.risers, stairs.heights_m
+    _demand(f"{at}.risers", risers, isinstance(risers, int) and risers >= 1, "a whole number from 1 on")
+    _demand(f"{at}.riser_m", heights, len(heights) == risers, f"one height, or one for each of {risers} risers")
+    for height in heights:
+        _demand(f"{at}.riser_m", height, low - _TINY <= height <= high + _TINY, f"{low} to {high} m")
+    _demand(f"{at}.tread_m", stairs.tread_m, stairs.tread_m >= TREAD_MIN_M, f"at least {TREAD_MIN_M} m")
+
+
+def _check_beside_turn(at: str, segment: Segment) -> None:
+    room = isinstance(segment, Turn) or (
+        isinstance(segment, Level) and segment.cross_slope_rad == 0.0 and segment.length_m >= LEVEL_BY_TURN_M - _TINY
+    )
+    _demand(
+        at,
+        _kind(segment),
+        room,
+        f"a turn, or a level of at least {LEVEL_BY_TURN_M} m without cross slope, beside a turn",
+    )
+
+
+def _kind(segment: Segment) -> str:
+    return type(segment).__name__.lower()
+
+
+def _demand(field: str, value: object, valid: bool, range_in_words: str) -> None:
+    if not valid:
+        raise ConfigError("route", field, value, range_in_words)

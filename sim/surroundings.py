@@ -1,0 +1,195 @@
+"""What stands around the way, clear of the walker: planters and pillars outdoors, walls and furniture in a room."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.sim.route import Layout, Slab, Strip
+from stridetwin.sim.solids import Box, corners
+from stridetwin.streams.samples import Array
+
+_CLEARANCE_M = 0.35
+_SPACING_M = 2.2
+_ROOM_MARGIN_M = 3.0
+_ROOM_HEIGHT_M = 2.7
+_SEED = 20260  # the world looks the same in every walk
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landmark:
+    """A box beside the way, of one material."""
+
+    box: Box
+    material: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Frame:
+    """A place beside the way: its position and direction, and the height of the ground on the way there."""
+
+    x: float
+    y: float
+    yaw: float
+    z: float
+
+    def box(self, length: float, width: float, bottom: float, top: float, along: float = 0.0, left: float = 0.0) -> Box:
+        """A box here, or moved along and to the left of the direction."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return Box(
+            x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
+            width=width, bottom=bottom, top=top,
+        )  # fmt: skip
+
+
+def surroundings(scenery: str, layout: Layout, bottom_m: float) -> tuple[Landmark, ...]:
+    """Landmarks of a scenery (`outdoor` or `room`), which stand no lower than `bottom_m`."""
+    kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {"outdoor": _outdoor, "room": _room}
+    kept: list[Landmark] = []
+    for group in kinds[scenery](layout, bottom_m):
+        if all(_clear(mark.box, layout, kept) for mark in group):
+            kept += group
+    return tuple(kept)
+
+
+def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
+    """The floor of a room around everything that is laid out, at its lowest height; nothing outdoors."""
+    if scenery != "room":
+        return ()
+    low, high = _extent(layout)
+    z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
+    half = (high[1] - low[1]) / 2
+    slab = Slab(x=float(low[0]), y=float(low[1] + high[1]) / 2, heading=0.0, length=float(high[0] - low[0]),
+                left=float(half), right=float(half), z0=z, z1=z, terrain="level")  # fmt: skip
+    return (slab,)
+
+
+def _extent(layout: Layout) -> tuple[Array, Array]:
+    """Lowest and highest x and y of the inside of a room around the way."""
+    s = np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1)
+    points = layout.way.point(s)
+    return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
+
+
+def _clear(box: Box, layout: Layout, others: list[Landmark]) -> bool:
+    """Whether a box keeps its distance to all ground one could walk on, and stands in no other group's place."""
+    along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
+    across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
+    u, v = np.meshgrid(along, across)
+    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
+    points = np.stack([box.x + cos * u - sin * v, box.y + sin * u + cos * v], axis=-1)
+    for slab in layout.slabs:
+        p, q = slab.local(points)
+        beside = (p < -_CLEARANCE_M) | (p > slab.length + _CLEARANCE_M)
+        beside |= (q > slab.left + _CLEARANCE_M - 1e-9) | (q < -slab.right - _CLEARANCE_M + 1e-9)
+        if not beside.all():
+            return False
+    return all(_apart(box, mark.box) for mark in others)
+
+
+def _apart(a: Box, b: Box) -> bool:
+    """Whether two boxes do not overlap in plan (separating axes)."""
+    p, q = corners(a)[:4, :2], corners(b)[:4, :2]
+    for yaw in (a.yaw, a.yaw + math.pi / 2, b.yaw, b.yaw + math.pi / 2):
+        axis = np.array([math.cos(yaw), math.sin(yaw)])
+        if (p @ axis).max() < (q @ axis).min() + 1e-6 or (q @ axis).max() < (p @ axis).min() + 1e-6:
+            return True
+    return False
+
+
+def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+    """Planters and pillars along both sides of the way and a wall beyond its end."""
+    rng = np.random.default_rng(_SEED)
+    first, last = layout.profile[0], layout.profile[-1]
+    half = layout.slabs[0].left + _CLEARANCE_M
+    for side in (-1.0, 1.0):
+        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
+            if side < 0:  # the side that films are shot from: nothing that hides the walker
+                yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
+            elif i % 3 == 0:
+                yield _pillar(rng, _beside(layout, s, side, half), bottom, side)
+            else:
+                yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
+    x, y = layout.way.point(last.s1).tolist()
+    end = _Frame(x=x, y=y, yaw=float(layout.way.heading(last.s1)), z=last.z1)
+    yield [
+        Landmark(box=end.box(0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0), material="brick")
+    ]
+
+
+def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
+    """The nearest place beside the way that no slab covers, lanes included."""
+    x, y = layout.way.point(s).tolist()
+    yaw = float(layout.way.heading(s))
+    reach = half
+    for slab in layout.slabs:
+        p, q = slab.local(np.array([x, y]))
+        if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
+            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _CLEARANCE_M)
+    x, y = layout.way.point(s, side * reach).tolist()
+    return _Frame(x=x, y=y, yaw=yaw, z=_height(layout.profile, s))
+
+
+def _height(profile: tuple[Strip, ...], s: float) -> float:
+    return float(np.interp(s, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)]))
+
+
+def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) -> list[Landmark]:
+    size = rng.uniform(0.3, 0.45)
+    left = side * (size / 2 + rng.uniform(0.0, 0.5) + 0.05)
+    top = at.z + rng.uniform(1.7, 2.6)
+    shaft = at.box(size, size, bottom, top, left=left)
+    cap = at.box(size + 0.1, size + 0.1, top, top + 0.08, left=left)
+    return [Landmark(box=shaft, material="plaster"), Landmark(box=cap, material="stone")]
+
+
+def _planter(
+    rng: np.random.Generator, at: _Frame, bottom: float, side: float, hedge_m: tuple[float, float]
+) -> list[Landmark]:
+    length, depth = rng.uniform(1.0, 1.7), rng.uniform(0.4, 0.55)
+    left = side * (depth / 2 + rng.uniform(0.0, 0.3))
+    rim = at.z + rng.uniform(0.1, 0.2)
+    top = rim + rng.uniform(*hedge_m)
+    trough = at.box(length, depth, bottom, rim, left=left)
+    hedge = at.box(length - 0.1, depth - 0.1, rim - 0.01, top, left=left)
+    return [Landmark(box=trough, material="stone"), Landmark(box=hedge, material="leaves")]
+
+
+def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+    """Four walls with shelves along them, tables and chests in between, wherever the way leaves room."""
+    rng = np.random.default_rng(_SEED)
+    low, high = _extent(layout)
+    middle, (length, width) = (low + high) / 2, high - low
+    z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
+    room = _Frame(x=middle[0], y=middle[1], yaw=0.0, z=z)
+    top = max(max(s.z0, s.z1) for s in layout.profile) + _ROOM_HEIGHT_M
+    for sign in (-1.0, 1.0):
+        yield [Landmark(box=room.box(length, 0.1, bottom, top, left=sign * (width / 2 + 0.05)), material="plaster")]
+        yield [Landmark(box=room.box(0.1, width, bottom, top, along=sign * (length / 2 + 0.05)), material="plaster")]
+    for quarter in range(4):  # along the four walls, with the walls' direction as x
+        along, away = (length, width) if quarter % 2 == 0 else (width, length)
+        wall = _Frame(x=middle[0], y=middle[1], yaw=quarter * math.pi / 2, z=z)
+        for u in np.arange(0.9 - along / 2, along / 2 - 0.9, 1.9).tolist():
+            size, tall = rng.uniform(0.8, 1.5), rng.uniform(0.8, 2.0)
+            shelf = wall.box(size, 0.4, z, z + tall, along=u + rng.uniform(-0.2, 0.2), left=0.22 - away / 2)
+            yield [Landmark(box=shelf, material=str(rng.choice(["wood", "brick", "stone"])))]
+    for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
+        for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():
+            x, y, yaw = u + rng.uniform(-0.3, 0.3), v + rng.uniform(-0.3, 0.3), rng.uniform(0, math.pi)
+            at = _Frame(x=x, y=y, yaw=yaw, z=z)
+            yield _table(rng, at) if rng.uniform() < 0.5 else _chest(rng, at)
+
+
+def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
+    length, width, height = rng.uniform(0.9, 1.4), rng.uniform(0.5, 0.7), rng.uniform(0.68, 0.76)
+    sides = [at.box(0.05, width - 0.1, at.z, at.z + height - 0.04, along=e * (length / 2 - 0.08)) for e in (-1, 1)]
+    board = at.box(length, width, at.z + height - 0.04, at.z + height)
+    return [Landmark(box=box, material="wood") for box in (*sides, board)]
+
+
+def _chest(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
+    length, width, height = rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.6), rng.uniform(0.35, 0.6)
+    return [Landmark(box=at.box(length, width, at.z, at.z + height), material=str(rng.choice(["brick", "leaves"])))]

@@ -1,0 +1,116 @@
+"""The way: the plane curve that a walk follows, made of lines and arcs, as a function of its arc length."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stridetwin.streams.samples import Array
+
+_PROJECTION_M = 0.02  # spacing of the points that are tried
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """A line or an arc of the way.
+
+    Attributes:
+        s0: Arc length where it begins, m.
+        s1: Arc length where it ends, m.
+        x: Where it begins in the world, m.
+        y: Where it begins in the world, m.
+        heading: Direction at its beginning, rad; not wrapped, so that it is continuous along the way.
+        curvature: 1/m, left positive; 0 for a line.
+    """
+
+    s0: float
+    s1: float
+    x: float
+    y: float
+    heading: float
+    curvature: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """Pieces in order; before the first and after the last the way goes straight on.
+
+    Attributes:
+        pieces: Each begins where the one before ends.
+    """
+
+    pieces: tuple[Piece, ...]
+
+    @cached_property
+    def _columns(self) -> Array:
+        return np.array([(p.s0, p.s1, p.x, p.y, p.heading, p.curvature) for p in self.pieces]).T
+
+    def _locate(self, s: ArrayLike) -> tuple[Array, Array, Array, Array]:
+        """Point (..., 2), heading (...) and curvature (...) at arc lengths, and by how far s lies beyond the way."""
+        s = np.asarray(s, dtype=float)
+        s0, s1, x, y, heading, curvature = self._columns
+        i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
+        inside = np.clip(s, s0[0], s1[-1])
+        run, k = inside - s0[i], curvature[i]
+        half = 0.5 * k * run
+        chord = run * np.sinc(half / np.pi)
+        toward = heading[i] + half
+        point = np.stack([x[i] + chord * np.cos(toward), y[i] + chord * np.sin(toward)], -1)
+        return point, heading[i] + k * run, k, s - inside
+
+    def heading(self, s: ArrayLike) -> Array:
+        """(...) rad, continuous, at (...) arc lengths."""
+        return self._locate(s)[1]
+
+    def curvature(self, s: ArrayLike) -> Array:
+        """(...) 1/m, left positive, at (...) arc lengths."""
+        return self._locate(s)[2]
+
+    def point(self, s: ArrayLike, left: ArrayLike = 0.0) -> Array:
+        """(..., 2) points in the world, m, at (...) arc lengths and (...) m to the left of the way."""
+        point, heading, _, beyond = self._locate(s)
+        along = np.stack([np.cos(heading), np.sin(heading)], -1)
+        aside = np.stack([-np.sin(heading), np.cos(heading)], -1)
+        return point + beyond[..., None] * along + np.asarray(left, dtype=float)[..., None] * aside
+
+    def project(self, path: ArrayLike, reach_m: float = 0.6) -> Array:
+        """Arc lengths of the points of the way that are nearest to a path.
+
+        The path is followed from s = 0, so that it is clear which part of the way counts where two parts meet.
+
+        Args:
+            path: (N, 2) m in the world, in order of time.
+            reach_m: How far along the way a sample may lie from the one before it.
+
+        Returns:
+            (N,) m.
+        """
+        path = np.asarray(path, dtype=float)
+        s0, s1 = self.pieces[0].s0, self.pieces[-1].s1
+        grid = np.linspace(s0, s1, max(2, int((s1 - s0) / _PROJECTION_M)))
+        points, heading = self.point(grid), self.heading(grid)
+        window, at = int(np.ceil(reach_m / (grid[1] - grid[0]))), int(np.argmin(np.abs(grid)))
+        nearest = np.empty(len(path), dtype=int)
+        for k, p in enumerate(path):
+            low = max(at - window, 0)
+            away = points[low : at + window + 1] - p
+            at = low + int(np.argmin(away[:, 0] ** 2 + away[:, 1] ** 2))
+            nearest[k] = at
+        along = np.stack([np.cos(heading), np.sin(heading)], -1)[nearest]
+        return grid[nearest] + np.sum((path - points[nearest]) * along, axis=1)
+
+
+def joined(pieces: Sequence[Piece]) -> Way:
+    """A way of pieces, with neighbouring lines of one direction made one."""
+    found: list[Piece] = []
+    for piece in pieces:
+        last = found[-1] if found else None
+        if last is not None and last.curvature == piece.curvature == 0.0 and last.heading == piece.heading:
+            found[-1] = Piece(s0=last.s0, s1=piece.s1, x=last.x, y=last.y, heading=last.heading, curvature=0.0)
+        else:
+            found.append(piece)
+    return Way(pieces=tuple(found))

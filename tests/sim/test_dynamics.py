@@ -1,0 +1,198 @@
+"""The simulated walk: its small parts against the engine and against general solvers, and what holds it up."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from stridetwin.sim.config import Level, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.coupling import Pose, wrench
+from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
+from stridetwin.sim.dynamics.replan import StepReplan
+from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
+from stridetwin.sim.dynamics.whole_body import contact_forces, eliminate, solve
+from stridetwin.sim.exoskeleton import couplings
+from stridetwin.sim.twin import Twin
+
+STAIRS: tuple[Segment, ...] = (
+    Level(length_m=2.5), Stairs(risers=3), Level(length_m=2.0), Stairs(risers=3, down=True), Level(length_m=2.0),
+)  # fmt: skip
+
+
+def make(segments: tuple[Segment, ...], seed: int = 7) -> Twin:
+    return Twin(TwinConfig(name="dynamic", route=Route(segments=segments), sensors=(), physics="dynamic"), seed)
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return make(STAIRS)
+
+
+@pytest.fixture(scope="module")
+def walk(twin: Twin) -> SimulatedWalk:
+    simulated = twin.walk
+    assert isinstance(simulated, SimulatedWalk)
+    return simulated
+
+
+@pytest.fixture
+def moving(twin: Twin) -> mujoco.MjData:
+    """A state of the model in the middle of any motion."""
+    rng = np.random.default_rng(3)
+    data = mujoco.MjData(twin.model)
+    q, v, _ = twin.reference.state(np.array([3.4]))
+    data.qpos, data.qvel = q[0], v[0] + rng.normal(0, 0.5, twin.model.nv)
+    mujoco.mj_forward(twin.model, data)
+    return data
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_contact_forces_are_those_of_a_general_solver(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(4, 40))
+    B, d, r = rng.normal(size=(6, n)), rng.normal(size=6) * 10, rng.uniform(1e-4, 1.0, n)
+    f, y = contact_forces(B, d, r)
+    expected, _ = nnls(np.vstack([B, np.diag(np.sqrt(r))]), np.r_[d, np.zeros(n)])
+    assert np.allclose(f, expected, atol=1e-6 * max(1.0, expected.max()))
+    assert np.allclose(y, d - B @ f, atol=1e-6)
+
+
+def test_eliminated_joints_move_as_the_engine_says(twin: Twin, moving: mujoco.MjData) -> None:
+    model, rng = twin.model, np.random.default_rng(1)
+    M = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, moving, M)
+    free = np.array([i for i in range(6, model.nv) if i % 5 == 0])
+    driven = np.setdiff1d(np.arange(model.nv), free)
+    qacc = rng.normal(size=model.nv)
+    force = M @ qacc + moving.qfrc_bias
+    force[free] = 0.0
+    qacc = np.linalg.solve(M, force - moving.qfrc_bias)
+    A, c = eliminate(M, moving.qfrc_bias.copy(), driven, free)
+    assert np.allclose(A @ qacc[driven] + c, force[driven], atol=1e-6)
+
+
+@pytest.mark.parametrize("body", ["foot_l", "toe_r", "exo_shank_l"])
+def test_jacobians_are_the_engines(twin: Twin, moving: mujoco.MjData, body: str) -> None:
+    model, b = twin.model, twin.model.body(body).id
+    point = moving.xpos[b] + moving.xmat[b].reshape(3, 3) @ [0.1, -0.02, 0.03]
+    chain, centre = chain_of(model, b), moving.subtree_com[1]
+    linear, angular = np.empty((3, model.nv)), np.empty((3, model.nv))
+    jacobian(moving.cdof, chain, centre, point, linear, angular)
+    expected = np.empty((2, 3, model.nv))
+    mujoco.mj_jac(model, moving, expected[0], expected[1], point, b)
+    assert np.allclose([linear, angular], expected, atol=1e-12)
+    mujoco.mj_jacDot(model, moving, expected[0], expected[1], point, b)
+    swept, bias, turn = np.empty(3), np.empty(3), np.empty(3)
+    w = moving.cvel[b, :3].copy()
+    cross(w, point - centre, swept)
+    bias_acceleration(moving.cdof_dot, chain, centre, moving.qvel, moving.cvel[b, 3:] + swept, w, point, bias, turn)
+    assert np.allclose(bias, expected[0] @ moving.qvel, atol=1e-9)
+    assert np.allclose(turn, expected[1] @ moving.qvel, atol=1e-9)
+
+
+def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) -> None:
+    model, told = twin.model, couplings(twin.size)
+    compiled = CouplingSet.of(model, told)
+    got = coupling_forces(
+        compiled.bodies, compiled.points, compiled.law, compiled.chain, moving.xpos, moving.xmat, moving.cvel,
+        moving.cdof, moving.subtree_com[1],
+    )  # fmt: skip
+    expected, read = np.zeros(model.nv), np.empty(6)
+
+    def pose(body: str) -> Pose:
+        b = model.body(body).id
+        mujoco.mj_objectVelocity(model, moving, mujoco.mjtObj.mjOBJ_XBODY, b, read, 0)
+        return Pose(
+            p=moving.xpos[b].copy(), R=moving.xmat[b].reshape(3, 3).copy(), v=read[3:].copy(), w=read[:3].copy()
+        )
+
+    for c in told:
+        force, torque, point = wrench(c, pose(c.exo_body), pose(c.body))
+        mujoco.mj_applyFT(model, moving, force, torque, point, model.body(c.exo_body).id, expected)
+        mujoco.mj_applyFT(model, moving, -force, -torque, point, model.body(c.body).id, expected)
+    assert np.abs(expected).max() > 1.0
+    assert np.allclose(got, expected, atol=1e-8)
+    assert np.abs(got[:3]).max() < 1e-9  # no momentum for the whole body
+
+
+def test_control_step_obeys_the_equations_of_motion() -> None:
+    rng = np.random.default_rng(2)
+    n, k = 14, 5
+    root = rng.normal(size=(n, n))
+    M, h = root @ root.T + n * np.eye(n), rng.normal(size=n)
+    contacts = rng.normal(size=(3 * k, n))
+    up = np.array([[0.5, 0.0, 1.0], [-0.5, 0.0, 1.0], [0.0, 0.5, 1.0], [0.0, -0.5, 1.0]])
+    edges = np.tile(up, (k, 1, 1))
+    tasks, aims = rng.normal(size=(4, n)), rng.normal(size=4)
+    qacc, torque, force, rest = solve(
+        M, h, rng.normal(size=n), np.full(n, 0.1), tasks, aims, np.ones(4), contacts, edges, np.full(k, 1e-3), 0.0
+    )
+    assert np.allclose(M @ qacc + h, np.r_[np.zeros(6), torque[6:]] + contacts.T @ force + np.r_[rest, np.zeros(n - 6)])
+    assert np.abs(torque[:6]).max() == 0.0
+    assert np.abs(rest).max() < 1e-6
+    for f in force.reshape(k, 3):
+        assert abs(f[0]) + abs(f[1]) <= 0.5 * f[2] + 1e-9
+
+
+def test_nothing_but_the_ground_holds_the_walker(twin: Twin, walk: SimulatedWalk) -> None:
+    """The centre of mass moves as gravity and the contact forces say: there is no hidden help."""
+    assert walk.fell_at is None
+    assert np.abs(walk.torque[:, :6]).max() == 0.0
+    mass, data = float(twin.model.body_subtreemass[0]), mujoco.MjData(twin.model)
+    t = np.arange(1.0, walk.duration_s - 1.0, 0.25)
+    span = 0.1
+    for moment in t:
+        momenta = []
+        q, v, _ = walk.state(np.array([moment, moment + span]))
+        for i in range(2):
+            data.qpos, data.qvel = q[i], v[i]
+            mujoco.mj_kinematics(twin.model, data)
+            mujoco.mj_comPos(twin.model, data)
+            mujoco.mj_comVel(twin.model, data)
+            mujoco.mj_subtreeVel(twin.model, data)
+            momenta.append(mass * data.subtree_linvel[0].copy())
+        during = (walk.t >= moment) & (walk.t < moment + span)
+        push = walk.foot_force[during].sum(axis=(0, 1)) * 1e-3 - np.array([0.0, 0.0, 9.81 * mass * span])
+        assert np.abs(momenta[1] - momenta[0] - push).max() < 0.01 * mass * 9.81 * span
+
+
+def test_simulated_walk_follows_its_plan(twin: Twin, walk: SimulatedWalk) -> None:
+    t = np.arange(0.0, walk.duration_s, 0.01)
+    legs = [i for i, n in enumerate(walk.coordinates.names) if n.startswith(("hip", "knee", "ankle"))]
+    error = np.degrees(walk.splines(t)[:, legs] - twin.reference.splines(t)[:, legs])
+    assert np.sqrt((error**2).mean()) < 2.0
+    for side in "lr":
+        for planned, done in zip(twin.reference.steps[side], walk.steps[side], strict=True):
+            assert np.linalg.norm(planned.p_foot_in_world - done.p_foot_in_world) < 0.02
+
+
+def test_simulated_state_agrees_with_its_own_derivatives(walk: SimulatedWalk) -> None:
+    t = np.round(np.linspace(0.5, walk.duration_s - 0.5, 50), 3) + 5e-4  # between two steps
+    h = 1e-5
+    _, _, a = walk.state(t)
+    _, v0, _ = walk.state(t - h)
+    _, v1, _ = walk.state(t + h)
+    assert np.allclose((v1 - v0) / (2 * h), a, rtol=1e-3, atol=1e-2)
+
+
+def test_feet_are_moved_only_where_the_body_is_off_its_plan() -> None:
+    still, falling = StepReplan.none(), StepReplan.none()
+    swinging, share = np.array([True, False]), np.array([0.0, 1.0])
+    for until in np.arange(0.35, 0.0, -0.002):
+        for replan, off in ((still, 0.0), (falling, 0.08)):
+            replan.update(
+                0.002, np.array([0.0, off]), np.zeros(2), swinging, np.array([until, 0.0]), share, np.eye(2),
+                np.zeros(2, dtype=bool),
+            )  # fmt: skip
+    assert np.abs(still.foot).max() == 0.0
+    assert falling.foot[0, 0, 1] > 0.02  # the left foot lands further left
+    assert np.abs(falling.foot[1]).max() == 0.0
+
+
+def test_same_seed_same_simulation() -> None:
+    segments = (Level(length_m=1.2),)
+    one, two = make(segments).walk, make(segments).walk
+    assert np.array_equal(one.splines.c, two.splines.c)
