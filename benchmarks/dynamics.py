@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.gait import motion_at
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES, Gait, Person
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -76,7 +77,7 @@ def _slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
             t = t[walk.pitch(side, t) > -0.005]
             if len(t) < 20:
                 continue
-            track = twin.player().motion(np.round(t[::10] * 1e9).astype(np.int64)).tracks[f"foot_{side}"]
+            track = motion_at(twin, t[::10]).tracks[f"foot_{side}"]
             point = track.p_body_in_world + matrix_from_quat(track.q_world_body) @ hinge
             slips.append(float(np.linalg.norm(np.ptp(point[:, :2], axis=0))))
     return slips

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from stridetwin.sim.rotation import (
     euler_accelerations_to_body,
@@ -60,6 +61,10 @@ class Coordinates:
         x[:, 5] = np.arctan2(R[:, 2, 1], R[:, 2, 2])
         x[:, 6:] = q[:, self.qpos]
         return x
+
+    def at(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+        """`to_mujoco` of splines of the coordinates at (N,) s."""
+        return self.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
 
     def to_mujoco(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
         """Qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -66,13 +67,15 @@ class Controller:
         size: Wearer.
         layout: Coordinates of the model.
         gains: Tracking and weights.
+        height: Height of the ground at (..., 2) points, m.
         assist: Standard deviation of the wrench that may hold the root, N; 0: none.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: float = 0.0
-    ) -> None:
-        self._model, self._gains, self._assist = model, gains, assist
+        self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains,
+        height: Callable[[Array], Array], assist: float = 0.0,
+    ) -> None:  # fmt: skip
+        self._model, self._gains, self._height, self._assist = model, gains, height, assist
         names = layout.names[6:]
         motor = np.array([not name.startswith("exo_") for name in names])
         self.driven = np.concatenate([np.arange(6), layout.dof[motor]])
@@ -99,8 +102,8 @@ class Controller:
         self._error = np.empty(model.nv)
 
     def torques(
-        self, data: mujoco.MjData, plan: Plan, i: int, shift: StepReplan, known: Array, height: Array
-    ) -> tuple[Array, NDArray[np.float64]]:
+        self, data: mujoco.MjData, plan: Plan, i: int, shift: StepReplan, known: Array
+    ) -> Array:  # fmt: skip
         """Generalised forces (nv,): joint torques, and the assist at the root.
 
         Args:
@@ -109,10 +112,6 @@ class Controller:
             i: Row of the plan.
             shift: How feet and pelvis are shifted against the plan.
             known: (nv,) generalised force of the couplings.
-            height: (2, points) m of the ground under each sole point.
-
-        Returns:
-            (nv,) generalised forces and (6,) the root's rows of them.
         """
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
@@ -126,6 +125,9 @@ class Controller:
         p_foot, v_foot, a_foot = plan.p_foot[i].copy(), plan.v_foot[i].copy(), plan.a_foot[i].copy()
         for feet, moved in zip((p_foot, v_foot, a_foot), shift.foot.transpose(1, 0, 2)):
             feet[:, :2] += moved
+        R_bodies = data.xmat[self._bodies].reshape(*self._bodies.shape, 3, 3)
+        points = data.xpos[self._bodies] + np.einsum("sijk,ik->sij", R_bodies, self._local)
+        height = self._height(points[..., :2])
         torque = _step(
             self._M, data.qfrc_bias - data.qfrc_passive - known, wanted[self.driven], self._weight, self.driven,
             self.free, data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat,
@@ -137,7 +139,7 @@ class Controller:
         full = np.zeros(model.nv)
         full[self.driven] = torque
         np.clip(full[6:], -gains.torque_max, gains.torque_max, out=full[6:])
-        return full, full[:6].copy()
+        return full
 
 
 @numba.njit(cache=True)

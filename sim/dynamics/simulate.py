@@ -18,7 +18,6 @@ from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import StepReplan
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.dynamics.soles import sole_points
 from stridetwin.sim.dynamics.spatial import cross
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.reference import Reference
@@ -46,13 +45,12 @@ def simulate(
     layout = Coordinates.of(model)
     data = mujoco.MjData(model)
     plan = plan_control(reference, model, size)
-    control = Controller(model, size, layout, gains or Gains(), assist)
+    control = Controller(model, size, layout, gains or Gains(), height, assist)
     coupled = CouplingSet.of(model, couplings(size))
     n = round(reference.duration_s / STEP_S)
     every = round(CONTROL_S / STEP_S)
     record = _Record(n, model)
     data.qpos, data.qvel = plan.q[0], plan.v[0]
-    ground = _GroundUnder(model, size, height)
     torque, shift = np.zeros(model.nv), StepReplan.none()
     fell_at = None
     for step in range(n):
@@ -69,7 +67,7 @@ def simulate(
                 CONTROL_S, error[0], error[1], plan.swinging[i], plan.until_landing[i], plan.share[i], plan.R_way[i],
                 plan.near_edge[i],
             )  # fmt: skip
-            torque, _ = control.torques(data, plan, i, shift, known, ground(data))
+            torque = control.torques(data, plan, i, shift, known)
         data.qfrc_applied = torque + known
         record.before(step, data, torque)
         mujoco.mj_step2(model, data)
@@ -89,20 +87,6 @@ def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     return model
-
-
-class _GroundUnder:
-    """Height of the ground under each sole point."""
-
-    def __init__(self, model: mujoco.MjModel, size: Wearer, height: Callable[[Array], Array]) -> None:
-        self._height = height
-        self._bodies = np.array([[model.body(f"{b}_{side}").id for b, _ in sole_points(size)] for side in SIDES])
-        self._local = np.array([p for _, p in sole_points(size)])
-
-    def __call__(self, data: mujoco.MjData) -> Array:
-        R = data.xmat[self._bodies].reshape(2, -1, 3, 3)
-        p = data.xpos[self._bodies] + np.einsum("sijk,ik->sij", R, self._local)
-        return self._height(p[..., :2])
 
 
 class _Record:

@@ -98,16 +98,18 @@ class SimulatedWalk:
 
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
-        t = np.clip(t, 0.0, self.duration_s)
-        return self.coordinates.to_mujoco(self.splines(t), self.splines(t, 1), self.splines(t, 2))
+        return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
         """(N,) rad, pitch of a foot against the ground under it, toes down positive."""
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
+    def _nearest_steps(self, t: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+        return np.clip(np.round(t / (self.t[1] - self.t[0])).astype(np.int64), 0, len(self.t) - 1)
+
     def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
         """What the ground carries at (N,) s."""
-        i = np.clip(np.round(t / (self.t[1] - self.t[0])).astype(int), 0, len(self.t) - 1)
+        i = self._nearest_steps(t)
         return {
             side: FootLoad(
                 force=self.foot_force[i, k], torque=self.foot_torque[i, k], cop=self.cop[i, k],
@@ -122,7 +124,7 @@ class SimulatedWalk:
         Returns:
             (N, J) N m; (N, 3) N; (N, 3) N m about the pelvis.
         """
-        i = np.clip(np.round(t / (self.t[1] - self.t[0])).astype(int), 0, len(self.t) - 1)
+        i = self._nearest_steps(t)
         torque = self.torque[i]
         R = from_euler(self.splines(t)[:, 3:6])
         return torque[:, self.coordinates.dof], torque[:, :3], np.einsum("nij,nj->ni", R, torque[:, 3:6])

@@ -70,8 +70,7 @@ class Reference:
 
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
-        t = np.clip(t, 0.0, self.duration_s)
-        return self.coordinates.to_mujoco(self.splines(t), self.splines(t, 1), self.splines(t, 2))
+        return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
 
 
 def reference(
@@ -196,7 +195,7 @@ def _zero_moment_point(
 ) -> tuple[Array, Array]:
     """(N, 2) zero-moment point at height z by the whole body's inverse dynamics, and (N,) kappa for its correction."""
     data = mujoco.MjData(model)
-    q, v, a = layout.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
+    q, v, a = layout.at(splines, t)
     force, torque, com_z = np.empty((len(t), 3)), np.empty((len(t), 3)), np.empty(len(t))
     for i in range(len(t)):
         data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
