@@ -1,4 +1,4 @@
-"""The list of packages in pyproject.toml against the folders: what it forgets works here and is missing from a wheel."""
+"""The packages named in pyproject.toml against the folders: one forgotten works here and is missing from a wheel."""
 
 import tomllib
 from pathlib import Path
