@@ -42,6 +42,7 @@ class FootInsParameters:
         still_velocity: Speed of a standing foot, m/s.
         still_correlation_s: How long such a speed lasts: updates within this time share their error, s.
         max_velocity_sd: An update less certain than this is left out, m/s.
+        max_surprise: Innovation, in standard deviations, beyond which an update is trusted less.
         rest_level: Peak of the statistic below which the foot rests: its mean rate is the gyro's bias.
         rest_rate_noise: Turning of a foot at rest, rad/s/√Hz.
         align_s: Still time that an alignment takes, s.
@@ -84,6 +85,7 @@ class FootInsParameters:
     still_velocity: float = 0.01
     still_correlation_s: float = 0.018
     max_velocity_sd: float = 2.0
+    max_surprise: float = 3.0
     rest_level: float = 880.0
     rest_rate_noise: float = 3.2e-4
     align_s: float = 0.1
@@ -138,6 +140,7 @@ class KernelParameters(NamedTuple):
     still_velocity: float
     still_correlation_s: float
     max_velocity_sd: float
+    max_surprise: float
     rest_level: float
     rest_rate_noise: float
     align_s: float

@@ -37,6 +37,11 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
 
     The foot's true speed in stance is no white noise: within `still_correlation_s` all updates share one
     error, so each sample brings dt / still_correlation_s of an update, whatever the rate of the samples.
+
+    A swinging foot may look still for an instant: it glides without turning while its force passes g. Then the
+    innovation is a surprise of many standard deviations, and the update's own deviation grows in proportion to
+    what exceeds `max_surprise` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a filter that
+    has gone astray still finds back, within some samples of standing.
     """
     x = memory.nominal
     R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
@@ -51,9 +56,16 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd)
     H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
     error = np.zeros(STATES)
+    doubt = max(1.0, _surprise(memory.covariance, H, z) / parameters.max_surprise)
     for i in range(3):
-        correct(memory.covariance, error, H[i], z[i], 1.0)
+        correct(memory.covariance, error, H[i] / doubt, z[i] / doubt, 1.0)
     inject(memory, error)
+
+
+@njit
+def _surprise(P: Array, H: Array, z: Array) -> float:
+    """Length of the innovation z (3,), of unit noise and Jacobian H (3, 15), in standard deviations."""
+    return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(3), z))
 
 
 @njit

@@ -99,10 +99,42 @@ def test_a_heel_that_rises_slowly_does_not_pull_the_path_down() -> None:
     uncertain, fixed = (
         FootIns(parameters=p, start=start_of(truth)).run(truth.imu).trajectory.p_frame_in_world[-1, 2]
         - truth.p_imu_in_world[-1, 2]
-        for p in (FootInsParameters(), FootInsParameters(lever_sd=0.0))
+        for p in (FootInsParameters(), FootInsParameters(lever_sd=0.0, max_surprise=1e9))
     )
     assert fixed < -0.03 * truth.distance
     assert abs(uncertain) < 0.01 * truth.distance
+
+
+def glide(strides: int = 8, speed: float = 3.0, rate_hz: float = 200.0) -> Block[Imu]:
+    """A foot that never turns, and in each stride glides at constant speed for 40 ms: it looks still while it does."""
+    kick = speed * rate_hz / 20 * (1.0 - np.cos(2 * np.pi * (np.arange(20) + 0.5) / 20))
+    stride = np.concatenate([kick, np.zeros(8), -kick, np.zeros(80)])
+    ahead = np.concatenate([np.zeros(400), np.tile(stride, strides)])
+    force = np.column_stack([ahead, np.zeros_like(ahead), np.full_like(ahead, FootInsParameters().gravity)])
+    t_ns = np.arange(1, len(ahead) + 1) * round(1e9 / rate_hz)
+    columns = {"angular_rate": np.zeros_like(force), "specific_force": force}
+    return Block(topic="/foot_l/imu", kind=Imu, t_ns=t_ns, columns=columns)
+
+
+def test_a_swing_that_looks_still_for_an_instant_is_not_stopped() -> None:
+    imu = glide()
+    ahead = imu.columns["specific_force"][:, 0]
+    way = np.cumsum(np.cumsum(ahead) / 200.0)[-1] / 200.0
+    robust, credulous = (
+        FootIns(parameters=p).run(imu).trajectory.p_frame_in_world[-1, 0]
+        for p in (FootInsParameters(), FootInsParameters(max_surprise=1e9))
+    )
+    assert abs(robust - way) < 0.15 * way
+    assert abs(credulous - way) > 0.90 * way
+
+
+@given(st.floats(1.0, 20.0), st.integers(0, 2))
+def test_a_filter_gone_astray_finds_back_where_the_foot_stands(jump: float, axis: int) -> None:
+    """A shock that the sensor reports and the foot never felt: standing brings the speed down, whatever its size."""
+    imu = glide(strides=0)
+    imu.columns["specific_force"][200, axis] += jump * 200.0
+    path = FootIns().run(imu)
+    assert np.linalg.norm(path.v_imu_in_world[-1]) < 0.02
 
 
 def test_error_is_consistent_with_the_covariance() -> None:
