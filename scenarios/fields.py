@@ -63,7 +63,7 @@ def number(low: float, high: float, *, scale: float = 1.0) -> Reader:
 
     def read(node: object, where: Where) -> float:
         if isinstance(node, bool) or not isinstance(node, (int, float)) or not low <= node <= high:
-            raise where.error(node, f"{low:g}-{high:g}")
+            raise where.error(node, f"{low:g}-{high:g}" if low >= 0 else f"{low:g} to {high:g}")
         return float(node) * scale
 
     return read
@@ -103,6 +103,11 @@ def choice(names: Mapping[str, Any]) -> Reader:
         return names[node]
 
     return read
+
+
+def one_word(names: Iterable[str]) -> Reader:
+    """One of the names, which stands for itself."""
+    return choice({name: name for name in names})
 
 
 def names_of(valid: Iterable[str]) -> Reader:

@@ -8,6 +8,8 @@ from html import escape
 from importlib import resources
 from string import Template
 
+import numpy as np
+
 from stridetwin.scenarios.evaluate import FEET, Result
 from stridetwin.scenarios.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
 from stridetwin.scenarios.figures_path import error_over_time, foot_of, plan_view, side_view
@@ -41,6 +43,8 @@ _ROWS = (
     ("nees_position_within_95_pct", "Time within the own 95 % bound", "%", 1),
     ("distance_m", "Distance travelled by the frame", "m", 2),
 )
+_RESIDUAL = "/truth/root_residual"
+_G = 9.81
 _PUBLISHED = (
     ("jao_straight_53m", "straight, 53 m", 53.0),
     ("jao_loop_126m", "loop with ramp and stair, 126 m", 126.0),
@@ -86,6 +90,8 @@ def render_report(story: Story) -> str:
         f"{config.gait.speed_mps:g} m/s on the level",
         "ideal sensors" if config.ideal else "data-sheet sensors",
     ]
+    if _RESIDUAL in story.recording.topics and config.physics == "dynamic":
+        chips.append(_root_help(story.recording, config.person.mass_kg))
     if "fell_at_s" in story.recording.metadata:
         chips.append(f"FELL after {story.recording.metadata['fell_at_s']} s")
     sections = [
@@ -106,6 +112,13 @@ def render_report(story: Story) -> str:
         chips="".join(f"<li>{escape(c)}</li>" for c in chips),
         sections="\n".join(s for s in sections if s),
     )
+
+
+def _root_help(recording: Recording, mass_kg: float) -> str:
+    """What helped a simulated walker at the pelvis, beside the ground."""
+    force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / (mass_kg * _G)
+    mean, p95, most = 100 * force.mean(), 100 * np.quantile(force, 0.95), 100 * force.max()
+    return f"help at the root {mean:.2f} % of body weight (95 %: {p95:.2f}, most {most:.2f})"
 
 
 def _section(title: str, lead: str, body: str, css: str = "card") -> str:

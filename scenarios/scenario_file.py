@@ -23,15 +23,34 @@ from stridetwin.scenarios.fields import (
     names_of,
     number,
     one_of,
+    one_word,
     sequence,
     suggest,
     text,
 )
 from stridetwin.sim.actuation import JOINTS, modules
-from stridetwin.sim.config import Exo, Gait, Lanes, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
+from stridetwin.sim.config import (
+    PATTERNS,
+    Dynamics,
+    Exo,
+    Gait,
+    Gaze,
+    Lanes,
+    Level,
+    Misstep,
+    Person,
+    Push,
+    Ramp,
+    Route,
+    Segment,
+    Stairs,
+    Turn,
+    TwinConfig,
+)
+from stridetwin.sim.gait_checks import ASYMMETRY_MAX, GAZES, SPEED_RANGE_MPS, STAIRS
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
-from stridetwin.sim.route_checks import LANES_MAX, SCENERIES
+from stridetwin.sim.route_checks import BYSTANDERS_MAX, LANES_MAX, LIGHT_RANGE, SCENERIES, TEXTURES
 from stridetwin.sim.standard_rig import EXO_GROUPS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -39,6 +58,7 @@ SENSORS: tuple[str, ...] = TwinConfig.sensors
 CAMERAS = ("foot_camera", "head_camera")
 PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
+_OF_ROUTE = ("width_m", "scenery", "texture", "light", "bystanders")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +75,7 @@ class Scenario:
 
 
 def _scenario(description: str, terrain: tuple[Segment, ...], **rest: Any) -> dict[str, Any]:
-    of_route = {key: rest.pop(key) for key in ("width_m", "scenery") if key in rest}
+    of_route = {key: rest.pop(key) for key in _OF_ROUTE if key in rest}
     return {"description": description, "route": Route(segments=terrain, **of_route), **rest}
 
 
@@ -130,6 +150,45 @@ _EXO = mapping(
 )
 
 
+_DYNAMICS = mapping(
+    {
+        "assist": Field(attribute="assist", read=flag),
+        "mass_error": Field(attribute="mass_error", read=number(-0.2, 0.2)),
+        "torque_noise": Field(attribute="torque_noise", read=number(0, 0.5)),
+        "floor_offset_mm": Field(attribute="floor_offset_m", read=number(-20, 20, scale=_MM)),
+        "friction": Field(attribute="friction", read=number(0.2, 1.5)),
+        "pushes": Field(
+            attribute="pushes",
+            read=sequence(
+                mapping(
+                    {
+                        "at_s": Field(attribute="at_s", read=number(0, 3600), required=True),
+                        "duration_s": Field(attribute="duration_s", read=number(0.01, 5)),
+                        "forward_n": Field(attribute="forward_n", read=number(-500, 500)),
+                        "left_n": Field(attribute="left_n", read=number(-500, 500)),
+                    },
+                    Push,
+                )
+            ),
+        ),
+        "missteps": Field(
+            attribute="missteps",
+            read=sequence(
+                mapping(
+                    {
+                        "at_s": Field(attribute="at_s", read=number(0, 3600), required=True),
+                        "forward_mm": Field(attribute="forward_m", read=number(-200, 200, scale=_MM)),
+                        "left_mm": Field(attribute="left_m", read=number(-100, 100, scale=_MM)),
+                    },
+                    Misstep,
+                )
+            ),
+        ),
+    },
+    Dynamics,
+)
+
+
 def _person(node: object, where: Where) -> Person:
     """Someone of the catalogue by name, or a mapping."""
     person: Person = (choice(PEOPLE) if isinstance(node, str) else _PERSON)(node, where)
@@ -150,6 +209,43 @@ def _exo(node: object, where: Where) -> Exo | None:
     return exo
 
 
+_GAZE = mapping(
+    {
+        "kind": Field(attribute="kind", read=one_word(GAZES)),
+        "pitch_deg": Field(attribute="pitch_rad", read=number(-34, 45, scale=_DEG)),
+        "yaw_deg": Field(attribute="yaw_rad", read=number(-40, 40, scale=_DEG)),
+    },
+    Gaze,
+)
+
+
+def _gaze(node: object, where: Where) -> Gaze:
+    """A kind of gaze, or a mapping."""
+    if isinstance(node, str):
+        return Gaze(kind=one_word(GAZES)(node, where))
+    gaze: Gaze = _GAZE(node, where)
+    return gaze
+
+
+def _shuffle(node: object, where: Where) -> float:
+    """`true`, `false`, or how much."""
+    return float(node) if isinstance(node, bool) else number(0, 1)(node, where)
+
+
+_GAIT = mapping(
+    {
+        "pattern": Field(attribute="pattern", read=one_word(PATTERNS)),
+        "speed_mps": Field(attribute="speed_mps", read=number(*SPEED_RANGE_MPS)),
+        "step_sd": Field(attribute="step_sd", read=number(0, 0.1)),
+        "stand_s": Field(attribute="stand_s", read=number(0.5, 60)),
+        "stairs": Field(attribute="stairs", read=one_word(STAIRS)),
+        "leading_foot": Field(attribute="leading_foot", read=choice({"left": "l", "right": "r"})),
+        "asymmetry": Field(attribute="asymmetry", read=number(-ASYMMETRY_MAX, ASYMMETRY_MAX)),
+        "shuffle": Field(attribute="shuffle", read=_shuffle),
+        "gaze": Field(attribute="gaze", read=_gaze),
+    },
+    Gait.of_pattern,
+)
 _LANES = mapping(
     {
         "walk": Field(attribute="walk", read=integer(1, LANES_MAX), required=True),
@@ -173,24 +269,19 @@ _FILE = mapping(
         "description": Field(attribute="description", read=text, required=True),
         "terrain": Field(attribute="terrain", read=sequence(one_of(_TERRAIN)), required=True),
         "width_m": Field(attribute="width_m", read=number(1.2, 10)),
-        "scenery": Field(attribute="scenery", read=choice({s: s for s in SCENERIES})),
+        "scenery": Field(attribute="scenery", read=one_word(SCENERIES)),
         "person": Field(attribute="person", read=_person),
         "exo": Field(attribute="exo", read=_exo),
-        "gait": Field(
-            attribute="gait",
-            read=mapping(
-                {
-                    "speed_mps": Field(attribute="speed_mps", read=number(0.5, 1.6)),
-                    "step_sd": Field(attribute="step_sd", read=number(0, 0.1)),
-                    "stand_s": Field(attribute="stand_s", read=number(0.5, 60)),
-                },
-                Gait,
-            ),
-        ),
-        "physics": Field(attribute="physics", read=choice({p: p for p in PHYSICS})),
+        "texture": Field(attribute="texture", read=one_word(TEXTURES)),
+        "light": Field(attribute="light", read=number(*LIGHT_RANGE)),
+        "bystanders": Field(attribute="bystanders", read=integer(0, BYSTANDERS_MAX)),
+        "gait": Field(attribute="gait", read=_GAIT),
+        "physics": Field(attribute="physics", read=one_word(PHYSICS)),
+        "dynamics": Field(attribute="dynamics", read=_DYNAMICS),
         "sensors": Field(attribute="sensors", read=names_of(SENSORS)),
         "camera_mount": Field(attribute="rig_mount", read=choice({"head": "head", "chest": "chest"})),
         "ideal_sensors": Field(attribute="ideal", read=flag),
+        "shock": Field(attribute="shock", read=flag),
     },
     _scenario,
 )
@@ -254,6 +345,8 @@ def read_scenario(path: Path) -> Scenario:
     where = Where(source=str(path))
     values = _FILE(node, where)
     _check_order(path, values["route"].segments)
+    if "dynamics" in values and values.get("physics") != "dynamic":
+        raise where.key("physics").error(values.get("physics", TwinConfig.physics), "dynamic (as there is dynamics)")
     if values.get("exo", Exo()) is None:
         _check_worn(path, values.get("sensors", ()))
     try:

@@ -22,6 +22,7 @@ from typing import IO, Any, Self
 import mujoco
 import numpy as np
 
+from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.cameras import Cameras
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.sensor_suite import instants
@@ -41,13 +42,16 @@ class CameraProcesses:
     Args:
         model: Compiled model.
         cameras: The cameras as they really are; without any no process is started.
+        crowd: Bystanders.
         seed: Seed of the walk.
         ideal: No noise.
     """
 
-    def __init__(self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], seed: int, ideal: bool) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], crowd: Crowd, seed: int, ideal: bool
+    ) -> None:  # fmt: skip
         self._cameras = list(cameras)
-        self._workers = [_Worker(model, cameras, seed, ideal) for _ in range(PROCESSES if cameras else 0)]
+        self._workers = [_Worker(model, cameras, crowd, seed, ideal) for _ in range(PROCESSES if cameras else 0)]
         self._order: list[tuple[_Worker, int]] = []
 
     @property
@@ -63,7 +67,8 @@ class CameraProcesses:
         due.sort(key=lambda item: item[0])
         shared = [due[i :: len(self._workers)] for i in range(len(self._workers))]
         for worker, own in zip(self._workers, shared):
-            worker.ask((own, motion.qpos[motion.rows(np.array([t for t, _ in own], np.int64))]))
+            rows = motion.rows(np.array([t for t, _ in own], np.int64))
+            worker.ask((own, motion.qpos[rows], motion.upper_poses(rows)))
         pictures = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}
         self._order = [(self._workers[i % len(self._workers)], pictures[topic]) for i, (_, topic) in enumerate(due)]
 
@@ -86,7 +91,9 @@ class CameraProcesses:
 class _Worker:
     """The near end of one process."""
 
-    def __init__(self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], seed: int, ideal: bool) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], crowd: Crowd, seed: int, ideal: bool
+    ) -> None:  # fmt: skip
         self._stopped = False
         environment = os.environ | {"LP_NUM_THREADS": "0"}  # llvmpipe draws in the process's own thread
         self._process = subprocess.Popen(
@@ -97,7 +104,7 @@ class _Worker:
         self._answers: queue.Queue[Image | Depth | None] = queue.Queue(_AHEAD)
         self._collecting = threading.Thread(target=self._collect, daemon=True)
         self._collecting.start()
-        self.ask((model, list(cameras), seed, ideal))
+        self.ask((model, list(cameras), crowd, seed, ideal))
 
     @property
     def pid(self) -> int:
@@ -156,14 +163,14 @@ def _widen(pipe: IO[bytes]) -> None:
 
 
 def _serve(asked: IO[bytes], answers: IO[bytes]) -> None:
-    model, cameras, seed, ideal = pickle.load(asked)
-    with Cameras(model, cameras, seed, ideal) as rendering:
+    model, cameras, crowd, seed, ideal = pickle.load(asked)
+    with Cameras(model, cameras, crowd, seed, ideal) as rendering:
         while True:
             try:
-                due, qpos = pickle.load(asked)
+                due, qpos, uppers = pickle.load(asked)
             except EOFError:
                 return
-            for picture in rendering.frames(due, qpos):
+            for picture in rendering.frames(due, qpos, uppers):
                 pickle.dump(picture, answers, protocol=5)
             answers.flush()
 

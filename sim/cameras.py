@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import copy
+from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -10,8 +11,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.bystanders import Crowd
+from stridetwin.sim.crowd_bodies import pose as pose_crowd
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.render import SensorView, camera_pose
+from stridetwin.sim.rig_bodies import UPPERS
 from stridetwin.sim.sensors.picture import CameraModel, DepthModel
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
@@ -23,12 +27,16 @@ class Cameras:
     Args:
         model: Compiled model.
         cameras: The cameras as they really are.
+        crowd: Bystanders.
         seed: Seed of the walk.
         ideal: No noise.
     """
 
-    def __init__(self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], seed: int, ideal: bool) -> None:
-        self._model, self._data = model, mujoco.MjData(model)
+    def __init__(
+        self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], crowd: Crowd, seed: int, ideal: bool
+    ) -> None:  # fmt: skip
+        self._model = model = copy.copy(model)  # the uppers of the shoes are moved in it
+        self._data, self._crowd = mujoco.MjData(model), crowd
         self._cameras = {c.topic: c for c in cameras}
         sizes = {(c.width, c.height) for c in cameras}
         self._views = {size: SensorView(model, *size) for size in sorted(sizes)}
@@ -39,17 +47,24 @@ class Cameras:
             if c.depth_topic
         }
 
-    def frames(self, due: Sequence[tuple[int, str]], qpos: Array) -> Iterator[Image | Depth]:
+    def frames(
+        self, due: Sequence[tuple[int, str]], qpos: Array, uppers: Mapping[str, Array] | None = None
+    ) -> Iterator[Image | Depth]:
         """Pictures in the order asked for.
 
         Args:
             due: Time in ns and topic of every frame, in order of time.
             qpos: (len(due), nq) generalised position at each.
+            uppers: (len(due), 7) pose of the shoes' uppers by foot; where none, they lie on the feet.
         """
         posed = None
-        for (t_ns, topic), pose in zip(due, qpos):
+        for i, ((t_ns, topic), pose) in enumerate(zip(due, qpos)):
             if posed != t_ns:
+                for foot, on_foot in (uppers or {}).items():
+                    body = self._model.body(UPPERS[foot])
+                    body.pos, body.quat = on_foot[i, :3], on_foot[i, 3:]
                 self._data.qpos = pose
+                pose_crowd(self._model, self._data, self._crowd, 1e-9 * t_ns)
                 mujoco.mj_kinematics(self._model, self._data)
                 mujoco.mj_camlight(self._model, self._data)
                 posed = t_ns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 SIDES = ("l", "r")
 
@@ -110,11 +111,32 @@ class Route:
         segments: Each begins where the one before ends, in its direction and at its height.
         width_m: Of the way, or of each lane.
         scenery: What stands around: `outdoor` or `room`.
+        texture: How much there is to see on ground and walls: `rich`, `plain` or bare `white`.
+        light: Brightness of sun and sky, 1 as by day.
+        bystanders: Number of people who walk about, 0-4.
     """
 
     segments: tuple[Segment, ...]
     width_m: float = 2.4
     scenery: str = "outdoor"
+    texture: str = "rich"
+    light: float = 1.0
+    bystanders: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gaze:
+    """Where the walker looks.
+
+    Attributes:
+        kind: `ahead` along the way, `terrain` down to the ground that the feet come to next, or `wandering` about.
+        pitch_rad: Added to the pitch of the head, down positive.
+        yaw_rad: Added to the yaw of the head, left positive.
+    """
+
+    kind: str = "ahead"
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,14 +144,93 @@ class Gait:
     """How the person walks.
 
     Attributes:
-        speed_mps: Preferred speed on level ground.
+        pattern: `walk`; `wander`, a stroll of changing speed with pauses; or `jog`, the fastest walk (no flight).
+        speed_mps: Preferred speed on level ground, 0.05-2.1.
         step_sd: Step-to-step variability of length and time, as a fraction (SD).
         stand_s: Standing at the start and at the end.
+        stairs: `step_over_step`, or `step_by_step` with both feet on every tread.
+        leading_foot: Which foot goes first on stairs that are walked step by step, `l` or `r`.
+        asymmetry: Limp, -0.4-0.4: steps of the left leg are longer in space and time by this fraction, those of the
+            right leg shorter; the left leg so stands for a shorter time (Balasubramanian et al. 2007).
+        shuffle: From 0, feet that are lifted, to 1, feet that slide along flat in short steps.
+        gaze: Where the walker looks.
     """
 
+    pattern: str = "walk"
     speed_mps: float = 1.2
     step_sd: float = 0.015
     stand_s: float = 2.0
+    stairs: str = "step_over_step"
+    leading_foot: str = "r"
+    asymmetry: float = 0.0
+    shuffle: float = 0.0
+    gaze: Gaze = field(default_factory=Gaze)
+
+    @classmethod
+    def of_pattern(cls, pattern: str = "walk", **rest: Any) -> Gait:
+        """Gait with the speed and variability of its pattern where `rest` does not say otherwise."""
+        return cls(pattern=pattern, **(PATTERNS[pattern] | rest))
+
+
+# Zhao et al. 2023 tell the speeds of their three patterns together: 0.78 +- 0.27 m/s, 0.05 to 2.12 m/s.
+PATTERNS: dict[str, dict[str, float]] = {
+    "wander": {"speed_mps": 0.6, "step_sd": 0.04},
+    "walk": {},
+    "jog": {"speed_mps": 1.8, "step_sd": 0.02},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """Someone pushes the pelvis.
+
+    Attributes:
+        at_s: When it begins.
+        duration_s: How long it lasts.
+        forward_n, left_n: Force along and across the way, N; negative backward and to the right.
+    """
+
+    at_s: float
+    duration_s: float = 0.1
+    forward_n: float = 0.0
+    left_n: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misstep:
+    """A foot comes down beside its place.
+
+    Attributes:
+        at_s: The first foot to land after this instant.
+        forward_m, left_m: How far from its place, along and across the way.
+    """
+
+    at_s: float
+    forward_m: float = 0.0
+    left_m: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dynamics:
+    """How a walk is simulated forward: help at the root, and what the wearer's control does not know.
+
+    Attributes:
+        assist: A soft wrench may help at the root; what it gives is recorded.
+        mass_error: The body is this share heavier than its control believes.
+        torque_noise: SD of the joint torques' error, as a share of each.
+        floor_offset_m: The whole floor lies this much higher than planned.
+        friction: Coefficient of friction of soles on the ground.
+        pushes: Pushes from outside.
+        missteps: Feet that land beside their places.
+    """
+
+    assist: bool = False
+    mass_error: float = 0.0
+    torque_noise: float = 0.0
+    floor_offset_m: float = 0.0
+    friction: float = 0.9
+    pushes: tuple[Push, ...] = ()
+    missteps: tuple[Misstep, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +242,9 @@ class TwinConfig:
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
             actuator, head_imu, head_camera.
         rig_mount: `head` or `chest`: where the RGB-D camera sits.
-        ideal: Noise-free sensors.
+        ideal: Noise-free sensors on rigid shoes.
+        shock: The shoes' uppers ring when the feet strike and rock in stance; never with ideal sensors.
+        dynamics: How `physics: dynamic` simulates; None for its defaults.
     """
 
     name: str
@@ -164,3 +267,5 @@ class TwinConfig:
     )
     rig_mount: str = "head"
     ideal: bool = False
+    shock: bool = True
+    dynamics: Dynamics | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -19,6 +20,7 @@ from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.sim.shock import UpperMotion
 from stridetwin.sim.track import Track
 from stridetwin.streams.samples import Array
 
@@ -31,6 +33,7 @@ class Motion:
         t_ns: (N,) increasing.
         qpos: (N, nq) in MuJoCo's layout.
         tracks: Track by body name (`body.tracked`).
+        uppers: Track of the shoe's upper by name of the foot; none where the shoes are rigid.
         angle: (N,) rad by hinge name.
         speed: (N,) rad/s by hinge name.
         cuff_force: (N,) N by place (thigh_l, ...), force of the cuff on the wearer, forward positive; none without
@@ -40,6 +43,7 @@ class Motion:
     t_ns: NDArray[np.int64]
     qpos: Array
     tracks: dict[str, Track]
+    uppers: dict[str, Track]
     angle: dict[str, Array]
     speed: dict[str, Array]
     cuff_force: dict[str, Array]
@@ -47,6 +51,21 @@ class Motion:
     def rows(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows of given instants, which must be among `t_ns`."""
         return np.searchsorted(self.t_ns, t_ns)
+
+    def carrier(self, body: str) -> Track:
+        """Track of what carries the sensors that are mounted on a body: of a foot, the shoe's upper."""
+        return self.uppers.get(body, self.tracks[body])
+
+    def upper_poses(self, rows: NDArray[np.int64]) -> dict[str, Array]:
+        """(len(rows), 7) position (m) and quaternion of each shoe's upper in its foot's frame, by name of the foot."""
+        poses = {}
+        for name, upper in self.uppers.items():
+            foot = self.tracks[name]
+            R_foot_world = foot.rotation[rows].inv()
+            shift = R_foot_world.apply(upper.p_body_in_world[rows] - foot.p_body_in_world[rows])
+            turn = (R_foot_world * upper.rotation[rows]).as_quat(scalar_first=True)
+            poses[name] = np.hstack([shift, turn])
+        return poses
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,10 +131,11 @@ class Player:
     Args:
         model: Compiled model of the wearer on the terrain.
         walk: Motion to play.
+        uppers: What the shoes' uppers do, by name of the foot.
     """
 
-    def __init__(self, model: mujoco.MjModel, walk: Walk) -> None:
-        self._model, self._walk = model, walk
+    def __init__(self, model: mujoco.MjModel, walk: Walk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
+        self._model, self._walk, self._uppers = model, walk, uppers or {}
         self._data = mujoco.MjData(model)
         self._couplings = couplings(walk.size)
 
@@ -139,6 +159,7 @@ class Player:
             t_ns=t_ns,
             qpos=q,
             tracks=tracks,
+            uppers={foot: upper.carried(tracks[foot]) for foot, upper in self._uppers.items()},
             angle={name: q[:, layout.qpos[i]] for i, name in enumerate(names)},
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
             cuff_force={c.name: _push_forward(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
@@ -151,10 +172,13 @@ class Playback(Player):
     Args:
         model: Compiled model of the wearer on the terrain.
         reference: Motion to play.
+        uppers: What the shoes' uppers do, by name of the foot.
     """
 
-    def __init__(self, model: mujoco.MjModel, reference: Reference) -> None:
-        super().__init__(model, reference)
+    def __init__(
+        self, model: mujoco.MjModel, reference: Reference, uppers: Mapping[str, UpperMotion] | None = None
+    ) -> None:
+        super().__init__(model, reference, uppers)
         self._reference = reference
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stridetwin.sim.rig_bodies import UPPERS
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
 
@@ -213,7 +214,7 @@ class FilmCamera(_OffScreen):
 
 def camera_pose(data: mujoco.MjData, camera: CameraCalibration) -> Array:
     """(4, 4) pose of a camera's optical frame in the world, from the body that carries it."""
-    body = data.body(camera.mount.body)
+    body = data.body(UPPERS.get(camera.mount.body, camera.mount.body))
     T_world_body = np.eye(4)
     T_world_body[:3, :3], T_world_body[:3, 3] = body.xmat.reshape(3, 3), body.xpos
     return T_world_body @ camera.mount.T_body_sensor

@@ -7,21 +7,29 @@ from importlib import resources
 
 import mujoco
 
+from stridetwin.sim.config import SIDES
 from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.streams.rig import Mount, Rig
+
+UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
+"""Body that carries what is mounted on a foot: the shoe's upper, which moves a little (`shock.UpperMotion`)."""
 
 
 def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
     """Attaches massless bodies that do not collide to the wearer's bodies, one a visible sensor or board.
 
+    Those of a shoe hang on a body of their own (`UPPERS`), which lies on the foot where nothing moves it.
+
     Args:
         spec: Model with the wearer's bodies.
         rig: Mounts as they really are.
     """
+    for foot, upper in UPPERS.items():
+        spec.body(foot).add_body(name=upper)
     for i, (leaf, mount) in enumerate(_visible(rig)):
         text = resources.files("stridetwin.assets").joinpath("mjcf", f"{leaf}.xml").read_text()
         T = mount.T_body_sensor
-        frame = spec.body(mount.body).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
+        frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
         frame.attach_body(mujoco.MjSpec.from_string(text).body(leaf), f"rig_{i}_", "")
 
 

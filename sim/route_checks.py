@@ -18,6 +18,10 @@ LEVEL_BY_TURN_M = 0.5
 WIDTH_MIN_M = 0.8
 LANES_MAX = 6
 SCENERIES = ("outdoor", "room")
+TEXTURES = ("rich", "plain", "white")
+LIGHT_RANGE = (0.2, 1.4)
+BYSTANDERS_MAX = 4
+PASSING_WIDTH_M = 1.6
 _TINY = 1e-9
 
 
@@ -29,6 +33,16 @@ def check_segments(route: Route) -> None:
     """
     _demand("width_m", route.width_m, route.width_m >= WIDTH_MIN_M, f"at least {WIDTH_MIN_M} m")
     _demand("scenery", route.scenery, route.scenery in SCENERIES, ", ".join(SCENERIES))
+    _demand("texture", route.texture, route.texture in TEXTURES, ", ".join(TEXTURES))
+    dark, bright = LIGHT_RANGE
+    _demand("light", route.light, dark <= route.light <= bright, f"{dark}-{bright}, 1 as by day")
+    few = isinstance(route.bystanders, int) and 0 <= route.bystanders <= BYSTANDERS_MAX
+    _demand("bystanders", route.bystanders, few, f"a whole number, 0-{BYSTANDERS_MAX}")
+    uneven = any(isinstance(s, Stairs | Ramp | Lanes) for s in route.segments)
+    roomy = not (route.bystanders and uneven) or route.width_m >= PASSING_WIDTH_M - _TINY
+    _demand(
+        "width_m", route.width_m, roomy, f"at least {PASSING_WIDTH_M} m, for bystanders to pass on stairs and ramps"
+    )
     _check_chain(route.segments, "segments")
     for i, segment in enumerate(route.segments):
         neighbours = [(k, route.segments[k]) for k in (i - 1, i + 1) if 0 <= k < len(route.segments)]

@@ -16,12 +16,13 @@ import numpy as np
 
 from stridetwin.sim import polygons
 from stridetwin.sim.solids import Box, Solid, SolidSet, corners
-from stridetwin.sim.textures import PERIOD_M, SIZE, TEXTURES, Pixels
+from stridetwin.sim.textures import FINISHES, PERIOD_M, SIZE, TEXTURES, Pixels
 from stridetwin.streams.samples import Array
 
 _TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
 _SIDE = "stone"
 _NOSING = "nosing"
+_NOSING_COLOUR = (0.93, 0.87, 0.68)
 _NOSING_M = 0.03
 _RISER_M = 0.019
 _SEED = 20260  # the look of the world is the same in every walk
@@ -103,8 +104,8 @@ def _sides(solid: Solid, material: str) -> list[Quad]:
     return quads
 
 
-def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad]) -> None:
-    """Adds rectangles to the model's world, one mesh and geom a material."""
+def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
+    """Adds rectangles to the model's world, one mesh and geom a material, painted as `textures.FINISHES` has it."""
     by_material = defaultdict(list)
     for quad in quads:
         by_material[quad.material].append(quad)
@@ -126,19 +127,20 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad]) -> None:
         )
         spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name,
-            material=_add_material(spec, material).name,
+            material=_add_material(spec, material, finish).name,
             contype=0, conaffinity=0,
         )  # fmt: skip
 
 
-def _add_material(spec: mujoco.MjSpec, name: str) -> mujoco.MjsMaterial:
+def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMaterial:
     full = f"scenery_{name}"
     material = spec.add_material(name=full, specular=0.0, shininess=0.0)
     if name == _NOSING:
-        material.rgba = (0.93, 0.87, 0.68, 1.0)
+        strip = np.array([[_NOSING_COLOUR]]) * 255
+        material.rgba = (*(FINISHES[finish](strip.astype(np.uint8))[0, 0] / 255.0).tolist(), 1.0)
         return material
     texture = spec.add_texture(name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3)
-    texture.data = _texture(name).tobytes()
+    texture.data = FINISHES[finish](_texture(name)).tobytes()
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = full
     return material
 
@@ -148,9 +150,9 @@ def _texture(name: str) -> Pixels:
     return TEXTURES[name](np.random.default_rng([_SEED, *name.encode()]))
 
 
-def add_ground(spec: mujoco.MjSpec, height: float) -> None:
+def add_ground(spec: mujoco.MjSpec, height: float, finish: str) -> None:
     """Adds the plane all around, `ground`, which collides."""
-    lawn = _add_material(spec, "grass")
+    lawn = _add_material(spec, "grass", finish)
     lawn.texuniform, lawn.texrepeat = True, (1 / PERIOD_M, 1 / PERIOD_M)  # a plane has no texture coordinates
     spec.worldbody.add_geom(
         name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=(0.0, 0.0, height), size=(0.0, 0.0, 1.0),
@@ -158,8 +160,8 @@ def add_ground(spec: mujoco.MjSpec, height: float) -> None:
     )  # fmt: skip
 
 
-def add_sky(spec: mujoco.MjSpec) -> None:
-    """Adds a sky gradient, a sun and soft light from all around."""
+def add_sky(spec: mujoco.MjSpec, light: float) -> None:
+    """Adds a sky gradient, a sun and soft light from all around; `light` 1 is a bright day."""
     spec.add_texture(
         name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=(0.42, 0.62, 0.86), rgb2=(0.90, 0.93, 0.95), width=32, height=192,
@@ -170,9 +172,10 @@ def add_sky(spec: mujoco.MjSpec) -> None:
     ):
         spec.worldbody.add_light(
             name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=(0.0, 0.0, 12.0), dir=direction,
-            diffuse=colour, specular=(0.1 * shadow,) * 3, ambient=(0.0, 0.0, 0.0), castshadow=shadow,
+            diffuse=tuple(light * c for c in colour),
+            specular=(0.1 * shadow,) * 3, ambient=(0.0, 0.0, 0.0), castshadow=shadow,
         )  # fmt: skip
     # The headlight only gives light from all around: if it came from the camera, the brightness of a surface
     # would depend on who looks at it.
-    spec.visual.headlight.ambient = (0.46, 0.47, 0.50)
+    spec.visual.headlight.ambient = (0.46 * light, 0.47 * light, 0.50 * light)
     spec.visual.headlight.diffuse = spec.visual.headlight.specular = (0.0, 0.0, 0.0)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Loads, Motion
 from stridetwin.sim.sensors.ahrs import AhrsModel
@@ -36,16 +37,17 @@ class SensorSuite:
     Args:
         rig: The sensors as they really are.
         terrain: Ground, for the sonars.
+        crowd: Bystanders, for the sonars.
         seed: Seed of the walk.
         ideal: No noise.
     """
 
-    def __init__(self, rig: Rig, terrain: Terrain, seed: int, ideal: bool) -> None:
+    def __init__(self, rig: Rig, terrain: Terrain, crowd: Crowd, seed: int, ideal: bool) -> None:
         def noise(topic: str) -> Noise:
             return Noise.of_topic(seed, topic, ideal)
 
         self._imus = [(c, ImuModel(c, noise(t))) for t, c in rig.imus.items()]
-        self._others = [(c, _model(c, terrain, noise(t))) for t, c in rig.others.items()]
+        self._others = [(c, _model(c, terrain, crowd, noise(t))) for t, c in rig.others.items()]
 
     @property
     def rates(self) -> set[float]:
@@ -56,17 +58,17 @@ class SensorSuite:
         """One block a topic, with the samples after `after_ns` and up to `until_ns`."""
         for imu, model in self._imus:
             rows = motion.rows(instants(imu.rate_hz, after_ns, until_ns))
-            yield model.read(motion.tracks[imu.mount.body][rows])
+            yield model.read(motion.carrier(imu.mount.body)[rows])
         for other, model in self._others:
             t_ns = instants(other.rate_hz, after_ns, until_ns)
             if len(t_ns):
                 yield _read(other, model, motion, loads, t_ns)
 
 
-def _model(sensor: OtherSensor, terrain: Terrain, noise: Noise) -> Any:
+def _model(sensor: OtherSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
     match sensor.kind:
         case "range":
-            return SonarModel(sensor, terrain, noise)
+            return SonarModel(sensor, terrain, crowd, noise)
         case "insole":
             return InsoleModel(sensor, noise)
         case "ahrs":

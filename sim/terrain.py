@@ -32,12 +32,12 @@ class Terrain:
     Attributes:
         layout: The route in the world.
         ground_m: Height of the plane all around.
-        scenery: What stands around: `outdoor` or `room`.
+        route: What was laid out, with its scenery, texture and light.
     """
 
     layout: Layout
     ground_m: float
-    scenery: str
+    route: Route
 
     @classmethod
     def from_route(cls, route: Route) -> Terrain:
@@ -55,7 +55,7 @@ class Terrain:
         layout = lay_out(route)
         lowest = min(float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
                      for slab in layout.slabs)  # fmt: skip
-        return cls(layout=layout, ground_m=lowest - _GROUND_BELOW_M, scenery=route.scenery)
+        return cls(layout=layout, ground_m=lowest - _GROUND_BELOW_M, route=route)
 
     @property
     def profile(self) -> tuple[Strip, ...]:
@@ -65,13 +65,13 @@ class Terrain:
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
         """One solid a slab and the floor of a room, standing on the ground plane."""
-        slabs = (*self.layout.slabs, *floor(self.scenery, self.layout))
+        slabs = (*self.layout.slabs, *floor(self.route.scenery, self.layout))
         return tuple(_solid(slab, self.ground_m - _FOOT_OF_SLABS_M) for slab in slabs)
 
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
         """Things beside the way, out of the walker's reach."""
-        return surroundings(self.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M)
+        return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the terrain to a model.
@@ -84,10 +84,10 @@ class Terrain:
         quads = paint_slabs(self.solids, self._set)
         for mark in self.landmarks:
             quads += paint_box(mark.box, mark.material)
-        add_quads(spec, quads)
+        add_quads(spec, quads, self.route.texture)
         # Last, so that little of it is drawn where something stands before it.
-        add_ground(spec, self.ground_m)
-        add_sky(spec)
+        add_ground(spec, self.ground_m, self.route.texture)
+        add_sky(spec, self.route.light)
 
     @cached_property
     def _obstacles(self) -> SolidSet:

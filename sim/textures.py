@@ -75,6 +75,23 @@ TEXTURES: dict[str, Callable[[np.random.Generator], Pixels]] = {
     f.__name__: f for f in (concrete, wood, brick, stone, grass, leaves, plaster)
 }
 
+_PLAIN_CONTRAST = 0.12
+_WHITE = (236, 236, 232)
+
+
+def _plain(pixels: Pixels) -> Pixels:
+    """The same colour with hardly anything on it."""
+    mean = pixels.mean(axis=(0, 1))
+    return (mean + _PLAIN_CONTRAST * (pixels - mean)).astype(np.uint8)
+
+
+def _white(pixels: Pixels) -> Pixels:
+    """Bare white: nothing to hold on to but edges and shading."""
+    return np.broadcast_to(np.array(_WHITE, np.uint8), pixels.shape).copy()
+
+
+FINISHES: dict[str, Callable[[Pixels], Pixels]] = {"rich": lambda pixels: pixels, "plain": _plain, "white": _white}
+
 
 def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] = (1.0, 1.0)) -> Array:
     """Periodic noise of unit variance and spectrum 1/f^power; `stretch` scales the frequencies (x, y)."""

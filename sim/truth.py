@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.playback import Loads, Motion, Walk
 from stridetwin.sim.rotation import quat_from_matrix
@@ -27,7 +28,7 @@ def truth(walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int) -> 
     for body in ("pelvis", "foot_l", "foot_r"):
         yield _odometry(f"/truth/{body}/odometry", motion.tracks[body][rows])
     for topic, imu in rig.imus.items():
-        track = motion.tracks[imu.mount.body][rows].mounted(imu.mount.T_body_sensor)
+        track = motion.carrier(imu.mount.body)[rows].mounted(imu.mount.T_body_sensor)
         yield _odometry(f"/truth{topic}/odometry", track)
     names = walk.coordinates.names[6:]
     yield Block(
@@ -56,6 +57,12 @@ def truth(walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int) -> 
         )  # fmt: skip
     yield _wrench("/truth/root_residual", t_ns, loads.residual_force, loads.residual_torque)
     yield from _footprints(walk, after_ns, int(t_ns[-1]))
+
+
+def of_bystanders(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odometry]]:
+    """Where each bystander is at (N,) instants: the middle of the hips, x ahead."""
+    for i, person in enumerate(crowd.people):
+        yield _odometry(f"/truth/bystander_{i}/odometry", person.track(t_ns))
 
 
 def foot_phase(walk: Walk, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cached_property
+from collections.abc import Iterator, Mapping
+from functools import cached_property, partial
 from typing import Any
 
 import mujoco
@@ -13,8 +13,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
 from stridetwin.sim.body import add_wearer, compile_model
+from stridetwin.sim.bystanders import Crowd, bystanders
 from stridetwin.sim.camera_processes import CameraProcesses
-from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
+from stridetwin.sim.crowd_bodies import add_bystanders
+from stridetwin.sim.crowd_bodies import pose as pose_crowd
 from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import simulate
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -24,11 +27,12 @@ from stridetwin.sim.playback import Playback
 from stridetwin.sim.render import FilmCamera
 from stridetwin.sim.rig_bodies import add_rig
 from stridetwin.sim.sensor_suite import SensorSuite, instants
+from stridetwin.sim.shock import SHOE, UpperMotion
 from stridetwin.sim.standard_rig import standard_rig
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Sample
+from stridetwin.streams.samples import Array, Block, Sample
 
 CHUNK_S = 2.0
 PHYSICS = ("kinematic", "dynamic")
@@ -48,6 +52,7 @@ class Twin:
         rig: The sensors as they really are.
         terrain: Ground.
         model: Compiled MuJoCo model.
+        crowd: Bystanders.
         size: Dimensions of the wearer.
         reference: The planned motion.
 
@@ -58,6 +63,8 @@ class Twin:
     def __init__(self, config: TwinConfig, seed: int) -> None:
         if config.physics not in PHYSICS:
             raise ConfigError(config.name, "physics", config.physics, ", ".join(PHYSICS))
+        if config.dynamics is not None and config.physics != "dynamic":
+            raise ConfigError(config.name, "dynamics", f"physics {config.physics}", "no dynamics, or physics dynamic")
         self.config, self.seed = config, seed
         self.rig: Rig = standard_rig(config)
         self.terrain = Terrain.from_route(config.route)
@@ -66,11 +73,19 @@ class Twin:
         self.size = add_wearer(spec, config.person, config.exo)
         add_rig(spec, self.rig)
         add_soles(spec, self.size)
+        add_bystanders(spec, config.route.bystanders)
         spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # on in the forward simulation alone
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)
         steps = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
         self.reference: Reference = reference(config, self.model, self.size, self.terrain, steps)
+        self.crowd: Crowd = self._crowd()
+
+    def _crowd(self) -> Crowd:
+        plan = self.reference
+        s = (plan.paths["l"].s + plan.paths["r"].s) / 2
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
+        return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, plan.splines(plan.grid)[:, :2], rng)
 
     @property
     def duration_s(self) -> float:
@@ -82,7 +97,8 @@ class Twin:
         """What the wearer does: the plan itself, or what becomes of it with real contacts."""
         if self.config.physics == "kinematic":
             return self.reference
-        return simulate(self.model, self.reference, self.size, self.terrain.height)
+        noise = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
+        return simulate(self.model, self.reference, self.size, self.config.dynamics or Dynamics(), noise)
 
     @property
     def fell_at(self) -> float | None:
@@ -91,18 +107,40 @@ class Twin:
 
     def player(self) -> Playback | Replay:
         """Plays the walk."""
+        return self._player(self._uppers)
+
+    def _player(self, uppers: Mapping[str, UpperMotion]) -> Playback | Replay:
         if isinstance(self.walk, SimulatedWalk):
-            return Replay(self.model, self.walk)
-        return Playback(self.model, self.walk)
+            return Replay(self.model, self.walk, uppers)
+        return Playback(self.model, self.walk, uppers)
+
+    @cached_property
+    def _uppers(self) -> dict[str, UpperMotion]:
+        """What the shoes' uppers do, by name of the foot; nothing where the sensors are ideal."""
+        if self.config.ideal or not self.config.shock:
+            return {}
+        bare, uppers = self._player({}), {}
+        for i, side in enumerate(SIDES):
+            foot = f"foot_{side}"
+
+            def speed(t: Array, foot: str = foot) -> Array:
+                track = bare.motion(np.round(t * 1e9).astype(np.int64)).tracks[foot]
+                return np.linalg.norm(track.v_body_in_world, axis=1)
+
+            uppers[foot] = UpperMotion.of(
+                self.walk.steps[side], partial(self.walk.pitch, side), speed,
+                np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(2, i))), SHOE,
+            )  # fmt: skip
+        return uppers
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
         """Everything that is sensed and true, chunk by chunk of `CHUNK_S`; pictures one by one after the rest."""
         playback = self.player()
-        suite = SensorSuite(self.rig, self.terrain, self.seed, self.config.ideal)
+        suite = SensorSuite(self.rig, self.terrain, self.crowd, self.seed, self.config.ideal)
         end_ns = int(self.duration_s * 1e9)
         cameras = list(self.rig.cameras.values())
         rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
-        with CameraProcesses(self.model, cameras, self.seed, self.config.ideal) as rendering:
+        with CameraProcesses(self.model, cameras, self.crowd, self.seed, self.config.ideal) as rendering:
             after_ns = -1
             while after_ns < end_ns:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
@@ -115,6 +153,7 @@ class Twin:
                     yield [
                         *suite.read(motion, loads, after_ns, until_ns),
                         *truth.truth(self.walk, self.rig, motion, loads, after_ns),
+                        *truth.of_bystanders(self.crowd, truth_ns),
                     ]
                     for picture in rendering.pictures():
                         yield [picture]
@@ -131,6 +170,7 @@ class Twin:
         with FilmCamera(self.model, width, height) as camera:
             for i, (t, pose) in enumerate(zip(times.tolist(), q)):
                 data.qpos = pose
+                pose_crowd(self.model, data, self.crowd, t)
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -16,8 +15,8 @@ from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.dynamics.couplings import chain_of
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.replan import StepReplan
-from stridetwin.sim.dynamics.soles import sole_points
-from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
+from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
+from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian, rotate
 from stridetwin.sim.dynamics.whole_body import eliminate, solve
 from stridetwin.streams.samples import Array
 
@@ -29,19 +28,22 @@ class Gains:
     Attributes:
         joint_rate: Of the joints.
         root_rate: Of the root.
+        sway_rate: Of the root's horizontal position.
         swing_rate: Of the foot in swing.
         contact_damping: Rate at which a contact point's velocity dies, 1/s.
         root, tilt: Weights of the root's position and attitude.
-        joint, lumbar, leg, arm: Weights of neck and exoskeleton joints, lumbar, leg and toe, arm joints.
+        joint, lumbar, leg, toe, arm: Weights of neck and exoskeleton joints, lumbar, leg, toe and arm joints.
         swing, stance, contact: Weights of swing foot, stance foot's attitude and contact points at rest.
         force: Price of contact force.
         friction: Friction coefficient that the controller counts on.
-        near_m: A sole point may push while it is this close to the ground.
         torque_max: Joint torque limit, N m.
+        assist_n, assist_nm: Standard deviations of the assist's force and torque, where there is assist.
+        assist_max: Limit of its force, as a share of the body weight.
     """
 
     joint_rate: float = 20.0
     root_rate: float = 12.0
+    sway_rate: float = 12.0
     swing_rate: float = 25.0
     contact_damping: float = 30.0
     root: float = 1.0
@@ -49,14 +51,17 @@ class Gains:
     joint: float = 0.05
     lumbar: float = 0.03
     leg: float = 0.002
+    toe: float = 0.1
     arm: float = 0.004
     swing: float = 5.0
     stance: float = 0.05
     contact: float = 20.0
     force: float = 1e-6
     friction: float = 0.5
-    near_m: float = 0.004
     torque_max: float = 400.0
+    assist_n: float = 30.0
+    assist_nm: float = 3.0
+    assist_max: float = 0.08
 
 
 class Controller:
@@ -67,42 +72,49 @@ class Controller:
         size: Wearer.
         layout: Coordinates of the model.
         gains: Tracking and weights.
-        height: Height of the ground at (..., 2) points, m.
-        assist: Standard deviation of the wrench that may hold the root, N; 0: none.
+        assist: A soft wrench may help at the root.
+        believed: What the controller takes every mass to be, as a share of the model's.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains,
-        height: Callable[[Array], Array], assist: float = 0.0,
+        self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: bool,
+        believed: float,
     ) -> None:  # fmt: skip
-        self._model, self._gains, self._height, self._assist = model, gains, height, assist
+        self._model, self._gains, self._believed = model, gains, believed
+        self._assist = np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist)
+        weight = believed * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
+        self._help_max = gains.assist_max * weight
         names = layout.names[6:]
         motor = np.array([not name.startswith("exo_") for name in names])
         self.driven = np.concatenate([np.arange(6), layout.dof[motor]])
         self.free = layout.dof[~motor]
-        weight = np.full(model.nv, gains.joint)
-        weight[:3], weight[3:6] = gains.root, gains.tilt
+        weights = np.full(model.nv, gains.joint)
+        weights[:3], weights[3:6] = gains.root, gains.tilt
         for name, dof in zip(names, layout.dof):
             if name.startswith("lumbar"):
-                weight[dof] = gains.lumbar
+                weights[dof] = gains.lumbar
             elif name.startswith(("shoulder", "elbow")):
-                weight[dof] = gains.arm
-            elif name.startswith(("hip", "knee", "ankle", "toe")):
-                weight[dof] = gains.leg
-        self._weight = weight[self.driven]
+                weights[dof] = gains.arm
+            elif name.startswith(("hip", "knee", "ankle")):
+                weights[dof] = gains.leg
+            elif name.startswith("toe"):
+                weights[dof] = gains.toe
+        self._weight = weights[self.driven]
         self._rate = np.full(model.nv, gains.joint_rate)
         self._rate[:6] = gains.root_rate
+        self._rate[:2] = gains.sway_rate
         points = sole_points(size)
         self._bodies = np.array([[model.body(f"{body}_{side}").id for body, _ in points] for side in SIDES])
         self._local = np.array([p for _, p in points])
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
         self._point_chain = np.array([[chain_of(model, b)[self.driven] for b in row] for row in self._bodies])
         self._foot_chain = np.array([chain_of(model, b)[self.driven] for b in self._feet])
+        self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
         self._M = np.empty((model.nv, model.nv))
         self._error = np.empty(model.nv)
 
     def torques(
-        self, data: mujoco.MjData, plan: Plan, i: int, shift: StepReplan, known: Array
+        self, data: mujoco.MjData, plan: Plan, i: int, shift: StepReplan, touching: NDArray[np.bool_], known: Array
     ) -> Array:  # fmt: skip
         """Generalised forces (nv,): joint torques, and the assist at the root.
 
@@ -111,35 +123,54 @@ class Controller:
             plan: What is wanted.
             i: Row of the plan.
             shift: How feet and pelvis are shifted against the plan.
+            touching: (2, points) which sole points may push.
             known: (nv,) generalised force of the couplings.
         """
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
-        rate = self._rate
-        speed, push = plan.v[i].copy(), plan.a[i].copy()
-        self._error[:2] += shift.root[0]
-        speed[:2] += shift.root[1]
-        push[:2] += shift.root[2]
-        wanted = push + rate * rate * self._error + 2 * rate * (speed - data.qvel)
-        p_foot, v_foot, a_foot = plan.p_foot[i].copy(), plan.v_foot[i].copy(), plan.a_foot[i].copy()
-        for feet, moved in zip((p_foot, v_foot, a_foot), shift.foot.transpose(1, 0, 2)):
-            feet[:, :2] += moved
-        R_bodies = data.xmat[self._bodies].reshape(*self._bodies.shape, 3, 3)
-        points = data.xpos[self._bodies] + np.einsum("sijk,ik->sij", R_bodies, self._local)
-        height = self._height(points[..., :2])
-        torque = _step(
-            self._M, data.qfrc_bias - data.qfrc_passive - known, wanted[self.driven], self._weight, self.driven,
-            self.free, data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat,
-            self._bodies, self._local, self._point_chain, self._feet, self._foot_chain, plan.touching[i],
-            plan.share[i], plan.R_sole[i], p_foot, plan.R_foot[i], v_foot, plan.w_foot[i],
-            a_foot, plan.dw_foot[i], height, gains.swing, gains.stance, gains.contact, gains.swing_rate,
-            gains.contact_damping, gains.force, gains.friction, gains.near_m, self._assist,
+        h, wanted = _aims(
+            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, data.qfrc_bias,
+            data.qfrc_passive, known, self._toes,
         )  # fmt: skip
-        full = np.zeros(model.nv)
-        full[self.driven] = torque
-        np.clip(full[6:], -gains.torque_max, gains.torque_max, out=full[6:])
-        return full
+        torque = _step(
+            self._believed * self._M, h, wanted, self._weight, self.driven, self.free, data.cdof,
+            data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat,
+            self._bodies, self._local, self._point_chain, self._feet, self._foot_chain, touching,
+            plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i], plan.w_foot[i],
+            plan.a_foot[i], plan.dw_foot[i], shift.foot, gains.swing, gains.stance, gains.contact, gains.swing_rate,
+            gains.contact_damping, gains.force, gains.friction, self._assist,
+        )  # fmt: skip
+        return _limited(torque, self.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
+
+
+@numba.njit(cache=True)
+def _aims(
+    rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, qfrc_bias: Array,
+    passive: Array, known: Array, toes: NDArray[np.int64],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Bias less the known forces, and the accelerations wanted; both (nv,)."""
+    wanted = a + rate * (rate * error + 2.0 * (v - qvel))
+    wanted[:3] += rate[:3] * (rate[:3] * root[0] + 2.0 * root[1]) + root[2]
+    h = believed * qfrc_bias - passive - known
+    for toe in toes:
+        h[toe] += passive[toe]
+    return h, wanted
+
+
+@numba.njit(cache=True)
+def _limited(
+    torque: Array, driven: NDArray[np.int64], toes: NDArray[np.int64], error: Array, v: Array, help_max: float,
+    torque_max: float,
+) -> Array:  # fmt: skip
+    """Generalised forces (nv,) within their limits, with what holds the toes to their plan."""
+    full = np.zeros(len(error))
+    full[driven] = torque
+    for toe in toes:
+        full[toe] += TOE_STIFFNESS * error[toe] + TOE_DAMPING * v[toe]
+    full[:6] *= min(1.0, help_max / max(np.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
+    full[6:] = np.minimum(np.maximum(full[6:], -torque_max), torque_max)
+    return full
 
 
 @numba.njit(cache=True)
@@ -148,8 +179,8 @@ def _step(
     cdof_dot: Array, cvel: Array, centre: Array, qvel: Array, xpos: Array, xmat: Array, bodies: NDArray[np.int64],
     local: Array, point_chain: NDArray[np.bool_], feet: NDArray[np.int64], foot_chain: NDArray[np.bool_],
     touching: NDArray[np.bool_], share: Array, R_sole: Array, p_foot: Array, R_foot: Array, v_foot: Array,
-    w_foot: Array, a_foot: Array, dw_foot: Array, height: Array, swing: float, stance: float, contact: float,
-    swing_rate: float, damping: float, price: float, friction: float, near: float, assist: float,
+    w_foot: Array, a_foot: Array, dw_foot: Array, moved: Array, swing: float, stance: float, contact: float,
+    swing_rate: float, damping: float, price: float, friction: float, assist: Array,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
     n = len(driven)
@@ -168,18 +199,16 @@ def _step(
             if not touching[side, i]:
                 continue
             b = bodies[side, i]
-            p = xpos[b] + xmat[b].copy().reshape(3, 3) @ local[i]
-            if p[2] - height[side, i] > near:
-                continue
+            rotate(xmat[b].reshape(3, 3), local[i], swept)
+            p = xpos[b] + swept
             w = cvel[b, :3].copy()
             cross(w, p - centre, swept)
             v = cvel[b, 3:] + swept
-            jacobian(axes, point_chain[side, i], centre, p, linear, angular)
+            jacobian(axes, point_chain[side, i], centre, p, tasks[m : m + 3], angular)
             bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, bias_turn)
-            tasks[m : m + 3] = linear
             aims[m : m + 3] = -damping * v - bias
             weights[m : m + 3] = contact
-            contacts[3 * k : 3 * k + 3] = linear
+            contacts[3 * k : 3 * k + 3] = tasks[m : m + 3]
             for e in range(4):
                 along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
                 sign = 1.0 if e % 2 == 0 else -1.0
@@ -189,18 +218,17 @@ def _step(
             k += 1
             pushing += 1
         b = feet[side]
-        R = xmat[b].copy().reshape(3, 3)
+        R = xmat[b].reshape(3, 3)
         w = cvel[b, :3].copy()
         p = xpos[b].copy()
         cross(w, p - centre, swept)
         v = cvel[b, 3:] + swept
-        jacobian(axes, foot_chain[side], centre, p, linear, angular)
+        jacobian(axes, foot_chain[side], centre, p, linear, tasks[m : m + 3])
         bias_acceleration(axes_dot, foot_chain[side], centre, speed, v, w, p, bias, bias_turn)
         turn = np.zeros(3)
         for axis in range(3):
             cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
             turn += 0.5 * error
-        tasks[m : m + 3] = angular
         aims[m : m + 3] = (
             dw_foot[side] + swing_rate * swing_rate * turn + 2 * swing_rate * (w_foot[side] - w) - bias_turn
         )
@@ -209,12 +237,15 @@ def _step(
         if not pushing:
             tasks[m : m + 3] = linear
             aims[m : m + 3] = (
-                a_foot[side] + swing_rate * swing_rate * (p_foot[side] - p) + 2 * swing_rate * (v_foot[side] - v) - bias
-            )
+                a_foot[side] + moved[side, 2] - bias
+                + swing_rate * swing_rate * (p_foot[side] + moved[side, 0] - p)
+                + 2 * swing_rate * (v_foot[side] + moved[side, 1] - v)
+            )  # fmt: skip
             weights[m : m + 3] = swing
             m += 3
     A, bias_driven = eliminate(M, h, driven, free)
     _, torque, _, _ = solve(
-        A, bias_driven, wanted, weight, tasks[:m], aims[:m], weights[:m], contacts[: 3 * k], edges[:k], cost[:k], assist
-    )
+        A, bias_driven, wanted[driven], weight, tasks[:m], aims[:m], weights[:m], contacts[: 3 * k], edges[:k],
+        cost[:k], assist,
+    )  # fmt: skip
     return torque

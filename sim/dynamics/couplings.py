@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.coupling import Coupling
-from stridetwin.sim.dynamics.spatial import cross
+from stridetwin.sim.dynamics.spatial import cross, rotate
 from stridetwin.streams.samples import Array
 
 
@@ -36,7 +36,8 @@ class CouplingSet:
     @classmethod
     def of(cls, model: mujoco.MjModel, couplings: Sequence[Coupling]) -> CouplingSet:
         """Compiles couplings for a model."""
-        bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings]).reshape(-1, 2)
+        bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings], dtype=np.int64)
+        bodies = bodies.reshape(-1, 2)  # none without exoskeleton
         return cls(
             names=tuple(c.name for c in couplings),
             bodies=bodies,
@@ -44,7 +45,9 @@ class CouplingSet:
             law=np.array([[c.stiffness, c.damping, c.turn_stiffness, c.turn_damping] for c in couplings]).reshape(
                 -1, 4, 3, 3
             ),
-            chain=np.array([[chain_of(model, b) for b in pair] for pair in bodies]).reshape(-1, 2, model.nv),
+            chain=np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool).reshape(
+                -1, 2, model.nv
+            ),
         )
 
 
@@ -79,26 +82,43 @@ def coupling_forces(
     """
     nv = len(cdof)
     applied = np.zeros(nv)
-    swept, lever, turn = np.empty(3), np.empty(3), np.empty(3)
+    point, arm, w, dp = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    displacement, rate, turn, turning = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    force, torque, a, b = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(bodies)):
         exo, own = bodies[c]
-        R_exo, R_own = xmat[exo].copy().reshape(3, 3), xmat[own].copy().reshape(3, 3)
-        point = xpos[own] + R_own @ points[c, 1]
-        displacement = R_exo.T @ (point - xpos[exo]) - points[c, 0]
-        w = cvel[own, :3] - cvel[exo, :3]
-        cross(w, point - centre, swept)
-        rate = R_exo.T @ (cvel[own, 3:] - cvel[exo, 3:] + swept)
+        R_exo, R_own = xmat[exo].reshape(3, 3), xmat[own].reshape(3, 3)
+        rotate(R_own, points[c, 1], point)
+        for k in range(3):
+            point[k] += xpos[own, k]
+            arm[k] = point[k] - centre[k]
+            a[k] = point[k] - xpos[exo, k]
+            w[k] = cvel[own, k] - cvel[exo, k]
+        rotate(R_exo.T, a, displacement)
+        cross(w, arm, dp)
+        for k in range(3):
+            displacement[k] -= points[c, 0, k]
+            dp[k] += cvel[own, 3 + k] - cvel[exo, 3 + k]
+        rotate(R_exo.T, dp, rate)
         R = R_exo.T @ R_own
         turn[0], turn[1], turn[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
         turn *= 0.5
         change = 0.5 * ((R[0, 0] + R[1, 1] + R[2, 2]) * np.eye(3) - R)
-        turning = change @ (R_exo.T @ w)
-        force = R_exo @ (law[c, 0] @ displacement + law[c, 1] @ rate)  # on the exoskeleton
-        torque = R_exo @ (change.T @ (law[c, 2] @ turn + law[c, 3] @ turning))
-        cross(point - centre, force, lever)
-        torque += lever
+        rotate(R_exo.T, w, a)
+        rotate(change, a, turning)
+        rotate(law[c, 0], displacement, a)
+        rotate(law[c, 1], rate, b)
+        rotate(R_exo, a + b, force)  # on the exoskeleton
+        rotate(law[c, 2], turn, a)
+        rotate(law[c, 3], turning, b)
+        rotate(change.T, a + b, turning)
+        rotate(R_exo, turning, torque)
+        cross(arm, force, a)
+        torque += a
         for j in range(nv):
-            sign = (1.0 if chain[c, 0, j] else 0.0) - (1.0 if chain[c, 1, j] else 0.0)
-            if sign != 0.0:
-                applied[j] += sign * (cdof[j, :3] @ torque + cdof[j, 3:] @ force)
+            if chain[c, 0, j] != chain[c, 1, j]:
+                power = 0.0
+                for k in range(3):
+                    power += cdof[j, k] * torque[k] + cdof[j, 3 + k] * force[k]
+                applied[j] += power if chain[c, 0, j] else -power
     return applied

@@ -16,7 +16,7 @@ from stridetwin.sim.gait.reference import Reference
 from stridetwin.streams.samples import Array
 
 CONTROL_S = 0.002
-_ON_GROUND_RAD = 5e-4  # pitch within which heel and toes both count as on the ground
+_ON_GROUND_RAD = 5e-4  # pitch within which heel and ball both count as on the ground
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +30,9 @@ class Plan:
         a: (N, nv).
         share: (N, 2) of the load.
         touching: (N, 2, points) whether a sole point is meant to push.
-        R_sole: (N, 2, 3, 3) ground's frame under each foot: the flat foot's axes in the world.
+        R_sole: (N, 2, 3, 3) ground's frame under each foot, in the air under the footprint to come: the flat foot's
+            axes in the world.
+        p_sole: (N, 2, 3) m, the footprint.
         p_foot: (N, 2, 3) m; v_foot, a_foot its derivatives.
         com: (N, 2, 2) m and m/s, horizontal centre of mass and its rate.
         swinging: (N, 2) whether a foot is in the air.
@@ -47,6 +49,7 @@ class Plan:
     share: Array
     touching: NDArray[np.bool_]
     R_sole: Array
+    p_sole: Array
     com: Array
     swinging: NDArray[np.bool_]
     until_landing: Array
@@ -90,7 +93,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
     heading = np.mean([np.interp(t, reference.grid, reference.paths[side].heading) for side in SIDES], axis=0)
     R_way = np.stack([np.cos(heading), -np.sin(heading), np.sin(heading), np.cos(heading)], -1).reshape(-1, 2, 2)
     touching = np.zeros((n, 2, PER_FOOT), dtype=bool)
-    R_sole = np.tile(np.eye(3), (n, 2, 1, 1))
+    R_sole, p_sole = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3))
     swinging, near_edge = np.zeros((n, 2), dtype=bool), np.zeros((n, 2), dtype=bool)
     until_landing = np.zeros((n, 2))
     for k, side in enumerate(SIDES):
@@ -99,14 +102,17 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
             swinging[air, k] = True
             until_landing[air, k] = after.t_touch - t[air]
             near_edge[air, k] = after.mode in ("SA", "SD") or after.departure != "push"
+        own = reference.steps[side]
+        at = np.searchsorted([step.t_off for step in own], t)
+        R_sole[:, k] = np.array([step.R_world_sole for step in own])[at]
+        p_sole[:, k] = np.array([step.p_foot_in_world for step in own])[at]
         pitch = np.interp(t, reference.grid, reference.paths[side].pitch)
         for step in reference.steps[side]:
             on = (t >= step.t_touch) & (t <= step.t_off)
             touching[on, k, :HEEL_POINTS] = (pitch[on] < _ON_GROUND_RAD)[:, None]
             touching[on, k, HEEL_POINTS:] = (pitch[on] > -_ON_GROUND_RAD)[:, None]
-            R_sole[on, k] = step.R_world_sole
     return Plan(
-        t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, R_sole=R_sole, com=com,
+        t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, R_sole=R_sole, p_sole=p_sole, com=com,
         swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,
         a_foot=_rate(dp), R_foot=R, w_foot=w, dw_foot=_rate(w),
     )  # fmt: skip

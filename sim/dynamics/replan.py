@@ -1,15 +1,19 @@
-"""Footsteps moved on the way: the foot in swing lands where it catches the body.
+"""Footsteps moved on the way: the foot in swing lands where it catches the body, at the height where the floor is.
 
 The body's divergent motion is that of an inverted pendulum, xi = c + c'/omega (capture point: Pratt et al. 2006;
 divergent component of motion: Englsberger et al. 2015). What xi is off its plan when a foot is in the air shifts the
 place where that foot lands; the planned path of the pelvis then passes over to the shifted footprint as the pendulum
 would by itself, so that no force is spent on going back at once.
+
+A shifted footprint stays on the plane of the planned one. How far the floor really is from that plane is felt under
+the foot that stands, and expected under the next; a foot that finds no floor at its time goes on down.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,30 +24,33 @@ _FOLLOW = 22.0  # rad/s, how fast a foot in the air follows its new place
 _PRESSURE_M = 0.02  # as far the centre of pressure can be shifted under a foot
 _BACK = 0.15  # share of the shift that each step gives back, towards the planned footprints
 _FORWARD_M, _OUTWARD_M, _INWARD_M = 0.15, 0.12, 0.035
-_ON_EDGES_M = 0.015  # along the way where a riser is near
+_ON_EDGES_M = 0.008  # along the way where a riser is near
 _COMMITTED_S = 0.05  # before landing the foot's place is settled
+_SEARCH_MPS = 0.3  # how fast a late foot goes on down
 
 
 @dataclass(eq=False)
 class StepReplan:
-    """Shifts of feet and pelvis against the plan, horizontal, m; rows left, right.
+    """Shifts of feet and pelvis against the plan, world, m; rows left, right.
 
     Attributes:
-        foot: (2, 3, 2) shift of each foot, its rate and acceleration.
-        root: (3, 2) shift of the pelvis, its rate and acceleration.
+        foot: (2, 3, 3) shift of each foot, its rate and acceleration.
+        root: (3, 3) shift of the pelvis, its rate and acceleration.
+        floor: (2,) how far the floor is above the plane of each foot's planned footprint.
     """
 
     foot: Array
     root: Array
+    floor: Array
 
     @classmethod
     def none(cls) -> StepReplan:
         """No shift."""
-        return cls(foot=np.zeros((2, 3, 2)), root=np.zeros((3, 2)))
+        return cls(foot=np.zeros((2, 3, 3)), root=np.zeros((3, 3)), floor=np.zeros(2))
 
     def update(
         self, dt: float, c_error: Array, dc_error: Array, swinging: NDArray[np.bool_], until_landing: Array,
-        share: Array, R_way: Array, near_edge: NDArray[np.bool_],
+        share: Array, R_way: Array, near_edge: NDArray[np.bool_], normal: Array, misplaced: Array, felt: Array,
     ) -> None:  # fmt: skip
         """Moves on by one control step.
 
@@ -56,26 +63,51 @@ class StepReplan:
             share: (2,) of the load, planned.
             R_way: (2, 2) columns forward and left of the way.
             near_edge: (2,) whether the footprint to come lies before or behind a riser.
+            normal: (2, 3) of the ground under each foot, or under its footprint to come.
+            misplaced: (2, 2) m, how far from where it should each foot will land.
+            felt: (2,) m, height of the floor above the plane of the footprint; NaN where the foot touches nothing.
         """
-        xi = c_error - self.root[0] + (dc_error - self.root[1]) / OMEGA
-        for k in range(2):
-            held = self.foot[1 - k, 0]
-            if swinging[k] and until_landing[k] > _COMMITTED_S:
-                # what is off now grows until landing, less what the centre of pressure takes back till then
-                growth = np.exp(OMEGA * until_landing[k])
-                off = np.sign(xi) * np.maximum(growth * np.abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0)
-                ahead, left = R_way.T @ (off + (1.0 - _BACK) * held)
-                reach = _ON_EDGES_M if near_edge[k] else _FORWARD_M
-                inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
-                wanted = R_way @ np.array([np.clip(ahead, -reach, reach), np.clip(left, inner, outer)])
-                pull = _FOLLOW * _FOLLOW * (wanted - self.foot[k, 0])
-            else:
-                pull = np.zeros(2)
-            self.foot[k, 2] = pull - 2.0 * _FOLLOW * self.foot[k, 1]
-            self.foot[k, 1] += dt * self.foot[k, 2]
-            self.foot[k, 0] += dt * self.foot[k, 1]
-        under = share @ self.foot[:, 0]
-        rate = OMEGA * (under - self.root[0])
-        self.root[2] = (rate - self.root[1]) / dt
-        self.root[1] = rate
-        self.root[0] += dt * rate
+        _update(
+            self.foot, self.root, self.floor, dt, c_error, dc_error, swinging, until_landing, share, R_way, near_edge,
+            normal, misplaced, felt,
+        )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _update(
+    foot: Array, root: Array, floor: Array, dt: float, c_error: Array, dc_error: Array, swinging: NDArray[np.bool_],
+    until_landing: Array, share: Array, R_way: Array, near_edge: NDArray[np.bool_], normal: Array, misplaced: Array,
+    felt: Array,
+) -> None:  # fmt: skip
+    for k in range(2):
+        if not np.isnan(felt[k]):
+            floor[k] = felt[k]
+        elif swinging[k]:
+            floor[k] = floor[1 - k]
+    xi = c_error - root[0, :2] + (dc_error - root[1, :2]) / OMEGA
+    wanted = np.empty(3)
+    for k in range(2):
+        shift, rate, pull = foot[k]
+        pull[:] = 0.0
+        held = foot[1 - k, 0, :2]
+        if swinging[k] and until_landing[k] > _COMMITTED_S:
+            # what is off now grows until landing, less what the centre of pressure takes back till then
+            growth = np.exp(OMEGA * until_landing[k])
+            off = np.sign(xi) * np.maximum(growth * np.abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0)
+            ahead, left = R_way.T @ (off + (1.0 - _BACK) * held)
+            reach = _ON_EDGES_M if near_edge[k] else _FORWARD_M
+            inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
+            ahead, left = min(max(ahead, -reach), reach), min(max(left, inner), outer)
+            wanted[:2] = R_way[:, 0] * ahead + R_way[:, 1] * left + misplaced[k]
+            wanted[2] = floor[k] - (normal[k, 0] * wanted[0] + normal[k, 1] * wanted[1]) / normal[k, 2]
+            pull[:] = _FOLLOW * _FOLLOW * (wanted - shift)
+        pull -= 2.0 * _FOLLOW * rate
+        rate += dt * pull
+        if not swinging[k] and np.isnan(felt[k]):
+            rate[2], pull[2] = -_SEARCH_MPS, 0.0
+        shift += dt * rate
+    under = share[0] * foot[0, 0] + share[1] * foot[1, 0]
+    rate = OMEGA * (under - root[0])
+    root[2] = (rate - root[1]) / dt
+    root[1] = rate
+    root[0] += dt * rate

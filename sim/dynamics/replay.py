@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.playback import Loads, Motion, Player
+from stridetwin.sim.shock import UpperMotion
 
 
 class Replay(Player):
@@ -16,10 +19,13 @@ class Replay(Player):
     Args:
         model: Compiled model of the wearer on the terrain.
         walk: What the simulation did.
+        uppers: What the shoes' uppers do, by name of the foot.
     """
 
-    def __init__(self, model: mujoco.MjModel, walk: SimulatedWalk) -> None:
-        super().__init__(model, walk)
+    def __init__(
+        self, model: mujoco.MjModel, walk: SimulatedWalk, uppers: Mapping[str, UpperMotion] | None = None
+    ) -> None:
+        super().__init__(model, walk, uppers)
         self._simulated = walk
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:

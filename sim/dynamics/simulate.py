@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable
-
 import mujoco
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.body import Wearer
-from stridetwin.sim.config import SIDES
+from stridetwin.sim.config import SIDES, Dynamics
 from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
+from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
+from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import StepReplan
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.dynamics.soles import TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import cross
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.reference import Reference
@@ -28,29 +28,32 @@ _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 
 def simulate(
-    model: mujoco.MjModel, reference: Reference, size: Wearer, height: Callable[[Array], Array],
-    gains: Gains | None = None, assist: float = 0.0,
-) -> SimulatedWalk:  # fmt: skip
+    model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, rng: np.random.Generator
+) -> SimulatedWalk:
     """Walks the reference forward in time with real contacts.
 
     Args:
         model: Model with soles; contacts off outside this function.
         reference: The planned motion.
         size: Wearer.
-        height: Height of the ground at (..., 2) points, m.
-        gains: Of the controller; its own where not given.
-        assist: Standard deviation of the wrench that may hold the root, N; 0: none.
+        dynamics: Help and disturbances.
+        rng: Noise of the joint torques.
     """
-    model = _physics(model)
+    plan = plan_control(reference, model, size)
+    push, misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
+    model = _physics(disturbed(model, dynamics))
     layout = Coordinates.of(model)
     data = mujoco.MjData(model)
-    plan = plan_control(reference, model, size)
-    control = Controller(model, size, layout, gains or Gains(), height, assist)
+    control = Controller(
+        model, size, layout, Gains(), assist=dynamics.assist, believed=1.0 / (1.0 + dynamics.mass_error)
+    )
     coupled = CouplingSet.of(model, couplings(size))
     n = round(reference.duration_s / STEP_S)
     every = round(CONTROL_S / STEP_S)
-    record = _Record(n, model)
+    record, soles = _Record(n, model), Soles.of(model)
     data.qpos, data.qvel = plan.q[0], plan.v[0]
+    data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
+    pushed = data.xfrc_applied[model.body("pelvis").id]
     torque, shift = np.zeros(model.nv), StepReplan.none()
     fell_at = None
     for step in range(n):
@@ -59,31 +62,36 @@ def simulate(
             coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
             data.subtree_com[1],
         )  # fmt: skip
+        i = min(step // every, len(plan.t) - 1)
         if step % every == 0:
-            i = min(step // every, len(plan.t) - 1)
+            touching, felt = soles.feel(data, plan, i)
             mujoco.mj_subtreeVel(model, data)
             error = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
             shift.update(
                 CONTROL_S, error[0], error[1], plan.swinging[i], plan.until_landing[i], plan.share[i], plan.R_way[i],
-                plan.near_edge[i],
+                plan.near_edge[i], plan.R_sole[i, :, :, 2], misplace[i], felt,
             )  # fmt: skip
-            torque = control.torques(data, plan, i, shift, known)
+            torque = control.torques(data, plan, i, shift, touching, known)
+            if dynamics.torque_noise:
+                torque[6:] *= 1.0 + dynamics.torque_noise * rng.standard_normal(model.nv - 6)
+            pushed[:2] = push[i]
         data.qfrc_applied = torque + known
         record.before(step, data, torque)
         mujoco.mj_step2(model, data)
         record.after(step, data)
-        if data.qpos[2] < plan.q[min(step // every, len(plan.t) - 1), 2] - _FALLEN_M:
+        if data.qpos[2] < plan.q[i, 2] + shift.root[0, 2] - _FALLEN_M:
             fell_at = step * STEP_S
             break
     return record.walk(step + 1, reference, size, fell_at)
 
 
 def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
-    model = copy.copy(model)
     model.opt.timestep = STEP_S
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     model.opt.impratio = 10.0
+    for side in SIDES:
+        model.dof_damping[model.joint(f"toe_extension_{side}").dofadr[0]] = TOE_DAMPING
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     return model
@@ -106,11 +114,10 @@ class _Record:
 
     def after(self, i: int, data: mujoco.MjData) -> None:
         """Notes the contacts at the start of step i, known once it is done."""
-        self._p[i], self._R[i] = data.xpos[self._feet], data.xmat[self._feet].reshape(2, 3, 3)
         contact = data.contact
         _foot_loads(
-            self._side, contact.geom, contact.pos, contact.frame, contact.efc_address, data.efc_force,
-            self._p[i], self._force[i], self._moment[i], self._cop[i],
+            self._side, self._feet, data.xpos, data.xmat, contact.geom, contact.pos, contact.frame,
+            contact.efc_address, data.efc_force, self._R[i], self._p[i], self._force[i], self._moment[i], self._cop[i],
         )  # fmt: skip
 
     def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:
@@ -123,10 +130,13 @@ class _Record:
 
 @numba.njit(cache=True)
 def _foot_loads(
-    side: NDArray[np.int64], geoms: NDArray[np.int32], pos: Array, frame: Array, address: NDArray[np.int32],
-    efc_force: Array, p_feet: Array, force: Array, moment: Array, cop: Array,
+    side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, geoms: NDArray[np.int32], pos: Array,
+    frame: Array, address: NDArray[np.int32], efc_force: Array, R_feet: Array, p_feet: Array, force: Array,
+    moment: Array, cop: Array,
 ) -> None:  # fmt: skip
-    """Sums elliptic contacts to a wrench on each foot, and their normal forces to a centre of pressure."""
+    """Notes the feet's frames, sums elliptic contacts to a wrench on each foot and normal forces to a centre."""
+    for s in range(2):
+        p_feet[s], R_feet[s] = xpos[feet[s]], xmat[feet[s]].reshape(3, 3)
     lift, own, arm = np.zeros(2), np.empty(3), np.empty(3)
     for c in range(len(address)):
         if address[c] < 0:

@@ -1,4 +1,4 @@
-"""Contact regions of the soles: heel, ball and toes, small spheres under the shoe that alone touch the ground.
+"""Contact regions of the soles: heel, waist, ball and toes, small spheres under the shoe that alone touch the ground.
 
 The heel's pair sits on the foot, the pairs of ball and toes on the toe body, so that the hinge between them bends
 freely. The spheres' undersides lie in the sole's plane; their compliance stands for the sole's.
@@ -14,9 +14,14 @@ from stridetwin.sim.config import SIDES
 from stridetwin.streams.samples import Array
 
 RADIUS_M = 0.006
+_HEEL_BLOCK_M = 0.065  # its front end carries where the heel hangs over an edge
+_TOE_SPRING_M = 0.018  # in front of it the sole curves up
 FRICTION = 0.9
-PER_FOOT = 6
-HEEL_POINTS = 2  # of each foot's points, the first two
+PER_FOOT = 8
+HEEL_POINTS = 4  # of each foot's points, the first four
+NEAR_M = 0.004  # a sole point this close to the ground is felt, and may push
+# about the plan, N m/rad and N m s/rad: so light a body is not steered by forces alone
+TOE_STIFFNESS, TOE_DAMPING = 40.0, 1.0
 _SOLREF = (0.010, 1.0)
 _SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
 
@@ -25,8 +30,9 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
     """Body (`foot` or `toe`) and lowest point in its frame, m, of the contact regions of a foot."""
     shoe = size.shoe
     w = shoe.half_width - RADIUS_M
-    tip = shoe.toe_tip_x - shoe.toe_hinge_x - RADIUS_M
-    points = [("foot", [shoe.heel_back_x, y, 0.0]) for y in (-w, w)]
+    tip = shoe.toe_tip_x - shoe.toe_hinge_x - _TOE_SPRING_M
+    waist = shoe.heel_back_x + _HEEL_BLOCK_M
+    points = [("foot", [x, y, 0.0]) for x in (shoe.heel_back_x, waist) for y in (-w, w)]
     points += [("toe", [x, y, -shoe.toe_hinge_z]) for x in (0.0, tip) for y in (-w, w)]
     return [(body, np.array(p)) for body, p in points]
 
@@ -39,4 +45,5 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
                 name=f"sole_{side}_{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS_M, 0, 0],
                 pos=point + [0.0, 0.0, RADIUS_M], group=3, contype=0, conaffinity=1, mass=0.0, condim=3,
                 friction=[FRICTION, 0.005, 0.0001], solref=list(_SOLREF), solimp=list(_SOLIMP), priority=1,
+                gap=NEAR_M,
             )  # fmt: skip

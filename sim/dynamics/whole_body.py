@@ -23,6 +23,30 @@ _TOLERANCE = 1e-9
 
 
 @numba.njit(cache=True)
+def forward(L: Array, X: Array) -> None:
+    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns quicker than a call of LAPACK."""
+    for i in range(len(L)):
+        for j in range(i):
+            for c in range(X.shape[1]):
+                X[i, c] -= L[i, j] * X[j, c]
+        for c in range(X.shape[1]):
+            X[i, c] /= L[i, i]
+
+
+@numba.njit(cache=True)
+def solve_positive(H: Array, X: Array) -> None:
+    """Overwrites X (n, m) by H⁻¹ X, H (n, n) symmetric and positive definite."""
+    L = np.linalg.cholesky(H).astype(np.float64)
+    forward(L, X)
+    for i in range(len(L) - 1, -1, -1):
+        for j in range(i + 1, len(L)):
+            for c in range(X.shape[1]):
+                X[i, c] -= L[j, i] * X[j, c]
+        for c in range(X.shape[1]):
+            X[i, c] /= L[i, i]
+
+
+@numba.njit(cache=True)
 def contact_forces(B: Array, d: Array, r: Array) -> tuple[Array, Array]:
     """Forces f >= 0 that minimise ||B f - d||² + Σ r f², and the residual y = d - B f.
 
@@ -34,34 +58,23 @@ def contact_forces(B: Array, d: Array, r: Array) -> tuple[Array, Array]:
         d: (6,).
         r: (n,) positive.
     """
-    n = B.shape[1]
-    y = d.copy()
-    f = np.zeros(n)
-    value = 1e300
-    step = np.zeros(6)
+    y, step, value = d.copy(), np.zeros(6), 1e300
     for _ in range(_NEWTON_STEPS):
         size = 1.0
         while True:
             trial = y + size * step
-            s = B.T @ trial
-            now = float(0.5 * (trial @ trial) - d @ trial)
-            for i in range(n):
-                if s[i] > 0.0:
-                    now += float(0.5 * s[i] * s[i] / r[i])
+            reach = np.maximum(B.T @ trial, 0.0)
+            f = reach / r
+            now = float(0.5 * (trial @ trial) - d @ trial + 0.5 * (reach @ f))
             if now <= value + 1e-12 * abs(value) or size < 1e-4:
                 break
             size *= 0.5
         y, value = trial, now
-        H = np.eye(6)
-        for i in range(n):
-            f[i] = max(0.0, s[i] / r[i])
-            if s[i] > 0.0:
-                b = B[:, i].copy()
-                H += np.outer(b, b) / r[i]
         gradient = y - d + B @ f
         if np.max(np.abs(gradient)) < _TOLERANCE * (1.0 + np.max(np.abs(d))):
             break
-        step = -np.linalg.solve(H, gradient).astype(np.float64)
+        step = -gradient
+        solve_positive(np.eye(6) + (B * np.where(f > 0.0, 1.0 / r, 0.0)) @ B.T, step.reshape(6, 1))
     return f, y
 
 
@@ -101,7 +114,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
 @numba.njit(cache=True)
 def solve(
     M: Array, h: Array, wanted: Array, weight: Array, tasks: Array, task_wanted: Array, task_weight: Array,
-    contacts: Array, edges: Array, cost: Array, assist: float,
+    contacts: Array, edges: Array, cost: Array, assist: Array,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Accelerations, torques and contact forces of one control step.
 
@@ -116,47 +129,40 @@ def solve(
         contacts: (3 k, n) Jacobians of the contact points that may push.
         edges: (k, 4, 3) edges of each point's friction cone, world axes.
         cost: (k,) price of force at each point.
-        assist: Standard deviation of the root's assist, N and N m; 0 for none.
+        assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
 
     Returns:
         (n,) accelerations; (n,) generalised forces, the root's being the assist; (3 k,) contact forces, world;
         (6,) what the root lacks (0 but for rounding).
     """
     n, k = len(h), len(cost)
-    H = np.diag(weight)
-    g = weight * wanted
-    weighted = tasks * task_weight.reshape(-1, 1)
-    H += weighted.T @ tasks
-    g += weighted.T @ task_wanted
-    root = M[:6].copy()
-    L = np.linalg.cholesky(H)
-    right = np.empty((n, 7))
-    right[:, :6] = root.T
-    right[:, 6] = g
-    half = np.linalg.solve(L, right)
-    solved = np.linalg.solve(L.T.copy(), half)
-    a0 = solved[:, 6].copy()
-    back = np.ascontiguousarray(solved[:, :6])
-    S = root @ back + assist * assist * np.eye(6)
-    lacking = h[:6] + root @ a0
-    force = np.zeros(3 * k)
+    # the tasks reach only root and legs; elsewhere the Hessian is the diagonal of the weights
+    back = np.empty((n, 7))
+    back[:, :6] = M[:6].T
+    back[:, 6] = weight * wanted + tasks.T @ (task_weight * task_wanted)
+    reached = np.array([j for j in range(n) if np.any(tasks[:, j] != 0.0)])
+    own = tasks[:, reached]
+    X = back[reached]
+    solve_positive(np.diag(weight[reached]) + (own.T * task_weight) @ own, X)
+    back /= weight.reshape(-1, 1)
+    back[reached] = X
+    a0 = back[:, 6].copy()
+    back = np.ascontiguousarray(back[:, :6])
+    S = M[:6] @ back + np.diag(assist * assist)
+    lacking = h[:6] + M[:6] @ a0
+    force, pushed = np.zeros(3 * k), np.zeros(n)
     if k > 0:
-        A = np.empty((6, 4 * k))
-        r = np.empty(4 * k)
+        X, r = np.empty((6, 4 * k + 1)), np.repeat(cost, 4)
         for i in range(k):
-            push = contacts[3 * i : 3 * i + 3, :6].T.copy()
-            for e in range(4):
-                A[:, 4 * i + e] = push @ edges[i, e]
-                r[4 * i + e] = cost[i]
-        C = np.linalg.cholesky(S)
-        f, _ = contact_forces(
-            np.linalg.solve(C, A).astype(np.float64), np.linalg.solve(C, lacking).astype(np.float64), r
-        )
+            X[:, 4 * i : 4 * i + 4] = np.ascontiguousarray(contacts[3 * i : 3 * i + 3, :6].T) @ edges[i].T
+        X[:, 4 * k] = lacking
+        forward(np.linalg.cholesky(S).astype(np.float64), X)
+        f, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r)
         for i in range(k):
-            for e in range(4):
-                force[3 * i : 3 * i + 3] += f[4 * i + e] * edges[i, e]
-    pushed = contacts.T @ force if k > 0 else np.zeros(n)
-    multiplier = np.linalg.solve(S, pushed[:6] - lacking)
+            force[3 * i : 3 * i + 3] = f[4 * i : 4 * i + 4] @ edges[i]
+        pushed = contacts.T @ force
+    multiplier = pushed[:6] - lacking
+    solve_positive(S, multiplier.reshape(6, 1))
     qacc = a0 + back @ multiplier
     torque = M @ qacc + h - pushed
     rest = torque[:6] + assist * assist * multiplier

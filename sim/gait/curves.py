@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from stridetwin.sim.way import Way
@@ -30,13 +32,13 @@ def widening(way: Way, s0: float, s1: float) -> float:
     return _WIDER_M * min(turned(way, s0, s1), 1.0)
 
 
-def paced(way: Way, start: float, stop: float, step_m: float) -> tuple[Array, Array]:
-    """Arc lengths from start to stop and steps made until there, if a full step is `step_m` long on a straight way.
+def paced(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Arc lengths from start to stop and steps made until there, if a full step at s is `step(s)` m long on a line.
 
     In curves steps are shorter, as the square root of the speed, and none turns further than people's do.
     """
     s = np.linspace(start, stop, 2 + int((stop - start) / _PLANNING_M))
     middle = (s[1:] + s[:-1]) / 2
     turning = np.abs(way.curvature(middle)) / TURN_A_STEP_RAD
-    density = np.maximum(1.0 / (step_m * np.sqrt(speed_share(way, middle))), turning)
+    density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), turning)
     return s, np.concatenate([[0.0], np.cumsum(density * np.diff(s))])

@@ -10,17 +10,17 @@ from scipy.interpolate import PchipInterpolator
 from stridetwin.sim.body import Shoe
 from stridetwin.sim.gait.footsteps import SETTLE_S, SHIFT_S, Footstep
 from stridetwin.sim.gait.smooth import ease
+from stridetwin.sim.gait.style import TRAVEL_KNOTS
 from stridetwin.streams.samples import Array
 
-# centre of pressure along the foot against the share of stance: x as a share of the toe hinge's x, after the
-# sketched human-like cycle (heel, then ball, far forward at push-off)
+# centre of pressure along the foot against the share of stance: x as a share of the toe hinge's x
 _TRAVEL = {
-    "heel": ((0.0, -0.17), (0.08, -0.12), (0.45, 0.83), (0.86, 1.23), (1.0, 1.20)),
     "flat": ((0.0, 0.45), (0.15, 0.40), (0.55, 0.85), (0.86, 1.12), (1.0, 1.10)),
     "forefoot": ((0.0, 1.08), (0.12, 1.00), (0.35, 0.45), (0.60, 0.75), (0.86, 1.12), (1.0, 1.10)),
 }
 _STANDING = 0.50
 _BALL = 0.03  # inside the borders of what touches
+_INSIDE_M = 0.003
 _FLAT_RAD = 5e-4
 _PASSING_S = 0.07
 
@@ -32,13 +32,12 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
         other = [s for f in steps if f != foot for s in steps[f]]
         for step in own:
             other_off = min((s.t_off for s in other if s.t_off > step.t_touch), default=np.inf)
-            other_touch = max((s.t_touch for s in other if s.t_touch < step.t_off), default=-np.inf)
-            up = _taken((t - step.t_touch) / max(other_off - step.t_touch, 1e-6)) if np.isfinite(step.t_touch) else 1.0
-            down = (
-                1 - _taken(1 - (step.t_off - t) / max(step.t_off - other_touch, 1e-6))
-                if np.isfinite(step.t_off)
-                else 1.0
-            )
+            following = max((s for s in other if s.t_touch < step.t_off), key=lambda s: s.t_touch)
+            up, down = np.ones_like(t), np.ones_like(t)
+            if np.isfinite(step.t_touch):
+                up = _taken(step, (t - step.t_touch) / max(other_off - step.t_touch, 1e-6))
+            if np.isfinite(step.t_off):
+                down = 1 - _taken(following, 1 - (step.t_off - t) / max(step.t_off - following.t_touch, 1e-6))
             on = (t >= step.t_touch) & (t <= step.t_off)
             raw[foot] = np.where(on, up * down, raw[foot])
     total = sum(raw.values())
@@ -67,7 +66,8 @@ def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array, pitch: Arr
     order = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
     for i, step in enumerate(steps):
         on = order == i
-        knots = np.array(_TRAVEL[step.arrival])
+        heel_first = step.arrival == "heel"
+        knots = np.column_stack([TRAVEL_KNOTS, step.style.travel]) if heel_first else np.array(_TRAVEL[step.arrival])
         if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
             u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)
             x = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
@@ -75,26 +75,37 @@ def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array, pitch: Arr
             x = _STANDING + (knots[-1, 1] - _STANDING) * ease((t[on] - step.t_off + SHIFT_S) / SHIFT_S)
         else:
             x = knots[0, 1] + (_STANDING - knots[0, 1]) * ease((t[on] - step.t_touch) / SETTLE_S)
-        x = _on_the_ball(x, t[on], step, pitch[on])
+        x = _on_what_touches(x, t[on], step, pitch[on], shoe)
         local = np.stack([x * shoe.toe_hinge_x, np.zeros_like(x), np.zeros_like(x)], -1)
         p[on] = step.p_foot_in_world + local @ step.R_world_sole.T
     return p
 
 
-def _on_the_ball(x: Array, t: Array, step: Footstep, pitch: Array) -> Array:
-    """Keeps the centre of pressure ahead of the ball while the heel is up, over a riser."""
-    stance = (t >= step.t_touch) & (t <= step.t_off)
-    ahead = np.maximum(x, 1.0 + _BALL)
-    middle = 0.5 * (max(step.t_touch, t[0]) + min(step.t_off, t[-1])) if len(t) else 0.0
-    up = stance & (np.abs(pitch) > _FLAT_RAD)
-    landing, leaving = t[up & (t < middle)], t[up & (t >= middle)]
-    if len(landing) and step.arrival != "heel":
-        x = ahead + (x - ahead) * ease((t - landing[-1]) / _PASSING_S)
-    if len(leaving) and step.departure != "push":
-        x = x + (np.maximum(x, 1.0 + _BALL) - x) * ease((t - leaving[0] + _PASSING_S) / _PASSING_S)
+def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:
+    """Keeps the centre of pressure at the heel's edge while the toes are up, ahead of the ball while the heel is."""
+    stance = np.flatnonzero((t >= step.t_touch) & (t <= step.t_off))
+    if not len(stance):
+        return x
+    tilt = np.abs(pitch)
+    flat = stance[tilt[stance] <= max(_FLAT_RAD, tilt[stance].min())]
+    if flat[0] > stance[0]:
+        landed = _when_flat(t, tilt, flat[0] - 1, flat[0])
+        first = np.maximum(x, 1.0 + _BALL)
+        if step.arrival == "heel":
+            first = np.full_like(x, (shoe.heel_back_x + _INSIDE_M) / shoe.toe_hinge_x)
+        x = first + (x - first) * ease((t - landed) / _PASSING_S)
+    if flat[-1] < stance[-1]:
+        lifted = _when_flat(t, tilt, flat[-1] + 1, flat[-1])
+        x = x + (np.maximum(x, 1.0 + _BALL) - x) * ease((t - lifted) / _PASSING_S + 1.0)
     return x
 
 
-def _taken(s: Array) -> Array:
-    """Share that the new foot has taken over: most of the load passes in the first half of double support."""
-    return ease(s / 0.85)
+def _when_flat(t: Array, tilt: Array, i: int, flat: int) -> float:
+    """Time between a tilted and a flat row at which the tilt passes what counts as flat."""
+    share = (tilt[i] - _FLAT_RAD) / max(tilt[i] - tilt[flat], 1e-9)
+    return float(t[i] + min(share, 1.0) * (t[flat] - t[i]))
+
+
+def _taken(step: Footstep, s: Array) -> Array:
+    """Share that the foot of `step` has taken over after a share s of double support."""
+    return ease(s / float(step.style.transfer))

@@ -9,12 +9,14 @@ from scipy.linalg import solve_banded, solveh_banded
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
+from stridetwin.sim.gait.rhythm import Rhythm
 from stridetwin.streams.samples import Array
 
 KNEE_MIN_RAD = np.radians(7.0)  # the pelvis keeps this low; the legs may straighten to KNEE_HARD_MIN_RAD
 KNEE_HARD_MIN_RAD = np.radians(1.5)
-_SMOOTHNESS = 3.2e-4
-_ABOVE_REACH = 300.0
+_SMOOTHNESS = 2e-3
+_STANDING_HEIGHT = 0.99  # in legs
+_ABOVE_REACH = 1000.0
 
 
 def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
@@ -52,10 +54,36 @@ def highest(
     return np.minimum(*limits)
 
 
-def height_below(limit: Array, dt: float) -> Array:
-    """Smoothest height that stays close below a limit: least squares with a third-derivative penalty.
+def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:
+    """Height of the pelvis as the styles of the steps have it on the level.
 
     Args:
+        rhythm: Steps.
+        t: (N,) uniform s.
+        leg_m: Hip centre to sole, m.
+
+    Returns:
+        (N,) mean height in the world, m; (N,) wave about it, m; and (N,) from 0 to 1 how much of the ground is level.
+    """
+    level = np.array([float(step.terrain == "level" and step.mode == "LG") for step in rhythm.steps])
+    level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
+    footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])
+    ground = rhythm.blend(t, footprints, 0.0, footprints[-1])
+    mean = ground + leg_m * rhythm.styled(t, "height", _STANDING_HEIGHT, 0)
+    psi = 2 * np.pi * rhythm.phase(t)
+    wave = np.zeros_like(t)
+    for k in (1, 2, 3):
+        for index, swing in ((2 * k - 1, np.cos(k * psi)), (2 * k, np.sin(k * psi))):
+            amplitudes = np.array([step.style.height[index] for step in rhythm.steps])
+            wave += leg_m * rhythm.blend(t, level * amplitudes, 0.0, 0.0) * swing
+    return mean, wave, rhythm.blend(t, level, 1.0, 1.0)
+
+
+def height_near(goal: Array, limit: Array, dt: float) -> Array:
+    """Smoothest height that stays close to a goal and below a limit: least squares with a third-derivative penalty.
+
+    Args:
+        goal: (N,) m.
         limit: (N,) m.
         dt: Time between rows, s.
     """
@@ -66,14 +94,13 @@ def height_below(limit: Array, dt: float) -> Array:
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:
             bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
-    weight = np.ones(n)
-    z = limit.copy()
+    above = np.zeros(n, dtype=bool)
+    z = goal
     for _ in range(40):
         system = bands.copy()
-        system[3] += weight
-        z = solveh_banded(system, weight * limit)
-        weight_new = np.where(z > limit, _ABOVE_REACH, 1.0)
-        if np.array_equal(weight_new, weight):
+        system[3] += np.where(above, _ABOVE_REACH, 1.0)
+        z = solveh_banded(system, np.where(above, _ABOVE_REACH * limit, goal))
+        above, before = z > limit, above
+        if np.array_equal(above, before):
             break
-        weight = weight_new
     return z

@@ -8,17 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
+from stridetwin.sim.gait.gaze import look
+from stridetwin.sim.gait.rhythm import Rhythm
 from stridetwin.sim.rotation import from_euler
 from stridetwin.sim.route import Strip
 from stridetwin.streams.samples import Array
 
-PELVIS_TILT_RAD = np.radians(12.0)
-_PELVIS_YAW_RAD = 0.075  # at a full step
-_PELVIS_LIST_RAD = 0.035
-_ARM_SWING_RAD = 0.42
+STANDING_TILT_RAD = np.radians(11.0)
+_ARM_SWING_RAD = 0.62  # a leg's length of distance between the feet
+_ELBOW_SWING_RAD = 0.33
+_LIST_PEAK = 0.34  # of a step after touch-down
 _TORSO_LEAN = 0.03
 _LOOK_AHEAD_M = 1.6
+_UPRIGHT_DOWN = 0.14  # rad a unit of slope: downhill the pelvis tips back
 _TURN_SMOOTHING_S = 0.15
 _HEAD_LEADS_S = 0.40  # into a turn (Grasso et al. 1996: 0.2-0.5 s)
 _TRUNK_LEADS_S = 0.15
@@ -38,37 +42,44 @@ class Posture:
 
 
 def posture(
+    rhythm: Rhythm,
     paths: dict[str, FootPath],
-    shares: dict[str, Array],
-    step_m: float,
-    dt: float,
+    leg_m: float,
+    t: Array,
     profile: Sequence[Strip],
+    gaze: Gaze,
+    rng: np.random.Generator,
 ) -> Posture:
     """Posture that goes with the feet.
 
     Args:
+        rhythm: Steps, whose styles say how far the pelvis moves.
         paths: Path of each foot.
-        shares: (N,) share of the load on each foot.
-        step_m: Length of a full step.
-        dt: Time between rows, s.
+        leg_m: Hip centre to sole, m.
+        t: (N,) uniform s.
         profile: Ground along the way.
+        gaze: Where the walker looks.
+        rng: Draws where a wandering gaze goes.
     """
+    dt = float(t[1] - t[0])
     heading = _smooth((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
-    stride = _smooth((apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / step_m, 0.03, dt)
-    list_to_left = _smooth(shares["l"] - shares["r"], 0.05, dt)
-    climb = _smooth(_incline((paths["l"].s + paths["r"].s) / 2, profile), 0.35, dt)
+    stride = _smooth((apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m, 0.03, dt)
+    left_first = float(rhythm.steps[0].foot == "l")  # the pelvis is highest on a side early in its stance
+    list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _LIST_PEAK))
+    s = (paths["l"].s + paths["r"].s) / 2
+    climb = _smooth(_incline(s, profile), 0.35, dt)
     effort = np.clip(climb, 0.0, 0.7)
-    yaw = _PELVIS_YAW_RAD * stride
-    roll = _PELVIS_LIST_RAD * list_to_left
-    pitch = PELVIS_TILT_RAD + 0.20 * effort
-    torso_pitch = _TORSO_LEAN + 0.26 * effort
-    look_down = 0.06 + 0.45 * np.abs(climb)
+    yaw = rhythm.styled(t, "turn", 0.0) * stride
+    roll = rhythm.styled(t, "list_", 0.0) * list_to_left
+    pitch = rhythm.styled(t, "tilt", STANDING_TILT_RAD) + 0.20 * effort + _UPRIGHT_DOWN * np.minimum(climb, 0.0)
+    eyes = look(gaze, t, s, climb, profile, leg_m, rng)
+    torso_pitch = _TORSO_LEAN + 0.26 * effort + eyes.chest_pitch
     trunk, head = (_ahead_of_time(heading, lead, dt) - heading for lead in (_TRUNK_LEADS_S, _HEAD_LEADS_S))
     # from the heading's own frame, so that many turns do not matter
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))
-    R_torso = from_euler(np.stack([trunk - 0.6 * yaw, torso_pitch, -0.35 * roll], -1))
-    R_head = from_euler(np.stack([head + 0.1 * yaw, look_down, np.zeros_like(yaw)], -1))
+    R_torso = from_euler(np.stack([trunk - 0.6 * yaw + eyes.chest_yaw, torso_pitch, -0.35 * roll], -1))
+    R_head = from_euler(np.stack([head + 0.1 * yaw + eyes.head_yaw, eyes.head_pitch, np.zeros_like(yaw)], -1))
     joints = {
         **_three_axes("lumbar", np.swapaxes(R_pelvis, 1, 2) @ R_torso),
         **_three_axes("neck", np.swapaxes(R_torso, 1, 2) @ R_head),
@@ -77,7 +88,7 @@ def posture(
         swing = sign * stride  # the left arm goes with the right foot
         joints[f"shoulder_flexion_{side}"] = torso_pitch + _ARM_SWING_RAD * swing * np.where(swing > 0, 0.8, 1.0) + 0.02
         joints[f"shoulder_abduction_{side}"] = np.full_like(yaw, 0.16)
-        joints[f"elbow_flexion_{side}"] = 0.42 + 0.22 * swing
+        joints[f"elbow_flexion_{side}"] = 0.42 + _ELBOW_SWING_RAD * swing
     for name, value in joints.items():
         if name.startswith("shoulder_flexion"):
             joints[name] = _smooth(value, 0.03, dt)

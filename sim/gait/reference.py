@@ -15,24 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
-from stridetwin.sim.body import LEG_JOINTS, Wearer
+from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.coordinates import Coordinates
-from stridetwin.sim.exoskeleton import EXO_LEG_JOINTS
 from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, limbs, settle
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
-from stridetwin.sim.gait.footsteps import Footstep, plan, step_length
-from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
+from stridetwin.sim.gait.footsteps import Footstep, plan
+from stridetwin.sim.gait.leg_ik import LegAngles
 from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend
-from stridetwin.sim.gait.pelvis import KNEE_HARD_MIN_RAD, cart_table, height_below, highest
+from stridetwin.sim.gait.pelvis import cart_table, height_near, highest, level_height
 from stridetwin.sim.gait.posture import Posture, posture
+from stridetwin.sim.gait.rhythm import Rhythm
+from stridetwin.sim.gait.style import leg_length
+from stridetwin.sim.gait.whole_body import coordinates, inverse_dynamics, legs, zero_moment_point
 from stridetwin.sim.rotation import from_euler, rot_x, rot_y, rot_z
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
 GRID_S = 0.005
-_ZMP_ROUNDS = 4
+_ZMP_ROUNDS = 6
+_WEIGHED_ROUND = 3  # when the frame's weight is let onto its couplings: what that shifts is corrected after, and
+# as the couplings are stiff, the frame follows the last shift of the pelvis in the last round
 _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone
@@ -88,7 +92,7 @@ def reference(
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.
     """
-    footsteps, duration = plan(terrain.layout, size, config.gait, config.person.height_m, rng)
+    footsteps, duration = plan(terrain.layout, size, config.gait, rng)
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
     # the grid reaches beyond the walk, so that nothing at its ends is the spline's own
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
@@ -99,31 +103,36 @@ def reference(
     wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
     p_foot = {side: paths[side].p_foot_in_world for side in SIDES}
     R_foot = {side: paths[side].R_world_foot for side in SIDES}
-    pose = posture(paths, shares, step_length(config.gait, config.person.height_m), GRID_S, terrain.profile)
+    rhythm, leg_m = Rhythm.of(steps), leg_length(size)
+    pose = posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
+    mean, wave, level = level_height(rhythm, t, leg_m)
 
-    hip_height = size.body.thigh_m + size.body.shank_m + size.body.ankle_height_m
-    kappa = np.full(len(t), (hip_height + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
+    kappa = np.full(len(t), (leg_m + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
     over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
     layout = Coordinates.of(model)
     exo: dict[str, Array] = {}
     for round_ in range(_ZMP_ROUNDS):
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
-        p_pelvis[:, 2] = height_below(highest(size, p_pelvis, R_pelvis, p_foot, R_foot), GRID_S)
-        legs = _legs(size, p_pelvis, R_pelvis, paths)
-        if round_ == 0:  # the frame hardly moves between rounds: it is fitted first and last
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs, _ROUGH_STRIDE)
-        elif round_ == _ZMP_ROUNDS - 1:
-            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs, _STRIDE, (model, layout, pose))
-        splines = make_interp_spline(t, _coordinates(layout, p_pelvis, pose, legs, exo, paths), k=5)
+        limit = highest(size, p_pelvis, R_pelvis, p_foot, R_foot) - wave
+        p_pelvis[:, 2] = wave + height_near(level * mean + (1.0 - level) * limit, limit, GRID_S)
+        legs_ = legs(size, p_pelvis, R_pelvis, paths)
+        if round_ == 0:  # costly, so not in every round
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
+        elif round_ in (_WEIGHED_ROUND, _ZMP_ROUNDS - 1):
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose))
+        splines = make_interp_spline(t, coordinates(layout, p_pelvis, pose, legs_, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
-            zmp, kappa = _zero_moment_point(model, layout, splines, t[::_STRIDE], wanted[::_STRIDE, 2])
+            coarse = t[::_STRIDE]
+            q, v, a = layout.to_mujoco(splines(coarse), splines(coarse, 1), splines(coarse, 2))
+            needed, com_z = inverse_dynamics(model, q, v, a)
+            zmp, kappa = zero_moment_point(q, needed, com_z, wanted[::_STRIDE, 2], float(model.body_subtreemass[0]))
             error = cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
-            over_ground = over_ground + _ZMP_GAIN * make_interp_spline(t[::_STRIDE], error, k=5)(t)
-    worst = max(float(leg.stretch.max()) for leg in legs.values())
+            over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
+    worst = max(float(leg.stretch.max()) for leg in legs_.values())
     if worst > _REACH_TOLERANCE_M:
-        side = max(legs, key=lambda s: legs[s].stretch.max())
-        when = t[legs[side].stretch.argmax()]
+        side = max(legs_, key=lambda s: legs_[s].stretch.max())
+        when = t[legs_[side].stretch.argmax()]
         raise StrideTwinError(
             f"the {side} leg misses its footstep by {1e3 * worst:.1f} mm at {when:.2f} s: steps too long"
         )
@@ -132,14 +141,6 @@ def reference(
         duration_s=duration, size=size, steps=steps, coordinates=layout, splines=splines,
         loads=make_interp_spline(t, loads, k=3), paths=paths, grid=t,
     )  # fmt: skip
-
-
-def _legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath]) -> dict[str, LegAngles]:
-    return {
-        side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
-                        KNEE_HARD_MIN_RAD)
-        for side in SIDES
-    }  # fmt: skip
 
 
 def _exo(
@@ -170,42 +171,6 @@ def _exo(
     if weighing is None:
         return fine
     model, layout, pose = weighing
-    splines = make_interp_spline(t, _coordinates(layout, p_pelvis, pose, legs, fine, paths), k=5)
+    splines = make_interp_spline(t, coordinates(layout, p_pelvis, pose, legs, fine, paths), k=5)
     settled = settle(frames, coarse, wearers, model, layout, splines, t[k])
     return {side: make_interp_spline(t[k], settled[side], k=5)(t) for side in SIDES}
-
-
-def _coordinates(
-    layout: Coordinates, p_pelvis: Array, pose: Posture, legs: dict[str, LegAngles], exo: dict[str, Array],
-    paths: dict[str, FootPath],
-) -> Array:  # fmt: skip
-    columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
-    columns |= pose.joints
-    for side in SIDES:
-        for joint in LEG_JOINTS[:-1]:
-            columns[f"{joint}_{side}"] = getattr(legs[side], joint)
-        columns[f"toe_extension_{side}"] = paths[side].toe_extension
-        if side in exo:
-            columns |= {f"{joint}_{side}": exo[side][:, i] for i, joint in enumerate(EXO_LEG_JOINTS)}
-    return np.column_stack([columns[name] for name in layout.names])
-
-
-def _zero_moment_point(
-    model: mujoco.MjModel, layout: Coordinates, splines: BSpline, t: Array, z: Array
-) -> tuple[Array, Array]:
-    """(N, 2) zero-moment point at height z by the whole body's inverse dynamics, and (N,) kappa for its correction."""
-    data = mujoco.MjData(model)
-    q, v, a = layout.at(splines, t)
-    force, torque, com_z = np.empty((len(t), 3)), np.empty((len(t), 3)), np.empty(len(t))
-    for i in range(len(t)):
-        data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
-        mujoco.mj_inverse(model, data)
-        wrench = data.qfrc_inverse
-        force[i] = wrench[:3]
-        torque[i] = data.xmat[1].reshape(3, 3) @ wrench[3:6]
-        com_z[i] = data.subtree_com[0, 2]
-    root = q[:, :3]
-    x = root[:, 0] + ((z - root[:, 2]) * force[:, 0] - torque[:, 1]) / force[:, 2]
-    y = root[:, 1] + ((z - root[:, 2]) * force[:, 1] + torque[:, 0]) / force[:, 2]
-    mass = float(model.body_subtreemass[0])
-    return np.stack([x, y], -1), mass * (com_z - z) / force[:, 2]

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import betainc
 
 from stridetwin.streams.samples import Array
+
+_SOFTNESS = 3.4
 
 
 def ease(s: Array | float) -> Array:
@@ -13,10 +16,15 @@ def ease(s: Array | float) -> Array:
     return s**3 * (10.0 + s * (-15.0 + 6.0 * s))
 
 
+def soft_ease(s: Array | float) -> Array:
+    """Step from 0 at s = 0 to 1 at s = 1 that starts and ends softer than `ease`, without a jump of the jerk."""
+    return np.asarray(betainc(_SOFTNESS, _SOFTNESS, np.clip(s, 0.0, 1.0)))  # 3: minimum jerk, 4: minimum snap
+
+
 def bump(s: Array) -> Array:
-    """1 in the middle, 0 with two derivatives at s = 0 and s = 1."""
+    """1 in the middle, 0 at s = 0 and s = 1, as soft there as `soft_ease`."""
     s = np.clip(s, 0.0, 1.0)
-    return 64.0 * (s * (1.0 - s)) ** 3
+    return (4.0 * s * (1.0 - s)) ** _SOFTNESS
 
 
 def quintic(s: Array, x0: float, v0: float, x1: float, v1: float) -> Array:

@@ -35,7 +35,9 @@ class EncoderModel:
 
 
 class InteractionModel:
-    """Two force cells under a strap: what one side gains the other does not lose below the strap's tension.
+    """Two preloaded springs, each on a force cell: a push loads one and unloads the other, until that one is free.
+
+    What the two differ by is the push, its sign the direction (Shim et al. 2019, figure 8).
 
     Args:
         calibration: The pair, with `preload_n` and `force_sd_n`.
@@ -49,7 +51,8 @@ class InteractionModel:
 
     def read(self, t_ns: Instants, force: Array) -> Block[Interaction]:
         """Samples of the cuff's force on the limb (N,), N, positive where it presses on the limb's front."""
-        pair = self._preload + np.maximum(np.stack([force, -force], axis=-1), 0.0)
+        push = np.stack([force, -force], axis=-1)
+        pair = np.maximum(self._preload + 0.5 * push, np.maximum(push, 0.0))
         told = np.maximum(pair + self._noise.normal(self._sd, pair.shape), 0.0)
         return Block(topic=self._calibration.topic, kind=Interaction, t_ns=t_ns, columns={"force": told})
 

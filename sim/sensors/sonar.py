@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.terrain import Terrain
 from stridetwin.sim.track import Track
@@ -26,11 +27,12 @@ class SonarModel:
     Args:
         calibration: The sensor as it really is; its frame's x axis is the beam's axis.
         terrain: Where it is carried.
+        crowd: Who else is about.
         noise: White noise of `range_sd_m`.
     """
 
-    def __init__(self, calibration: OtherSensor, terrain: Terrain, noise: Noise) -> None:
-        self._calibration, self._terrain, self._noise = calibration, terrain, noise
+    def __init__(self, calibration: OtherSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> None:
+        self._calibration, self._terrain, self._crowd, self._noise = calibration, terrain, crowd, noise
         self._half_beam = calibration.number("beam_rad") / 2
         self._max = calibration.number("range_max_m")
         self._sd = calibration.number("range_sd_m")
@@ -46,11 +48,12 @@ class SonarModel:
         T_world_sensor = body.mounted(self._calibration.mount.T_body_sensor).poses()
         balls = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         balls += other_foot.p_body_in_world[:, None]
-        in_sensor = np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], balls - T_world_sensor[:, None, :3, 3])
         nearest = np.minimum(
-            np.min(_range_of_balls(in_sensor, SHOE[:, 3], self._half_beam), axis=-1),
-            self._range_of_terrain(T_world_sensor),
+            _nearest_ball(T_world_sensor, balls, SHOE[:, 3], self._half_beam), self._range_of_terrain(T_world_sensor)
         )
+        for person in self._crowd.people:
+            centres, radii = person.balls(body.t_ns * 1e-9)
+            nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
         heard = nearest + self._noise.normal(self._sd, len(body))
         return Block(
             topic=self._calibration.topic,
@@ -65,6 +68,13 @@ class SonarModel:
         distance, normal = self._terrain.ray_hit(np.repeat(T_world_sensor[:, :3, 3], m, axis=0), rays)
         echo = -np.sum(rays * normal, axis=-1) > math.cos(_ECHO_SLANT_RAD)
         return np.min(np.where(echo, distance, np.inf).reshape(n, m), axis=-1)
+
+
+def _nearest_ball(T_world_sensor: Array, centre_in_world: Array, radius: Array, half_beam: float) -> Array:
+    """(N,) range of the nearest of (N, B, 3) balls."""
+    away = centre_in_world - T_world_sensor[:, None, :3, 3]
+    in_sensor = np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], away)
+    return np.min(_range_of_balls(in_sensor, radius, half_beam), axis=-1)
 
 
 def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:

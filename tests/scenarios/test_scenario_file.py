@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from stridetwin.scenarios.fields import Where, number
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
-from stridetwin.sim.config import Exo, Level, Ramp, Stairs, Turn
+from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Turn
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -106,6 +106,22 @@ def test_people_and_exoskeletons(tmp_path):
     assert read(person={"height_m": 1.7, "shoe_mm": 265}).person.shoe_m == pytest.approx(0.265)
 
 
+def test_patterns_and_manners_of_walking(tmp_path):
+    def read(**keys):
+        return read_scenario(written(tmp_path, lambda node: node.update(keys))).config
+
+    assert read().gait == Gait()
+    assert read(gait={"pattern": "jog"}).gait.speed_mps == 1.8
+    assert read(gait={"pattern": "wander", "speed_mps": 0.4}).gait == Gait.of_pattern("wander", speed_mps=0.4)
+    limp = read(gait={"asymmetry": -0.2, "shuffle": True, "stairs": "step_by_step", "leading_foot": "left"}).gait
+    assert (limp.asymmetry, limp.shuffle, limp.stairs, limp.leading_foot) == (-0.2, 1.0, "step_by_step", "l")
+    assert read(gait={"gaze": "terrain"}).gait.gaze == Gaze(kind="terrain")
+    gaze = read(gait={"gaze": {"kind": "wandering", "yaw_deg": 10}}).gait.gaze
+    assert gaze == Gaze(kind="wandering", yaw_rad=math.radians(10))
+    route = read(texture="white", light=0.5, bystanders=2).route
+    assert (route.texture, route.light, route.bystanders) == ("white", 0.5, 2)
+
+
 @pytest.mark.parametrize(
     ("change", "where", "valid"),
     [
@@ -131,8 +147,23 @@ def test_people_and_exoskeletons(tmp_path):
         (lambda n: n.update(sensors=["sonar", "sonar"]), "sensors[1]: 'sonar'", "every name once"),
         (lambda n: n.update(sensors="sonar"), "sensors: 'sonar'", "a list of foot_imu"),
         (lambda n: n.update(physics="ragdoll"), "physics: 'ragdoll'", "valid: kinematic, dynamic"),
-        (lambda n: n.update(gait=5), "gait: 5", "keys speed_mps"),
-        (lambda n: n.update(gait={"speed_mps": float("nan")}), "gait.speed_mps: nan", "0.5-1.6"),
+        (lambda n: n.update(gait=5), "gait: 5", "keys pattern, speed_mps"),
+        (lambda n: n.update(gait={"pattern": "jogg"}), "gait.pattern: 'jogg'", "wander, walk, jog"),
+        (lambda n: n.update(gait={"stairs": "hop"}), "gait.stairs", "step_over_step, step_by_step"),
+        (lambda n: n.update(gait={"leading_foot": "r"}), "gait.leading_foot", "left, right"),
+        (lambda n: n.update(gait={"asymmetry": 1}), "gait.asymmetry: 1", "-0.4 to 0.4"),
+        (lambda n: n.update(gait={"shuffle": "much"}), "gait.shuffle", "0-1"),
+        (lambda n: n.update(gait={"gaze": "down"}), "gait.gaze: 'down'", "ahead, terrain, wandering"),
+        (lambda n: n.update(gait={"gaze": {"yaw_deg": 90}}), "gait.gaze.yaw_deg: 90", "-40 to 40"),
+        (lambda n: n.update(bystanders=9), "bystanders: 9", "0-4"),
+        (lambda n: n.update(bystanders=1, width_m=1.2), "width_m: 1.2", "at least 1.6 m"),
+        (lambda n: n.update(texture="blue"), "texture: 'blue'", "rich, plain, white"),
+        (lambda n: n.update(light=9), "light: 9", "0.2-1.4"),
+        (lambda n: n.update(gait={"speed_mps": float("nan")}), "gait.speed_mps: nan", "0.05-2.1"),
+        (lambda n: n.update(dynamics={"assist": True}), "physics: 'kinematic'", "dynamic (as there is dynamics)"),
+        (lambda n: n.update(physics="dynamic", dynamics={"friction": 0.1}), "dynamics.friction: 0.1", "0.2-1.5"),
+        (lambda n: n.update(physics="dynamic", dynamics={"pushes": [{"left_n": 50}]}),
+         "dynamics.pushes[0]: 'no at_s'", "required"),
         (lambda n: n.update(ideal_sensors="yes"), "ideal_sensors: 'yes'", "true, false"),
         (lambda n: n.update(description=" "), "description: ' '", "text"),
         (lambda n: n.update(person={"sex": "m"}), "person.sex: 'm'", "male, female"),
@@ -148,7 +179,7 @@ def test_people_and_exoskeletons(tmp_path):
         (lambda n: n["terrain"].insert(1, {"lanes": {"walk": 3, "lanes": [[{"level": {"length_m": 2}}]] * 2}}),
          "terrain[1].lanes.walk: 3", "1-2"),
         (lambda n: n["terrain"].insert(1, {"level": {"length_m": 2, "cross_slope_deg": 9}}),
-         "terrain[1].level.cross_slope_deg: 9", "-5-5"),
+         "terrain[1].level.cross_slope_deg: 9", "-5 to 5"),
         (lambda n: n.update(terrian=1), "'terrian'", "did you mean 'terrain'?"),
     ],
 )  # fmt: skip

@@ -321,7 +321,7 @@ def test_couplings_carry_the_legs_of_the_exoskeleton() -> None:
 def test_forward_simulation_of_the_legs_follows_the_plan() -> None:
     """The legs of the exoskeleton, simulated in steps of 1 ms on the walking wearer, stay where they are planned."""
     twin = Twin(config("level", sensors=()), 7)
-    model, dt, start = twin.model, 1e-3, 2.5
+    model, dt, start = twin.model, 1e-3, 3.0  # a whole stride, after the steps from standing
     own = np.array([model.joint(f"{j}_{s}").dofadr[0] for s in "lr" for j in EXO_LEG_JOINTS])
     bodies = [(c, model.body(c.exo_body).id, model.body(c.body).id) for c in couplings(twin.size)]
     q, v, a = twin.reference.state(np.arange(start, start + 1.5, dt))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -46,9 +48,14 @@ def make(name: str, seed: int = 7, person: Person | None = None, gait_of: Gait |
     return Twin(config, seed)
 
 
+@cache
+def usual(name: str) -> Twin:
+    return make(name)
+
+
 @pytest.fixture(scope="module", params=list(ROUTES))
 def twin(request: pytest.FixtureRequest) -> Twin:
-    return make(request.param)
+    return usual(request.param)
 
 
 def test_no_foot_goes_through_the_ground(twin: Twin) -> None:
@@ -67,11 +74,12 @@ def test_joints_stay_in_human_ranges_and_knees_never_bend_backwards(twin: Twin) 
 
 
 def test_soles_lie_wholly_on_one_tread(twin: Twin) -> None:
+    """Down stairs the heel keeps off the riser behind it, for which the tip of the toes may reach over the edge."""
     shoe = twin.size.shoe
     for side in "lr":
         for step in twin.reference.steps[side]:
-            w = shoe.half_width
-            corners = np.array([[x, y, 0.0] for x in (shoe.heel_back_x, shoe.toe_tip_x) for y in (-w, w)])
+            w, over = shoe.half_width, 0.010 if step.mode == "SD" and step.terrain == "stair" else 0.0
+            corners = np.array([[x, y, 0.0] for x in (shoe.heel_back_x, shoe.toe_tip_x - over) for y in (-w, w)])
             sole = step.p_foot_in_world + corners @ step.R_world_sole.T
             assert set(twin.terrain.terrain_class(sole[:, :2])) == {step.terrain}
             np.testing.assert_allclose(twin.terrain.height(sole[:, :2]), sole[:, 2], atol=1e-9)
@@ -106,7 +114,7 @@ def test_feet_pass_each_other_without_touching(twin: Twin) -> None:
 
 
 def test_the_head_turns_into_a_curve_before_the_pelvis() -> None:
-    twin = make("arc")
+    twin = usual("arc")
     motion = gait.motion_at(twin, np.arange(0.0, twin.duration_s, 0.01))
     names = twin.reference.coordinates.names
     columns = twin.reference.splines(np.arange(0.0, twin.duration_s, 0.01))
@@ -120,7 +128,7 @@ def test_the_head_turns_into_a_curve_before_the_pelvis() -> None:
 
 
 def test_down_stairs_lands_on_the_forefoot() -> None:
-    pitches = gait.landing_pitch_deg(make("stairs"), "SD")
+    pitches = gait.landing_pitch_deg(usual("stairs"), "SD")
     assert len(pitches) == 4
     assert min(pitches) >= 15
     assert max(pitches) <= 35
@@ -129,7 +137,7 @@ def test_down_stairs_lands_on_the_forefoot() -> None:
 def test_modes_follow_the_terrain() -> None:
     modes = {}
     for name in ("stairs", "ramp"):
-        modes[name] = [step.mode for own in make(name).reference.steps.values() for step in own]
+        modes[name] = [step.mode for own in usual(name).reference.steps.values() for step in own]
     assert modes["stairs"].count("SA") == 4
     assert modes["stairs"].count("SD") == 4
     assert set(modes["ramp"]) == {"LG", "RA", "RD"}
@@ -196,7 +204,7 @@ def test_small_and_tall_people_walk_stairs(person: Person) -> None:
     assert body == pytest.approx(person.mass_kg, rel=2e-3)
 
 
-@pytest.mark.parametrize(("walk", "text"), [(Gait(speed_mps=3.0), "speed_mps"), (Gait(speed_mps=0.05), "0.4-1.6")])
+@pytest.mark.parametrize(("walk", "text"), [(Gait(speed_mps=3.0), "speed_mps"), (Gait(speed_mps=0.04), "0.05-2.1")])
 def test_speed_out_of_range_is_refused_with_the_range(walk: Gait, text: str) -> None:
     with pytest.raises(StrideTwinError, match=text):
         make("level", gait_of=walk)

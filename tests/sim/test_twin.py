@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.cameras import Cameras
 from stridetwin.sim.config import Gait, Level, Route, Stairs, TwinConfig
@@ -20,7 +21,7 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording import Recording, RecordingWriter
 from stridetwin.streams.samples import Block, Depth, Footprint, Image
 
-SHORT = TwinConfig(name="short", route=Route(segments=(Level(length_m=1.3),)), gait=Gait(stand_s=0.6))
+SHORT = TwinConfig(name="short", route=Route(segments=(Level(length_m=1.0),)), gait=Gait(stand_s=0.5))
 QUIET = replace(SHORT, sensors=tuple(s for s in SHORT.sensors if "camera" not in s))
 RATES_HZ = {
     "/head/color": 30, "/head/depth": 30, "/head/imu": 200, "/foot_l/imu": 120, "/foot_r/imu": 120,
@@ -92,11 +93,11 @@ def test_rendering_processes_change_no_pixel() -> None:
     t_ns = np.round(np.arange(0, 5) * 1e9 / 60).astype(np.int64)
     motion = Playback(twin.model, twin.reference).motion(t_ns)
     cameras = list(twin.rig.cameras.values())
-    with CameraProcesses(twin.model, cameras, 5, ideal=False) as processes:
+    with CameraProcesses(twin.model, cameras, Crowd(), 5, ideal=False) as processes:
         processes.ask(motion, -1, int(t_ns[-1]))
         apart = list(processes.pictures())
     due = [(p.t_ns, p.topic) for p in apart if isinstance(p, Image)]
-    with Cameras(twin.model, cameras, 5, ideal=False) as here:
+    with Cameras(twin.model, cameras, Crowd(), 5, ideal=False) as here:
         together = list(here.frames(due, motion.qpos[motion.rows(np.array([t for t, _ in due]))]))
     assert len(apart) == len(together) == 2 * 5 + 2 * 3
     for a, b in zip(apart, together):
@@ -110,7 +111,7 @@ def test_a_rendering_process_that_dies_is_told() -> None:
     twin = Twin(SHORT, 5)
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
     motion = Playback(twin.model, twin.reference).motion(t_ns)
-    with CameraProcesses(twin.model, list(twin.rig.cameras.values()), 5, ideal=False) as processes:
+    with CameraProcesses(twin.model, list(twin.rig.cameras.values()), Crowd(), 5, ideal=False) as processes:
         processes.ask(motion, -1, int(t_ns[-1]))
         os.kill(processes.pids[0], signal.SIGKILL)
         with pytest.raises(StrideTwinError, match="rendering process ended early"):

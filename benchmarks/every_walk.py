@@ -1,0 +1,106 @@
+"""Every terrain of the catalogue in every pattern: does the walk plan, and does the walker get to the end.
+
+Run as `python -m benchmarks.every_walk [--json] [--physics dynamic] [--terrains NAME ...] [--manners NAME ...]`; one
+line a combination: ok, what it was refused for, when the walker fell, or what no walk may do (soles in the ground,
+slip). Exit code 1 where a combination is not ok. All of it is a night's work.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+from benchmarks.gait import ALLOWED, penetration, slip
+from stridetwin.scenarios.scenario_file import PHYSICS, catalogue, load_scenario
+from stridetwin.sim.config import SIDES, Gait, Gaze
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.errors import StrideTwinError
+
+MANNERS: dict[str, Gait] = {
+    "wander": Gait.of_pattern("wander", gaze=Gaze(kind="wandering")),
+    "walk": Gait.of_pattern("walk"),
+    "jog": Gait.of_pattern("jog"),
+    "slow": Gait(speed_mps=0.3, gaze=Gaze(kind="terrain")),
+    "fast": Gait(speed_mps=2.1),
+    "step_by_step": Gait(speed_mps=0.7, stairs="step_by_step"),
+    "limp": Gait(speed_mps=0.8, asymmetry=0.2),
+    "shuffle": Gait(speed_mps=0.35, shuffle=1.0),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How one combination went.
+
+    Attributes:
+        verdict: ok, refused, fell or wrong.
+        why: Reason, where it is not ok.
+        duration_s: Length of the walk.
+        wall_s: What it took.
+    """
+
+    terrain: str
+    manner: str
+    verdict: str
+    why: str
+    duration_s: float
+    wall_s: float
+
+
+def walk(terrain: str, manner: str, physics: str, seed: int) -> Outcome:
+    """One combination, without sensors."""
+    config = replace(load_scenario(terrain).config, gait=MANNERS[manner], physics=physics, sensors=())
+    began, duration = time.perf_counter(), 0.0
+    try:
+        twin = Twin(config, seed)
+        duration = twin.duration_s
+        verdict, why = _judge(twin, physics)
+    except StrideTwinError as error:
+        verdict, why = "refused", str(error)
+    return Outcome(terrain=terrain, manner=manner, verdict=verdict, why=why, duration_s=duration,
+                   wall_s=time.perf_counter() - began)  # fmt: skip
+
+
+def _judge(twin: Twin, physics: str) -> tuple[str, str]:
+    if twin.fell_at is not None:
+        return "fell", f"at {twin.fell_at:.1f} s"
+    if physics == "dynamic":  # real contacts sink in and slip: benchmarks.dynamics measures how much
+        return "ok", ""
+    found = {"penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
+             "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES)}  # fmt: skip
+    wrong = [f"{name} {value:.2f}, allowed {ALLOWED[name]}" for name, value in found.items() if value > ALLOWED[name]]
+    return ("wrong", "; ".join(wrong)) if wrong else ("ok", "")
+
+
+def main() -> int:
+    """Prints one line a combination, or one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--physics", choices=PHYSICS, default="kinematic")
+    parser.add_argument("--terrains", nargs="+", choices=list(catalogue()), default=list(catalogue()), metavar="NAME")
+    parser.add_argument("--manners", nargs="+", choices=list(MANNERS), default=list(MANNERS), metavar="NAME")
+    parser.add_argument("--seed", type=int, default=1000)
+    args = parser.parse_args()
+    outcomes = []
+    for terrain in args.terrains:
+        for manner in args.manners:
+            outcome = walk(terrain, manner, args.physics, args.seed)
+            outcomes.append(outcome)
+            if not args.json:
+                words = f"{outcome.verdict:8}{outcome.duration_s:7.1f} s {outcome.wall_s:6.1f} s  {outcome.why}"
+                print(f"{terrain:20} {manner:13}{words}", flush=True)
+    counts = {v: sum(o.verdict == v for o in outcomes) for v in ("ok", "refused", "fell", "wrong")}
+    if args.json:
+        cases: list[dict[str, Any]] = [vars(o) for o in outcomes]
+        print(json.dumps({"experiment": "every_walk", "summary": {args.physics: counts}, "paper": {}, "cases": cases}))
+    else:
+        print("  ".join(f"{name} {count}" for name, count in counts.items()))
+    return int(counts["ok"] < len(outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,85 @@
+"""What the soles feel: which of their points are at the floor, and how high the floor is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.dynamics.plan import Plan
+from stridetwin.sim.dynamics.soles import PER_FOOT
+from stridetwin.streams.samples import Array
+
+_FLOOR_M = 0.015  # what is felt further from its plan is no floor but an edge
+_EARLY_S = 0.08  # before its planned landing a foot that feels the floor may already push
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Soles:
+    """The points of both soles in a model.
+
+    Attributes:
+        point: (ngeom,) number of the point that a geom is, 0 to 11, the left foot's first; -1 for all others.
+    """
+
+    point: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> Soles:
+        """Finds the points."""
+        point = np.full(model.ngeom, -1, dtype=np.int64)
+        for k, side in enumerate(SIDES):
+            for i in range(PER_FOOT):
+                point[model.geom(f"sole_{side}_{i}").id] = k * PER_FOOT + i
+        return cls(point=point)
+
+    def feel(self, data: mujoco.MjData, plan: Plan, i: int) -> tuple[NDArray[np.bool_], Array]:
+        """Which points may push, and where the floor is.
+
+        Args:
+            data: State after `mj_step1`.
+            plan: What is wanted.
+            i: Row of the plan.
+
+        Returns:
+            (2, points) whether a point may push; (2,) m, height of the floor above the plane of the planned footprint,
+            NaN where the foot feels none.
+        """
+        contact = data.contact
+        return _feel(
+            self.point, contact.geom, contact.pos, contact.dist, plan.R_sole[i], plan.p_sole[i], plan.swinging[i],
+            plan.until_landing[i], plan.touching[i],
+        )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _feel(
+    point: NDArray[np.int64], geoms: NDArray[np.int32], pos: Array, dist: Array, R_sole: Array, p_sole: Array,
+    swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_],
+) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
+    may_push = np.zeros((2, PER_FOOT), dtype=np.bool_)
+    total, count = np.zeros(2), np.zeros(2)
+    for c in range(len(dist)):
+        n = max(point[geoms[c, 0]], point[geoms[c, 1]])
+        if n < 0:
+            continue
+        side = n // PER_FOOT
+        early = swinging[side] and until_landing[side] < _EARLY_S
+        if swinging[side] and not early:
+            continue
+        # a contact's point lies in the middle between the two surfaces
+        above = 0.0
+        for axis in range(3):
+            above += (pos[c, axis] - p_sole[side, axis]) * R_sole[side, axis, 2] / R_sole[side, 2, 2]
+        if abs(above) > _FLOOR_M:
+            continue
+        may_push[side, n % PER_FOOT] = early or touching[side, n % PER_FOOT]
+        total[side] += above
+        count[side] += 1.0
+    for side in range(2):
+        total[side] = total[side] / count[side] if count[side] > 0.0 else np.nan
+    return may_push, total

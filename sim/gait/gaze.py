@@ -1,0 +1,113 @@
+"""Where the walker looks: along the way, down to the ground that the feet come to next, or about.
+
+The head is held still in space between moves, as reflexes of balance do (Pozzo, Berthoz & Lefort 1990); the chest
+follows it less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from stridetwin.sim.config import Gaze
+from stridetwin.sim.gait.smooth import ease
+from stridetwin.sim.route import Strip
+from stridetwin.streams.samples import Array
+
+_LEVEL_PITCH = 0.06
+_BY_CLIMB = 0.45  # on stairs and ramps the head goes down further
+_AHEAD_S, _AHEAD_MIN_M = 1.8, 1.1  # two steps (Marigold & Patla 2007: mostly that far, and 1.5-2 s)
+_HEAD_SHARE = 0.45  # of a look downward; the eyes make the rest
+_EYES_LEGS = 1.78  # height of the eyes, in legs
+_PITCH_SMOOTHING_S = 0.22
+_HOLD_S, _HOLD_SPREAD = 1.1, 0.5  # median, and SD of its logarithm
+_YAW_SD, _YAW_MAX = np.radians(22.0), np.radians(40.0)
+_PITCH_SD, _PITCH_MIN, _PITCH_MAX = 0.24, -0.62, 0.75
+_MOVE_S, _MOVE_S_PER_RAD = 0.22, 0.32
+_HEAD_LIMIT_RAD = 1.0  # neck against trunk, which it nears but never passes
+_CHEST_YAW, _CHEST_PITCH = 0.22, 0.12  # of what the head does
+_CHEST_SMOOTHING_S = 0.30
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """Turns on a time grid, (N,) rad.
+
+    Attributes:
+        head_pitch: Of the head in the world, down positive.
+        head_yaw: Of the head off the way, left positive.
+        chest_pitch: What the chest adds to its own pitch.
+        chest_yaw: What the chest adds to its own yaw.
+    """
+
+    head_pitch: Array
+    head_yaw: Array
+    chest_pitch: Array
+    chest_yaw: Array
+
+
+def look(
+    gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
+) -> Look:  # fmt: skip
+    """Where head and chest turn.
+
+    Args:
+        gaze: Kind of gaze and what is added to it.
+        t: (N,) uniform s.
+        s: (N,) m, the walker along the way.
+        climb: (N,) mean slope of the ground near by.
+        profile: Ground along the way.
+        leg_m: Hip centre to sole, m.
+        rng: Draws where a wandering gaze goes; the others take nothing from it.
+    """
+    dt = float(t[1] - t[0])
+    usual = _LEVEL_PITCH + _BY_CLIMB * np.abs(climb)
+    pitch, yaw = usual, np.zeros_like(t)
+    if gaze.kind == "terrain":
+        pitch = usual - _LEVEL_PITCH + _smooth(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
+    elif gaze.kind == "wandering":
+        away, yaw = _wander(t, rng)
+        pitch = usual + away
+    if gaze == Gaze():
+        return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
+    pitch, yaw = (_HEAD_LIMIT_RAD * np.tanh((x + more) / _HEAD_LIMIT_RAD)
+                  for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
+    return Look(
+        head_pitch=pitch,
+        head_yaw=yaw,
+        chest_pitch=_CHEST_PITCH * _smooth(pitch - usual, _CHEST_SMOOTHING_S, dt),
+        chest_yaw=_CHEST_YAW * _smooth(yaw, _CHEST_SMOOTHING_S, dt),
+    )
+
+
+def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
+    """(N,) pitch of a head that looks at the ground where the walker will be in `_AHEAD_S`."""
+    at = [v for strip in profile for v in (strip.s0, strip.s1)]
+    z = [v for strip in profile for v in (strip.z0, strip.z1)]
+    rows = np.arange(len(s))
+    ahead = np.maximum(np.interp(rows + _AHEAD_S / dt, rows, s) - s, _AHEAD_MIN_M)
+    below = _EYES_LEGS * leg_m + np.interp(s, at, z) - np.interp(s + ahead, at, z)
+    return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
+
+
+def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """(N,) pitch and (N,) yaw off the usual: quick moves between directions that are held for a while."""
+    turns = [np.zeros_like(t), np.zeros_like(t)]
+    now, last = t[0], np.zeros(2)
+    while now < t[-1]:
+        now += float(np.clip(_HOLD_S * np.exp(_HOLD_SPREAD * rng.standard_normal()), 0.35, 4.0))
+        pitch = np.clip(rng.normal(0.0, _PITCH_SD), _PITCH_MIN, _PITCH_MAX)
+        yaw = np.clip(rng.normal(0.0, _YAW_SD), -_YAW_MAX, _YAW_MAX)
+        goal = np.array([pitch, yaw])
+        move = _MOVE_S + _MOVE_S_PER_RAD * float(np.hypot(*(goal - last)))
+        for turn, step in zip(turns, goal - last):
+            turn += step * ease((t - now) / move)
+        now, last = now + move, goal
+    return turns[0], turns[1]
+
+
+def _smooth(x: Array, sigma_s: float, dt: float) -> Array:
+    return gaussian_filter1d(x, sigma_s / dt, mode="nearest", truncate=5.0)

@@ -1,0 +1,75 @@
+"""The wearer's coordinates from pelvis, feet and posture, and the zero-moment point of the motion that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from stridetwin.sim.body import LEG_JOINTS, Wearer
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.coordinates import Coordinates
+from stridetwin.sim.exoskeleton import EXO_LEG_JOINTS
+from stridetwin.sim.gait.foot_path import FootPath
+from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
+from stridetwin.sim.gait.pelvis import KNEE_HARD_MIN_RAD
+from stridetwin.sim.gait.posture import Posture
+from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.streams.samples import Array
+
+
+def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:
+    """Angles of both legs that bring the feet to their paths under a pelvis at (N, 3), (N, 3, 3)."""
+    return {
+        side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
+                        KNEE_HARD_MIN_RAD)
+        for side in SIDES
+    }  # fmt: skip
+
+
+def coordinates(
+    layout: Coordinates, p_pelvis: Array, pose: Posture, legs_: Mapping[str, LegAngles], exo: Mapping[str, Array],
+    paths: Mapping[str, FootPath],
+) -> Array:  # fmt: skip
+    """(N, names) coordinates in the order of `layout.names`; `exo` holds (N, 6) angles by side, none without it."""
+    columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
+    columns |= pose.joints
+    for side in SIDES:
+        for joint in LEG_JOINTS[:-1]:
+            columns[f"{joint}_{side}"] = getattr(legs_[side], joint)
+        columns[f"toe_extension_{side}"] = paths[side].toe_extension
+        if side in exo:
+            columns |= {f"{joint}_{side}": exo[side][:, i] for i, joint in enumerate(EXO_LEG_JOINTS)}
+    return np.column_stack([columns[name] for name in layout.names])
+
+
+def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """(N, nv) generalised forces that the motion needs without contacts, and (N,) height of the centre of mass."""
+    data = mujoco.MjData(model)
+    needed, com_z = np.empty((len(q), model.nv)), np.empty(len(q))
+    for i in range(len(q)):
+        data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
+        mujoco.mj_inverse(model, data)
+        needed[i], com_z[i] = data.qfrc_inverse, data.subtree_com[0, 2]
+    return needed, com_z
+
+
+def zero_moment_point(q: Array, needed: Array, com_z: Array, z: Array, mass: float) -> tuple[Array, Array]:
+    """Where the ground would carry a motion.
+
+    Args:
+        q: (N, nq) in MuJoCo's layout, free root first.
+        needed: (N, nv) and `com_z` (N,) of `inverse_dynamics`.
+        com_z: Height of the centre of mass, m.
+        z: (N,) height of the ground, m.
+        mass: Of the whole body, kg.
+
+    Returns:
+        (N, 2) zero-moment point at height z, m, and (N,) kappa for its correction by `pelvis.cart_table`, s².
+    """
+    root, force = q[:, :3], needed[:, :3]
+    torque = np.einsum("nij,nj->ni", matrix_from_quat(q[:, 3:7]), needed[:, 3:6])
+    x = root[:, 0] + ((z - root[:, 2]) * force[:, 0] - torque[:, 1]) / force[:, 2]
+    y = root[:, 1] + ((z - root[:, 2]) * force[:, 1] + torque[:, 0]) / force[:, 2]
+    return np.stack([x, y], -1), mass * (com_z - z) / force[:, 2]

@@ -1,0 +1,37 @@
+"""Which gaits can be walked."""
+
+from __future__ import annotations
+
+from stridetwin.sim.config import PATTERNS, Gait
+from stridetwin.streams.errors import ConfigError
+
+SPEED_RANGE_MPS = (0.05, 2.1)
+ASYMMETRY_MAX = 0.4
+STAIRS = ("step_over_step", "step_by_step")
+GAZES = ("ahead", "terrain", "wandering")
+GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
+GAZE_YAW_MAX_RAD = 0.7
+
+
+def check_gait(gait: Gait) -> None:
+    """Refuses what nobody can walk, or no neck can hold.
+
+    Raises:
+        ConfigError: The message names field, value and range.
+    """
+    slow, fast = SPEED_RANGE_MPS
+    up, down = GAZE_PITCH_RANGE_RAD
+    gaze, aside = gait.gaze, GAZE_YAW_MAX_RAD
+    for field, value, valid, range_in_words in (
+        ("pattern", gait.pattern, gait.pattern in PATTERNS, ", ".join(PATTERNS)),
+        ("speed_mps", gait.speed_mps, slow <= gait.speed_mps <= fast, f"{slow}-{fast} m/s"),
+        ("stairs", gait.stairs, gait.stairs in STAIRS, ", ".join(STAIRS)),
+        ("leading_foot", gait.leading_foot, gait.leading_foot in ("l", "r"), "l, r"),
+        ("asymmetry", gait.asymmetry, abs(gait.asymmetry) <= ASYMMETRY_MAX, f"{-ASYMMETRY_MAX} to {ASYMMETRY_MAX}"),
+        ("shuffle", gait.shuffle, 0.0 <= gait.shuffle <= 1.0, "0-1"),
+        ("gaze.kind", gaze.kind, gaze.kind in GAZES, ", ".join(GAZES)),
+        ("gaze.pitch_rad", gaze.pitch_rad, up <= gaze.pitch_rad <= down, f"{up} to {down} rad, down positive"),
+        ("gaze.yaw_rad", gaze.yaw_rad, abs(gaze.yaw_rad) <= aside, f"{-aside} to {aside} rad, left positive"),
+    ):
+        if not valid:
+            raise ConfigError("gait", field, value, range_in_words)

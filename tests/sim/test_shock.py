@@ -1,0 +1,168 @@
+"""The upper of a shoe: a motion that sensors and truth agree on, and that a walk leaves no trace of."""
+
+import copy
+from dataclasses import replace
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.sensors.imu import ImuModel
+from stridetwin.sim.shock import SHOE, ring
+from stridetwin.sim.track import Track
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.samples import Array
+
+CONFIG = TwinConfig(
+    name="shock", route=Route(segments=(Level(length_m=6.0),)), gait=Gait(speed_mps=1.3), sensors=("foot_imu",)
+)
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return Twin(CONFIG, 3)
+
+
+def every(twin: Twin, rate_hz: float, begin: float = 0.0, end: float | None = None) -> Array:
+    end = twin.duration_s if end is None else end
+    return np.round(np.arange(begin, end, 1 / rate_hz) * 1e9).astype(np.int64)
+
+
+def test_ideal_sensors_and_rigid_shoes_ride_on_the_foot(twin: Twin) -> None:
+    t_ns = every(twin, 100.0)
+    assert set(twin.player().motion(t_ns[:2]).uppers) == {"foot_l", "foot_r"}
+    short = replace(CONFIG, route=Route(segments=(Level(length_m=2.0),)))
+    for config in (replace(short, ideal=True), replace(short, shock=False)):
+        motion = Twin(config, 3).player().motion(t_ns[:2])
+        assert not motion.uppers
+        assert motion.carrier("foot_l") is motion.tracks["foot_l"]
+
+
+def test_the_scenario_file_turns_it_off(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    file = tmp_path / "rigid.yaml"
+    file.write_text("description: d\nterrain:\n  - level: {length_m: 5}\nshock: false\n")
+    assert not load_scenario(str(file)).config.shock
+    assert load_scenario("level_20m").config.shock
+
+
+def test_velocity_and_rate_are_the_derivatives_of_the_pose(twin: Twin) -> None:
+    upper = twin.player().motion(every(twin, 10000.0, 4.0, 4.6)).uppers["foot_l"]
+    h = 1e-4
+    speed = (upper.p_body_in_world[2:] - upper.p_body_in_world[:-2]) / (2 * h)
+    np.testing.assert_allclose(upper.v_body_in_world[1:-1], speed, atol=2e-3)
+    turn = (upper[:-2].rotation.inv() * upper[2:].rotation).as_rotvec() / (2 * h)
+    np.testing.assert_allclose(upper.w_body[1:-1], turn, atol=2e-2)
+
+
+def test_nothing_is_left_of_it_in_mid_swing_and_it_stays_small(twin: Twin) -> None:
+    t = every(twin, 500.0)
+    motion = twin.player().motion(t)
+    for side in ("l", "r"):
+        foot, upper = motion.tracks[f"foot_{side}"], motion.uppers[f"foot_{side}"]
+        apart = np.linalg.norm(upper.p_body_in_world - foot.p_body_in_world, axis=1)
+        turned = (foot.rotation.inv() * upper.rotation).magnitude()
+        assert 0.5e-3 < apart.max() < 15e-3
+        assert np.radians(0.3) < turned.max() < np.radians(6.0)
+        steps = twin.walk.steps[side]
+        for before, after in pairwise(steps):
+            swing = (t * 1e-9 > before.t_off) & (t * 1e-9 < after.t_touch)
+            assert apart[swing].max() == 0.0
+            assert turned[swing].max() < 1e-12
+
+
+@pytest.mark.parametrize(("rate_hz", "path_m"), [(120.0, 5e-3), (1000.0, 2e-4)])
+def test_the_imu_integrates_back_to_the_upper(twin: Twin, rate_hz: float, path_m: float) -> None:
+    track = twin.player().motion(every(twin, rate_hz)).uppers["foot_r"]
+    imu = replace(twin.rig.imu("/foot_r/imu"), rate_hz=rate_hz)
+    sensor = track.mounted(imu.mount.T_body_sensor)
+    block = ImuModel(imu, Noise(None)).read(track)
+    v, p, R = velocity_path_attitude(block.columns["angular_rate"], block.columns["specific_force"], sensor)
+    np.testing.assert_allclose(v, sensor.v_body_in_world[-1], atol=1e-7)
+    assert np.linalg.norm(p - sensor.p_body_in_world[-1]) < path_m  # the trapezoids of the velocity, at 120 Hz
+    assert (R.inv() * sensor.rotation[-1]).magnitude() < 1e-7
+
+
+def velocity_path_attitude(rate: Array, force: Array, sensor: Track) -> tuple[Array, Array, Rotation]:
+    """Strapdown over all intervals, each with constant rate and force."""
+    v, p, R = sensor.v_body_in_world[0], sensor.p_body_in_world[0], sensor.rotation[0]
+    dt = np.diff(sensor.t_ns) * 1e-9
+    for k in range(1, len(rate)):
+        nodes, weights = np.polynomial.legendre.leggauss(5)
+        turned = (R * Rotation.from_rotvec(np.outer((nodes + 1) / 2, rate[k] * dt[k - 1]))).apply(force[k])
+        v_next = v + (weights @ turned / 2 + [0.0, 0.0, -9.81]) * dt[k - 1]
+        p, v = p + (v + v_next) / 2 * dt[k - 1], v_next
+        R = R * Rotation.from_rotvec(rate[k] * dt[k - 1])
+    return v, p, R
+
+
+def test_strikes_are_felt_beyond_8_g_at_1_khz(twin: Twin) -> None:
+    motion = twin.player().motion(every(twin, 1000.0))
+    imu = replace(twin.rig.imu("/foot_l/imu"), rate_hz=1000.0)
+    force = np.linalg.norm(ImuModel(imu, Noise(None)).read(motion.uppers["foot_l"]).columns["specific_force"], axis=1)
+    peaks = [
+        force[round(1000 * s.t_touch) : round(1000 * s.t_touch) + 80].max() / 9.81
+        for s in twin.walk.steps["l"] if 0.0 < s.t_touch < twin.duration_s - 2.0
+    ]  # fmt: skip
+    assert np.median(peaks) > 8.0
+    assert max(peaks) < 60.0
+    assert np.std(peaks) > 0.3  # no two strikes are alike
+
+
+def test_a_shoe_in_stance_is_not_perfectly_still(twin: Twin) -> None:
+    imu = twin.rig.imu("/foot_l/imu")
+    sensor = twin.player().motion(every(twin, 500.0)).uppers["foot_l"].mounted(imu.mount.T_body_sensor)
+    speed, t = np.linalg.norm(sensor.v_body_in_world, axis=1), sensor.t_ns * 1e-9
+    slowest = [
+        speed[(t > s.t_touch + 0.15) & (t < s.t_off - 0.15)].min()
+        for s in twin.walk.steps["l"] if 0.0 < s.t_touch < twin.duration_s - 2.0
+    ]  # fmt: skip
+    assert 1e-3 < np.median(slowest) < 25e-3
+
+
+def test_camera_and_board_ride_on_the_same_upper(twin: Twin) -> None:
+    """What a camera's own shoe looks like to it does not change; the board that the other one sees moves."""
+    t_ns = every(twin, 200.0, 3.0, 4.0)
+    motion = twin.player().motion(t_ns)
+    pose = motion.upper_poses(np.arange(len(t_ns)))["foot_l"]
+    foot, upper = motion.tracks["foot_l"], motion.uppers["foot_l"]
+    model, data = copy.copy(twin.model), mujoco.MjData(twin.model)
+    i = int(np.abs(pose[:, :3]).sum(axis=1).argmax())
+    body = model.body("upper_l")
+    body.pos, body.quat = pose[i, :3], pose[i, 3:]
+    data.qpos = motion.qpos[i]
+    mujoco.mj_kinematics(model, data)
+    np.testing.assert_allclose(data.body("upper_l").xpos, upper.p_body_in_world[i], atol=1e-9)
+    np.testing.assert_allclose(data.body("upper_l").xmat.reshape(3, 3), upper.rotation[i].as_matrix(), atol=1e-9)
+    assert np.linalg.norm(upper.p_body_in_world[i] - foot.p_body_in_world[i]) > 1e-4
+
+
+def test_a_seed_fixes_it(twin: Twin) -> None:
+    t_ns = every(twin, 200.0, 3.0, 5.0)
+    again = Twin(CONFIG, 3).player().motion(t_ns).uppers["foot_l"]
+    np.testing.assert_array_equal(again.p_body_in_world, twin.player().motion(t_ns).uppers["foot_l"].p_body_in_world)
+
+
+@settings(max_examples=50, deadline=None)
+@given(hz=st.floats(10, 150), decay=st.floats(0.005, 0.08), phase=st.floats(0, 6.28))
+def test_a_mode_begins_without_a_jump_and_dies(hz: float, decay: float, phase: float) -> None:
+    tau = np.linspace(0.0, 10 * decay, 20001)
+    value, rate = ring(tau, hz, decay, phase)
+    np.testing.assert_allclose(np.gradient(value, tau)[1:-1], rate[1:-1], atol=0.02 * abs(rate).max())
+    assert value[0] == rate[0] == 0.0
+    assert abs(rate[1]) < 0.02 * abs(rate).max()  # no jump of velocity, and none of force
+    assert abs(value[-1]) < 1e-4
+
+
+def test_the_table_holds_what_its_docstring_says() -> None:
+    modes, rocks = len(SHOE.ring_hz), len(SHOE.rock_hz)
+    assert SHOE.ring_s.shape == (modes,)
+    assert SHOE.ring_force.shape == SHOE.ring_rate.shape == (modes, 3)
+    assert SHOE.rock_rate.shape == (rocks, 3)
+    assert SHOE.ring_hz.max() < 102.4  # nothing beyond what the recording holds
