@@ -19,6 +19,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from benchmarks.gait import motion_at
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import (
     SIDES,
@@ -35,6 +36,7 @@ from stridetwin.sim.config import (
     TwinConfig,
 )
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.gait.style import GRAVITY
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
@@ -72,7 +74,6 @@ ALLOWED = {
 }
 _STEADY_S = 1.0  # at both ends of a walk, left out of the forces
 _FIRM = 0.10  # of the body weight on a foot from which on it must not slip
-_G = 9.81
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +134,7 @@ def measure(case: Case) -> dict[str, float]:
     walk = twin.walk
     took = time.process_time() - planned
     assert isinstance(walk, SimulatedWalk)
-    weight = _G * float(twin.model.body_subtreemass[0])
+    weight = GRAVITY * float(twin.model.body_subtreemass[0])
     lift = walk.foot_force[:, :, 2].sum(1) / weight
     help_force = 100 * np.linalg.norm(walk.torque[:, :3], axis=1) / weight
     help_torque = 100 * np.linalg.norm(walk.torque[:, 3:6], axis=1) / weight
@@ -161,7 +162,7 @@ def measure(case: Case) -> dict[str, float]:
 
 def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
     """How far the toe hinge wanders over the ground in each stance while the ball carries firmly, m."""
-    weight, found = _G * float(twin.model.body_subtreemass[0]), []
+    weight, found = GRAVITY * float(twin.model.body_subtreemass[0]), []
     hinge = np.array([twin.size.shoe.toe_hinge_x, 0.0, twin.size.shoe.toe_hinge_z])
     for k, side in enumerate(SIDES):
         for step in walk.steps[side]:
@@ -170,7 +171,7 @@ def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
             t = t[walk.pitch(side, t) > -0.005]
             if len(t) < 20:
                 continue
-            track = twin.player().motion(np.round(t * 1e9).astype(np.int64)).tracks[f"foot_{side}"]
+            track = motion_at(twin, t).tracks[f"foot_{side}"]
             p = track.p_body_in_world + matrix_from_quat(track.q_world_body) @ hinge
             found.append(float(np.linalg.norm(np.ptp(p, axis=0))))
     return found
@@ -179,7 +180,7 @@ def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
 def penetration(twin: Twin, walk: SimulatedWalk) -> float:
     """Deepest point of a flat foot's heel and hinge under the floor that there is, m."""
     floor = (twin.config.dynamics or Dynamics()).floor_offset_m
-    motion, deepest = twin.player().motion((np.arange(0.0, walk.duration_s, 0.005) * 1e9).astype(np.int64)), 0.0
+    motion, deepest = motion_at(twin, np.arange(0.0, walk.duration_s, 0.005)), 0.0
     for side in SIDES:
         track, shoe = motion.tracks[f"foot_{side}"], twin.size.shoe
         R = matrix_from_quat(track.q_world_body)

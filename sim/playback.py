@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import mujoco
 import numpy as np
@@ -125,7 +125,10 @@ class Walk(Protocol):
         ...
 
 
-class Player:
+AnyWalk = TypeVar("AnyWalk", bound=Walk)
+
+
+class Player(Generic[AnyWalk]):
     """Poses, velocities and cuff forces of a walk on a model.
 
     Args:
@@ -134,7 +137,7 @@ class Player:
         uppers: What the shoes' uppers do, by name of the foot.
     """
 
-    def __init__(self, model: mujoco.MjModel, walk: Walk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, walk: AnyWalk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
         self._model, self._walk, self._uppers = model, walk, uppers or {}
         self._data = mujoco.MjData(model)
         self._couplings = couplings(walk.size)
@@ -166,24 +169,12 @@ class Player:
         )
 
 
-class Playback(Player):
-    """Plays a reference exactly.
-
-    Args:
-        model: Compiled model of the wearer on the terrain.
-        reference: Motion to play.
-        uppers: What the shoes' uppers do, by name of the foot.
-    """
-
-    def __init__(
-        self, model: mujoco.MjModel, reference: Reference, uppers: Mapping[str, UpperMotion] | None = None
-    ) -> None:
-        super().__init__(model, reference, uppers)
-        self._reference = reference
+class Playback(Player[Reference]):
+    """Plays a reference exactly."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body."""
-        model, data, reference = self._model, self._data, self._reference
+        model, data, reference = self._model, self._data, self._walk
         t = t_ns * 1e-9
         q, v, a = reference.state(t)
         needed = np.empty((len(t), model.nv))

@@ -20,14 +20,12 @@ class CouplingSet:
     """Couplings of a model as arrays.
 
     Attributes:
-        names: Their names.
         bodies: (C, 2) ids of the exoskeleton's and the wearer's body.
         points: (C, 2, 3) m, in these bodies' frames.
         law: (C, 4, 3, 3) stiffness, damping, rotational stiffness and damping, exoskeleton body's axes.
         chain: (C, 2, nv) which degrees of freedom move each body.
     """
 
-    names: tuple[str, ...]
     bodies: NDArray[np.int64]
     points: Array
     law: Array
@@ -39,7 +37,6 @@ class CouplingSet:
         bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings], dtype=np.int64)
         bodies = bodies.reshape(-1, 2)  # none without exoskeleton
         return cls(
-            names=tuple(c.name for c in couplings),
             bodies=bodies,
             points=np.array([[c.p_in_exo, c.p_in_body] for c in couplings]).reshape(-1, 2, 3),
             law=np.array([[c.stiffness, c.damping, c.turn_stiffness, c.turn_damping] for c in couplings]).reshape(

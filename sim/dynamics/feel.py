@@ -23,7 +23,7 @@ class Soles:
     """The points of both soles in a model.
 
     Attributes:
-        point: (ngeom,) number of the point that a geom is, 0 to 11, the left foot's first; -1 for all others.
+        point: (ngeom,) number of the point that a geom is, 0 to 15, the left foot's first; -1 for all others.
     """
 
     point: NDArray[np.int64]

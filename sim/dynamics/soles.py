@@ -1,7 +1,7 @@
 """Contact regions of the soles: heel, waist, ball and toes, small spheres under the shoe that alone touch the ground.
 
-The heel's pair sits on the foot, the pairs of ball and toes on the toe body, so that the hinge between them bends
-freely. The spheres' undersides lie in the sole's plane; their compliance stands for the sole's.
+The pairs of heel and waist sit on the foot, those of ball and toes on the toe body, so that the hinge between them
+bends freely. The spheres' undersides lie in the sole's plane; their compliance stands for the sole's.
 """
 
 from __future__ import annotations

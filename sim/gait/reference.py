@@ -35,8 +35,9 @@ from stridetwin.streams.samples import Array
 
 GRID_S = 0.005
 _ZMP_ROUNDS = 6
-_WEIGHED_ROUND = 3  # when the frame's weight is let onto its couplings: what that shifts is corrected after, and
-# as the couplings are stiff, the frame follows the last shift of the pelvis in the last round
+# When the frame's weight is let onto its couplings: what that shifts is corrected after. As the couplings are stiff,
+# the frame follows the last shift of the pelvis in the last round.
+_WEIGHED_ROUND = 3
 _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone
