@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import mujoco
 import numba
@@ -21,31 +22,55 @@ from stridetwin.sim.dynamics.whole_body import eliminate, solve
 from stridetwin.streams.samples import Array
 
 
+class FootGains(NamedTuple):
+    """How feet follow the plan and push; rates in rad/s, critically damped.
+
+    Attributes:
+        swing_rate: Of a foot in swing.
+        pivot_rate: Of the attitude of a foot on the ground.
+        contact_damping: Rate at which a contact point's velocity dies, 1/s.
+        swing: Weight of a foot in swing.
+        pivot: Weight of the attitude of a foot that rolls on its heel or ball.
+        stance: Weight of the attitude of a foot that stands flat.
+        contact: Weight of contact points at rest.
+        pivot_rad: Angle between sole and ground from which on a foot counts as rolling.
+        force: Price of contact force.
+        force_change: Price of its change from one control step to the next.
+        friction: Friction coefficient that the controller counts on.
+    """
+
+    swing_rate: float = 25.0
+    pivot_rate: float = 40.0
+    contact_damping: float = 60.0
+    swing: float = 2.0
+    pivot: float = 5.0
+    stance: float = 0.05
+    contact: float = 20.0
+    pivot_rad: float = 0.05
+    force: float = 2e-6
+    force_change: float = 6e-5
+    friction: float = 0.7
+
+
 @dataclass(frozen=True, kw_only=True)
 class Gains:
-    """Tracking and weights; natural frequencies in rad/s, critically damped.
+    """Tracking and weights; rates in rad/s, critically damped.
 
     Attributes:
         joint_rate: Of the joints.
         root_rate: Of the root.
         sway_rate: Of the root's horizontal position.
-        swing_rate: Of the foot in swing.
-        contact_damping: Rate at which a contact point's velocity dies, 1/s.
         root, tilt: Weights of the root's position and attitude.
         joint, lumbar, leg, toe, arm: Weights of neck and exoskeleton joints, lumbar, leg, toe and arm joints.
-        swing, stance, contact: Weights of swing foot, stance foot's attitude and contact points at rest.
-        force: Price of contact force.
-        friction: Friction coefficient that the controller counts on.
+        foot: Feet and contacts.
         torque_max: Joint torque limit, N m.
         assist_n, assist_nm: Standard deviations of the assist's force and torque, where there is assist.
         assist_max: Limit of its force, as a share of the body weight.
     """
 
     joint_rate: float = 20.0
-    root_rate: float = 12.0
+    root_rate: float = 16.0
     sway_rate: float = 12.0
-    swing_rate: float = 25.0
-    contact_damping: float = 30.0
     root: float = 1.0
     tilt: float = 0.15
     joint: float = 0.05
@@ -53,14 +78,10 @@ class Gains:
     leg: float = 0.002
     toe: float = 0.1
     arm: float = 0.004
-    swing: float = 5.0
-    stance: float = 0.05
-    contact: float = 20.0
-    force: float = 1e-6
-    friction: float = 0.5
+    foot: FootGains = field(default_factory=FootGains)
     torque_max: float = 400.0
-    assist_n: float = 30.0
-    assist_nm: float = 3.0
+    assist_n: float = 20.0
+    assist_nm: float = 1.6
     assist_max: float = 0.08
 
 
@@ -109,6 +130,7 @@ class Controller:
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
         self._point_chain = np.array([[chain_of(model, b)[self.driven] for b in row] for row in self._bodies])
         self._foot_chain = np.array([chain_of(model, b)[self.driven] for b in self._feet])
+        self._push = np.zeros((len(SIDES), len(points), 4))
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
         self._M = np.empty((model.nv, model.nv))
         self._error = np.empty(model.nv)
@@ -138,8 +160,7 @@ class Controller:
             data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat,
             self._bodies, self._local, self._point_chain, self._feet, self._foot_chain, touching,
             plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i], plan.w_foot[i],
-            plan.a_foot[i], plan.dw_foot[i], shift.foot, gains.swing, gains.stance, gains.contact, gains.swing_rate,
-            gains.contact_damping, gains.force, gains.friction, self._assist,
+            plan.a_foot[i], plan.dw_foot[i], shift.foot, gains.foot, self._push, self._assist,
         )  # fmt: skip
         return _limited(torque, self.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
 
@@ -179,10 +200,12 @@ def _step(
     cdof_dot: Array, cvel: Array, centre: Array, qvel: Array, xpos: Array, xmat: Array, bodies: NDArray[np.int64],
     local: Array, point_chain: NDArray[np.bool_], feet: NDArray[np.int64], foot_chain: NDArray[np.bool_],
     touching: NDArray[np.bool_], share: Array, R_sole: Array, p_foot: Array, R_foot: Array, v_foot: Array,
-    w_foot: Array, a_foot: Array, dw_foot: Array, moved: Array, swing: float, stance: float, contact: float,
-    swing_rate: float, damping: float, price: float, friction: float, assist: Array,
+    w_foot: Array, a_foot: Array, dw_foot: Array, moved: Array, gains: FootGains, push: Array, assist: Array,
 ) -> Array:  # fmt: skip
-    """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
+    """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates).
+
+    `push` (2, points, 4) holds the forces along the edges of the friction cones, of the step before and then of this.
+    """
     n = len(driven)
     axes, axes_dot, speed = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     for j in range(n):
@@ -190,6 +213,7 @@ def _step(
     per_foot = bodies.shape[1]
     tasks, aims, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
+    last = np.empty((2 * per_foot, 4))
     linear, angular, bias, bias_turn = np.empty((3, n)), np.empty((3, n)), np.empty(3), np.empty(3)
     swept, error = np.empty(3), np.empty(3)
     m, k = 0, 0
@@ -206,14 +230,15 @@ def _step(
             v = cvel[b, 3:] + swept
             jacobian(axes, point_chain[side, i], centre, p, tasks[m : m + 3], angular)
             bias_acceleration(axes_dot, point_chain[side, i], centre, speed, v, w, p, bias, bias_turn)
-            aims[m : m + 3] = -damping * v - bias
-            weights[m : m + 3] = contact
+            aims[m : m + 3] = -gains.contact_damping * v - bias
+            weights[m : m + 3] = gains.contact
             contacts[3 * k : 3 * k + 3] = tasks[m : m + 3]
             for e in range(4):
                 along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
                 sign = 1.0 if e % 2 == 0 else -1.0
-                edges[k, e] = R_sole[side, :, 2] + sign * friction * along
-            cost[k] = price / max(share[side], 0.02) ** 2
+                edges[k, e] = R_sole[side, :, 2] + sign * gains.friction * along
+            cost[k] = gains.force / max(share[side], 0.02) ** 2
+            last[k] = push[side, i]
             m += 3
             k += 1
             pushing += 1
@@ -229,23 +254,37 @@ def _step(
         for axis in range(3):
             cross(R[:, axis].copy(), R_foot[side, :, axis].copy(), error)
             turn += 0.5 * error
-        aims[m : m + 3] = (
-            dw_foot[side] + swing_rate * swing_rate * turn + 2 * swing_rate * (w_foot[side] - w) - bias_turn
-        )
-        weights[m : m + 3] = stance if pushing else swing
+        rate = gains.pivot_rate if pushing else gains.swing_rate
+        aims[m : m + 3] = dw_foot[side] + rate * rate * turn + 2 * rate * (w_foot[side] - w) - bias_turn
+        weights[m : m + 3] = gains.swing
+        if pushing:
+            rolling = min(_between(R_sole[side, :, 2], R_foot[side, :, 2]) / gains.pivot_rad, 1.0)
+            weights[m : m + 3] = gains.stance + rolling * (gains.pivot - gains.stance)
         m += 3
         if not pushing:
             tasks[m : m + 3] = linear
             aims[m : m + 3] = (
                 a_foot[side] + moved[side, 2] - bias
-                + swing_rate * swing_rate * (p_foot[side] + moved[side, 0] - p)
-                + 2 * swing_rate * (v_foot[side] + moved[side, 1] - v)
+                + rate * rate * (p_foot[side] + moved[side, 0] - p) + 2 * rate * (v_foot[side] + moved[side, 1] - v)
             )  # fmt: skip
-            weights[m : m + 3] = swing
+            weights[m : m + 3] = gains.swing
             m += 3
     A, bias_driven = eliminate(M, h, driven, free)
-    _, torque, _, _ = solve(
+    _, torque, now, _ = solve(
         A, bias_driven, wanted[driven], weight, tasks[:m], aims[:m], weights[:m], contacts[: 3 * k], edges[:k],
-        cost[:k], assist,
+        cost[:k], gains.force_change, last[:k], assist,
     )  # fmt: skip
+    push[:] = 0.0
+    k = 0
+    for side in range(2):
+        for i in range(per_foot):
+            if touching[side, i]:
+                push[side, i] = now[k]
+                k += 1
     return torque
+
+
+@numba.njit(cache=True)
+def _between(a: Array, b: Array) -> float:
+    """Angle between two unit vectors that are nearly parallel, rad."""
+    return float(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2))

@@ -15,6 +15,8 @@ from stridetwin.sim.dynamics.soles import PER_FOOT
 from stridetwin.streams.samples import Array
 
 _FLOOR_M = 0.015  # what is felt further from its plan is no floor but an edge
+_UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least
+_PUSHES_M = 0.0003  # a point pushes from here on: counting on force that is not there yet lets the foot slap
 _EARLY_S = 0.08  # before its planned landing a foot that feels the floor may already push
 
 
@@ -51,15 +53,15 @@ class Soles:
         """
         contact = data.contact
         return _feel(
-            self.point, contact.geom, contact.pos, contact.dist, plan.R_sole[i], plan.p_sole[i], plan.swinging[i],
-            plan.until_landing[i], plan.touching[i],
+            self.point, contact.geom, contact.pos, contact.dist, contact.frame, plan.R_sole[i], plan.p_sole[i],
+            plan.swinging[i], plan.until_landing[i], plan.touching[i],
         )  # fmt: skip
 
 
 @numba.njit(cache=True)
 def _feel(
-    point: NDArray[np.int64], geoms: NDArray[np.int32], pos: Array, dist: Array, R_sole: Array, p_sole: Array,
-    swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_],
+    point: NDArray[np.int64], geoms: NDArray[np.int32], pos: Array, dist: Array, frame: Array, R_sole: Array,
+    p_sole: Array, swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_],
 ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
     may_push = np.zeros((2, PER_FOOT), dtype=np.bool_)
     total, count = np.zeros(2), np.zeros(2)
@@ -71,13 +73,19 @@ def _feel(
         early = swinging[side] and until_landing[side] < _EARLY_S
         if swinging[side] and not early:
             continue
-        # a contact's point lies in the middle between the two surfaces
+        upright = 0.0
+        for axis in range(3):
+            upright += frame[c, axis] * R_sole[side, axis, 2]
+        if abs(upright) < _UPRIGHT:
+            continue  # a riser's face, or an edge that the toes hang over
+        # a contact's point lies in the middle between the two surfaces, the floor half their distance below
         above = 0.0
         for axis in range(3):
             above += (pos[c, axis] - p_sole[side, axis]) * R_sole[side, axis, 2] / R_sole[side, 2, 2]
+        above -= 0.5 * dist[c] / R_sole[side, 2, 2]
         if abs(above) > _FLOOR_M:
             continue
-        may_push[side, n % PER_FOOT] = early or touching[side, n % PER_FOOT]
+        may_push[side, n % PER_FOOT] = dist[c] < _PUSHES_M and (early or touching[side, n % PER_FOOT])
         total[side] += above
         count[side] += 1.0
     for side in range(2):

@@ -24,7 +24,7 @@ _FOLLOW = 22.0  # rad/s, how fast a foot in the air follows its new place
 _PRESSURE_M = 0.02  # as far the centre of pressure can be shifted under a foot
 _BACK = 0.15  # share of the shift that each step gives back, towards the planned footprints
 _FORWARD_M, _OUTWARD_M, _INWARD_M = 0.15, 0.12, 0.035
-_ON_EDGES_M = 0.008  # along the way where a riser is near
+_ON_EDGES_M = 0.0  # along the way where a riser is near: toes already reach to the edge
 _COMMITTED_S = 0.05  # before landing the foot's place is settled
 _SEARCH_MPS = 0.3  # how fast a late foot goes on down
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES, Dynamics
 from stridetwin.sim.coordinates import Coordinates
+from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
@@ -50,7 +51,7 @@ def simulate(
     coupled = CouplingSet.of(model, couplings(size))
     n = round(reference.duration_s / STEP_S)
     every = round(CONTROL_S / STEP_S)
-    record, soles = _Record(n, model), Soles.of(model)
+    record, soles, bias = _Record(n, model), Soles.of(model), ContactBias.of(model)
     data.qpos, data.qvel = plan.q[0], plan.v[0]
     data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
     pushed = data.xfrc_applied[model.body("pelvis").id]
@@ -77,6 +78,7 @@ def simulate(
             pushed[:2] = push[i]
         data.qfrc_applied = torque + known
         record.before(step, data, torque)
+        bias.apply(data)
         mujoco.mj_step2(model, data)
         record.after(step, data)
         if data.qpos[2] < plan.q[i, 2] + shift.root[0, 2] - _FALLEN_M:
@@ -89,7 +91,7 @@ def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
     model.opt.timestep = STEP_S
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    model.opt.impratio = 10.0
+    model.opt.impratio = 50.0  # feet that stand creep less
     for side in SIDES:
         model.dof_damping[model.joint(f"toe_extension_{side}").dofadr[0]] = TOE_DAMPING
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

@@ -19,7 +19,7 @@ _TOE_SPRING_M = 0.018  # in front of it the sole curves up
 FRICTION = 0.9
 PER_FOOT = 8
 HEEL_POINTS = 4  # of each foot's points, the first four
-NEAR_M = 0.004  # a sole point this close to the ground is felt, and may push
+NEAR_M = 0.004  # a sole point this close to the ground is felt
 # about the plan, N m/rad and N m s/rad: so light a body is not steered by forces alone
 TOE_STIFFNESS, TOE_DAMPING = 40.0, 1.0
 _SOLREF = (0.010, 1.0)
@@ -32,7 +32,7 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
     w = shoe.half_width - RADIUS_M
     tip = shoe.toe_tip_x - shoe.toe_hinge_x - _TOE_SPRING_M
     waist = shoe.heel_back_x + _HEEL_BLOCK_M
-    points = [("foot", [x, y, 0.0]) for x in (shoe.heel_back_x, waist) for y in (-w, w)]
+    points = [("foot", [x, y, 0.0]) for x in (shoe.heel_back_x + RADIUS_M, waist) for y in (-w, w)]
     points += [("toe", [x, y, -shoe.toe_hinge_z]) for x in (0.0, tip) for y in (-w, w)]
     return [(body, np.array(p)) for body, p in points]
 

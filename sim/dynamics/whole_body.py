@@ -4,7 +4,7 @@ At each step the joint accelerations minimise a weighted sum of squared deviatio
 points at rest) under the rows of the equations of motion that no motor drives: the six of the root, and the joints of
 an unpowered exoskeleton, which are eliminated first. What remains is a problem in the contact forces alone,
 
-    min over f >= 0 of ||B f - d||^2 + sum r_i f_i^2,   B with six rows,
+    min over f >= 0 of ||B f - d||^2 + sum r_i (f_i - p_i)^2,   B with six rows,
 
 whose dual in six unknowns is solved by Newton's method (Kuindersma et al. 2016, Auton. Robots 40, for the whole-body
 problem; the elimination to six rows is ours).
@@ -47,23 +47,24 @@ def solve_positive(H: Array, X: Array) -> None:
 
 
 @numba.njit(cache=True)
-def contact_forces(B: Array, d: Array, r: Array) -> tuple[Array, Array]:
-    """Forces f >= 0 that minimise ||B f - d||² + Σ r f², and the residual y = d - B f.
+def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array]:
+    """Forces f >= 0 that minimise ||B f - d||² + Σ r (f - p)², and the residual y = d - B f.
 
-    f = max(0, Bᵀy / r), so that y solves y + B max(0, Bᵀy / r) = d: the gradient of a convex function of six variables,
-    brought to zero by Newton's method with halved steps.
+    f = max(0, p + Bᵀy / r), so that y solves y + B max(0, p + Bᵀy / r) = d: the gradient of a convex function of six
+    variables, brought to zero by Newton's method with halved steps.
 
     Args:
         B: (6, n).
         d: (6,).
         r: (n,) positive.
+        p: (n,) what the forces would be by themselves.
     """
     y, step, value = d.copy(), np.zeros(6), 1e300
     for _ in range(_NEWTON_STEPS):
         size = 1.0
         while True:
             trial = y + size * step
-            reach = np.maximum(B.T @ trial, 0.0)
+            reach = np.maximum(B.T @ trial + r * p, 0.0)
             f = reach / r
             now = float(0.5 * (trial @ trial) - d @ trial + 0.5 * (reach @ f))
             if now <= value + 1e-12 * abs(value) or size < 1e-4:
@@ -114,7 +115,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
 @numba.njit(cache=True)
 def solve(
     M: Array, h: Array, wanted: Array, weight: Array, tasks: Array, task_wanted: Array, task_weight: Array,
-    contacts: Array, edges: Array, cost: Array, assist: Array,
+    contacts: Array, edges: Array, cost: Array, change: float, last: Array, assist: Array,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Accelerations, torques and contact forces of one control step.
 
@@ -129,11 +130,13 @@ def solve(
         contacts: (3 k, n) Jacobians of the contact points that may push.
         edges: (k, 4, 3) edges of each point's friction cone, world axes.
         cost: (k,) price of force at each point.
+        change: Price of a change of force.
+        last: (k, 4) forces along the edges in the step before.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
 
     Returns:
-        (n,) accelerations; (n,) generalised forces, the root's being the assist; (3 k,) contact forces, world;
-        (6,) what the root lacks (0 but for rounding).
+        (n,) accelerations; (n,) generalised forces, the root's being the assist; (k, 4) contact forces along
+        the edges; (6,) what the root lacks (0 but for rounding).
     """
     n, k = len(h), len(cost)
     # the tasks reach only root and legs; elsewhere the Hessian is the diagonal of the weights
@@ -150,16 +153,17 @@ def solve(
     back = np.ascontiguousarray(back[:, :6])
     S = M[:6] @ back + np.diag(assist * assist)
     lacking = h[:6] + M[:6] @ a0
-    force, pushed = np.zeros(3 * k), np.zeros(n)
+    push, pushed = np.zeros(4 * k), np.zeros(n)
     if k > 0:
-        X, r = np.empty((6, 4 * k + 1)), np.repeat(cost, 4)
+        X, r = np.empty((6, 4 * k + 1)), np.repeat(cost, 4) + change
         for i in range(k):
             X[:, 4 * i : 4 * i + 4] = np.ascontiguousarray(contacts[3 * i : 3 * i + 3, :6].T) @ edges[i].T
         X[:, 4 * k] = lacking
         forward(np.linalg.cholesky(S).astype(np.float64), X)
-        f, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r)
+        push, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r, change * last.ravel() / r)
+        force = np.empty(3 * k)
         for i in range(k):
-            force[3 * i : 3 * i + 3] = f[4 * i : 4 * i + 4] @ edges[i]
+            force[3 * i : 3 * i + 3] = push[4 * i : 4 * i + 4] @ edges[i]
         pushed = contacts.T @ force
     multiplier = pushed[:6] - lacking
     solve_positive(S, multiplier.reshape(6, 1))
@@ -167,4 +171,4 @@ def solve(
     torque = M @ qacc + h - pushed
     rest = torque[:6] + assist * assist * multiplier
     torque[:6] = -assist * assist * multiplier
-    return qacc, torque, force, rest
+    return qacc, torque, push.reshape(k, 4), rest

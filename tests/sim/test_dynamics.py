@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Push, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.coupling import Pose, wrench
+from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.plan import plan_control
@@ -58,8 +61,9 @@ def test_contact_forces_are_those_of_a_general_solver(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n = int(rng.integers(4, 40))
     B, d, r = rng.normal(size=(6, n)), rng.normal(size=6) * 10, rng.uniform(1e-4, 1.0, n)
-    f, y = contact_forces(B, d, r)
-    expected, _ = nnls(np.vstack([B, np.diag(np.sqrt(r))]), np.r_[d, np.zeros(n)])
+    by_themselves = rng.uniform(0.0, 3.0, n) * rng.integers(0, 2)
+    f, y = contact_forces(B, d, r, by_themselves)
+    expected, _ = nnls(np.vstack([B, np.diag(np.sqrt(r))]), np.r_[d, np.sqrt(r) * by_themselves])
     assert np.allclose(f, expected, atol=1e-6 * max(1.0, expected.max()))
     assert np.allclose(y, d - B @ f, atol=1e-6)
 
@@ -97,6 +101,30 @@ def test_jacobians_are_the_engines(twin: Twin, moving: mujoco.MjData, body: str)
     assert np.allclose(turn, expected[1] @ moving.qvel, atol=1e-9)
 
 
+def test_contacts_are_told_what_moves_their_points_by_itself(twin: Twin, moving: mujoco.MjData) -> None:
+    """The reference acceleration falls by J' q', along each axis of the contact's frame."""
+    model = copy.copy(twin.model)
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel = moving.qpos, moving.qvel
+    data.qpos[2] -= 0.01
+    mujoco.mj_step1(model, data)
+    before = data.efc_aref.copy()
+    ContactBias.of(model).apply(data)
+    dot, found = np.empty((3, model.nv)), 0
+    for contact in data.contact:
+        body = model.geom_bodyid[contact.geom]
+        assert (body == 0).any()
+        side = int(np.argmax(body > 0))
+        mujoco.mj_jacDot(model, data, dot, None, contact.pos, int(body[side]))
+        rows = slice(contact.efc_address, contact.efc_address + 3)
+        own = contact.frame.reshape(3, 3) @ (dot @ data.qvel) * (1.0 if side == 1 else -1.0)
+        assert np.allclose(before[rows] - data.efc_aref[rows], own, atol=1e-8)
+        found += np.abs(own).max() > 0.1
+    assert found > 0
+
+
 def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) -> None:
     model, told = twin.model, couplings(twin.size)
     compiled = CouplingSet.of(model, told)
@@ -132,9 +160,12 @@ def test_control_step_obeys_the_equations_of_motion() -> None:
     edges = np.tile(up, (k, 1, 1))
     tasks, aims = rng.normal(size=(4, n)), rng.normal(size=4)
     wanted, unaided = rng.normal(size=n), np.zeros(6)
-    qacc, torque, force, rest = solve(
-        M, h, wanted, np.full(n, 0.1), tasks, aims, np.ones(4), contacts, edges, np.full(k, 1e-3), unaided
-    )
+    qacc, torque, push, rest = solve(
+        M, h, wanted, np.full(n, 0.1), tasks, aims, np.ones(4), contacts, edges, np.full(k, 1e-3), 1e-4,
+        rng.uniform(0.0, 1.0, (k, 4)), unaided,
+    )  # fmt: skip
+    assert push.min() >= 0.0
+    force = np.einsum("ke,kei->ki", push, edges).ravel()
     assert np.allclose(M @ qacc + h, np.r_[np.zeros(6), torque[6:]] + contacts.T @ force + np.r_[rest, np.zeros(n - 6)])
     assert np.abs(torque[:6]).max() == 0.0
     assert np.abs(rest).max() < 1e-6
