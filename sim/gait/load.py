@@ -26,7 +26,7 @@ _PASSING_S = 0.07
 
 
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
-    """Share of the load on each foot, (N,), summing to 1: it passes over by quintics during double support."""
+    """Share of the load on each foot, (N,), summing to 1: it passes over by cubics during double support."""
     raw = {foot: np.zeros_like(t) for foot in steps}
     for foot, own in steps.items():
         other = [s for f in steps if f != foot for s in steps[f]]
@@ -107,5 +107,10 @@ def _when_flat(t: Array, tilt: Array, i: int, flat: int) -> float:
 
 
 def _taken(step: Footstep, s: Array) -> Array:
-    """Share that the foot of `step` has taken over after a share s of double support."""
-    return ease(s / float(step.style.transfer))
+    """Share that the foot of `step` has taken over after a share s of double support.
+
+    A cubic, not the softer quintic: people load the heel at once, and a foot that hardly presses when it touches down
+    bounces.
+    """
+    s = np.clip(s / float(step.style.transfer), 0.0, 1.0)
+    return s * s * (3.0 - 2.0 * s)
