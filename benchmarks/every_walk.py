@@ -1,8 +1,9 @@
 """Every terrain of the catalogue in every pattern: does the walk plan, and does the walker get to the end.
 
-Run as `python -m benchmarks.every_walk [--json] [--physics dynamic] [--terrains NAME ...] [--manners NAME ...]`; one
-line a combination: ok, what it was refused for, when the walker fell, or what no walk may do (soles in the ground,
-slip). Exit code 1 where a combination is not ok. All of it is a night's work.
+Run as `python -m benchmarks.every_walk [--json] [--physics dynamic [--assist]] [--terrains NAME ...]
+[--manners NAME ...]`; one line a combination: ok, what it was refused for, when the walker fell, or what no walk may do
+(soles in the ground, slip; more help at the root than 3 % of the body weight). Exit code 1 where a combination is not
+ok. All of it is a night's work.
 """
 
 from __future__ import annotations
@@ -14,9 +15,13 @@ import time
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from benchmarks.gait import ALLOWED, penetration, slip
 from stridetwin.scenarios.scenario_file import PHYSICS, catalogue, load_scenario
-from stridetwin.sim.config import SIDES, Gait, Gaze
+from stridetwin.sim.config import SIDES, Dynamics, Gait, Gaze
+from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.gait.style import GRAVITY
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 
@@ -30,6 +35,7 @@ MANNERS: dict[str, Gait] = {
     "limp": Gait(speed_mps=0.8, asymmetry=0.2),
     "shuffle": Gait(speed_mps=0.35, shuffle=1.0),
 }
+HELP_MEAN_PCT = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +46,8 @@ class Outcome:
         verdict: ok, refused, fell or wrong.
         why: Reason, where it is not ok.
         duration_s: Length of the walk.
+        help_mean_pct: Mean force of the assist at the root, % of the body weight; None of a walk that was not
+            simulated with it. `help_p95_pct` and `help_max_pct` likewise.
         wall_s: What it took.
     """
 
@@ -48,27 +56,48 @@ class Outcome:
     verdict: str
     why: str
     duration_s: float
+    help_mean_pct: float | None = None
+    help_p95_pct: float | None = None
+    help_max_pct: float | None = None
     wall_s: float
 
 
-def walk(terrain: str, manner: str, physics: str, seed: int) -> Outcome:
+def walk(terrain: str, manner: str, physics: str, dynamics: Dynamics | None, seed: int) -> Outcome:
     """One combination, without sensors."""
-    config = replace(load_scenario(terrain).config, gait=MANNERS[manner], physics=physics, sensors=())
-    began, duration = time.perf_counter(), 0.0
+    config = replace(
+        load_scenario(terrain).config, gait=MANNERS[manner], physics=physics, dynamics=dynamics, sensors=()
+    )
+    began, duration, given = time.perf_counter(), 0.0, {}
     try:
         twin = Twin(config, seed)
         duration = twin.duration_s
-        verdict, why = _judge(twin, physics)
+        given = _help(twin)
+        verdict, why = _judge(twin, given)
     except StrideTwinError as error:
         verdict, why = "refused", str(error)
     return Outcome(terrain=terrain, manner=manner, verdict=verdict, why=why, duration_s=duration,
-                   wall_s=time.perf_counter() - began)  # fmt: skip
+                   wall_s=time.perf_counter() - began, **given)  # fmt: skip
 
 
-def _judge(twin: Twin, physics: str) -> tuple[str, str]:
+def _help(twin: Twin) -> dict[str, float]:
+    """What the assist gave, % of the body weight."""
+    walk = twin.walk
+    if not isinstance(walk, SimulatedWalk) or not (twin.config.dynamics and twin.config.dynamics.assist):
+        return {}
+    weight = GRAVITY * float(twin.model.body_subtreemass[0])
+    force = 100 * np.linalg.norm(walk.torque[:, :3], axis=1) / weight
+    return {
+        "help_mean_pct": float(force.mean()), "help_p95_pct": float(np.quantile(force, 0.95)),
+        "help_max_pct": float(force.max()),
+    }  # fmt: skip
+
+
+def _judge(twin: Twin, given: dict[str, float]) -> tuple[str, str]:
     if twin.fell_at is not None:
         return "fell", f"at {twin.fell_at:.1f} s"
-    if physics == "dynamic":  # real contacts sink in and slip: benchmarks.dynamics measures how much
+    if given.get("help_mean_pct", 0.0) > HELP_MEAN_PCT:
+        return "wrong", f"help {given['help_mean_pct']:.1f} % of the body weight, allowed {HELP_MEAN_PCT:g}"
+    if twin.config.physics == "dynamic":  # real contacts sink in and slip: benchmarks.dynamics measures how much
         return "ok", ""
     found = {"penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
              "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES)}  # fmt: skip
@@ -81,17 +110,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--physics", choices=PHYSICS, default="kinematic")
+    parser.add_argument("--assist", action="store_true", help="with the soft assist at the root")
     parser.add_argument("--terrains", nargs="+", choices=list(catalogue()), default=list(catalogue()), metavar="NAME")
     parser.add_argument("--manners", nargs="+", choices=list(MANNERS), default=list(MANNERS), metavar="NAME")
     parser.add_argument("--seed", type=int, default=1000)
     args = parser.parse_args()
-    outcomes = []
+    if args.assist and args.physics != "dynamic":
+        parser.error("--assist needs --physics dynamic")
+    dynamics, outcomes = Dynamics(assist=True) if args.assist else None, []
     for terrain in args.terrains:
         for manner in args.manners:
-            outcome = walk(terrain, manner, args.physics, args.seed)
+            outcome = walk(terrain, manner, args.physics, dynamics, args.seed)
             outcomes.append(outcome)
             if not args.json:
                 words = f"{outcome.verdict:8}{outcome.duration_s:7.1f} s {outcome.wall_s:6.1f} s  {outcome.why}"
+                if outcome.help_mean_pct is not None:
+                    words += f"  help mean {outcome.help_mean_pct:.2f} %, p95 {outcome.help_p95_pct:.2f} %"
                 print(f"{terrain:20} {manner:13}{words}", flush=True)
     counts = {v: sum(o.verdict == v for o in outcomes) for v in ("ok", "refused", "fell", "wrong")}
     if args.json:

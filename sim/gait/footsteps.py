@@ -8,7 +8,7 @@ import numpy as np
 
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import Gait
-from stridetwin.sim.gait.curves import turned, widening
+from stridetwin.sim.gait.curves import widening
 from stridetwin.sim.gait.placement import STEEP_RAD, places
 from stridetwin.sim.gait.style import Style, level_style
 from stridetwin.sim.gait.tempo import Tempo
@@ -27,7 +27,6 @@ _FLAT_SHUFFLE = 0.4  # who shuffles more than this lands on the whole sole
 _LEAD_S = 0.3  # from the end of standing to the first step
 SHIFT_S = 0.55  # from both feet onto one, before the first step
 SETTLE_S = 0.60  # and back onto both after the last
-_SHARP_TURN = 0.5  # of the sharpest turn a step: from here on feet come down flat
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,13 +80,12 @@ def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> 
             foot.
     """
     check_gait(gait)
-    profile = layout.profile
-    tempo = Tempo.along(profile, size, gait, rng)
+    tempo = Tempo.along(layout, size, gait, rng)
     prints = places(layout, size, gait, tempo, rng)
     durations, styles = timing(layout.way, prints, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
-    rows = [_Row(foot, 0.0, profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
+    rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
     rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(prints, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
@@ -126,7 +124,7 @@ def _footstep(
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
     steep = slope > STEEP_RAD + 0.05
-    flat = risen > 0.02 or joined != 0.0 or steep or turned(way, before.s, row.s) > _SHARP_TURN
+    flat = risen > 0.02 or joined != 0.0 or steep
     flat |= gait.shuffle > _FLAT_SHUFFLE and risen >= -0.02
     side = 1.0 if row.foot == "l" else -1.0
     wider = widening(way, before.s, row.s)

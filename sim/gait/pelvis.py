@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_banded, solveh_banded
 
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
 from stridetwin.sim.gait.rhythm import Rhythm
 from stridetwin.streams.samples import Array
 
 KNEE_MIN_RAD = np.radians(7.0)  # the pelvis keeps this low; the legs may straighten to KNEE_HARD_MIN_RAD
 KNEE_HARD_MIN_RAD = np.radians(1.5)
+_KNEE_DOWN_RAD = np.radians(16.0)  # and so much lower down stairs, where people land on a bent knee
 _SMOOTHNESS = 2e-3
 _STANDING_HEIGHT = 0.99  # in legs
-_ABOVE_REACH = 1000.0
+_ABOVE_REACH = 5e3  # how much more a height beyond the legs' reach counts than one off the goal
 
 
 def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
@@ -40,18 +44,24 @@ def highest(
     size: Wearer,
     p_pelvis_in_world: Array,
     R_world_pelvis: Array,
-    p_foot: dict[str, Array],
-    R_foot: dict[str, Array],
+    paths: Mapping[str, FootPath],
+    knee_min: Array,
 ) -> Array:
-    """(N,) height of the pelvis at which one of the legs is as straight as `KNEE_MIN_RAD` allows."""
+    """(N,) height of the pelvis at which one of the legs is as straight as (N,) `knee_min` allows."""
     limits = []
     for side in SIDES:
         sign = 1.0 if side == "l" else -1.0
         hip = R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
-        ankle = ankle_in_world(size, p_foot[side], R_foot[side])
+        ankle = ankle_in_world(size, paths[side].p_foot_in_world, paths[side].R_world_foot)
         away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)
-        limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, KNEE_MIN_RAD) ** 2 - away, 0.04)))
+        limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, knee_min) ** 2 - away, 0.04)))
     return np.minimum(*limits)
+
+
+def least_knee(rhythm: Rhythm, t: Array) -> Array:
+    """(N,) rad at (N,) uniform s: the pelvis keeps so low that neither knee is straighter."""
+    down = np.array([float(step.mode == "SD") for step in rhythm.steps])
+    return KNEE_MIN_RAD + (_KNEE_DOWN_RAD - KNEE_MIN_RAD) * rhythm.blend(t, down, 0.0, 0.0)
 
 
 def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:

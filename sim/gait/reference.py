@@ -19,11 +19,11 @@ from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, limbs, settle
-from stridetwin.sim.gait.foot_path import FootPath, foot_path
+from stridetwin.sim.gait.foot_path import FootPath, foot_path, heel_given
 from stridetwin.sim.gait.footsteps import Footstep, plan
 from stridetwin.sim.gait.leg_ik import LegAngles
 from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend
-from stridetwin.sim.gait.pelvis import cart_table, height_near, highest, level_height
+from stridetwin.sim.gait.pelvis import cart_table, height_near, highest, least_knee, level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.rhythm import Rhythm
 from stridetwin.sim.gait.style import leg_length
@@ -38,6 +38,7 @@ _ZMP_ROUNDS = 6
 # When the frame's weight is let onto its couplings: what that shifts is corrected after. As the couplings are stiff,
 # the frame follows the last shift of the pelvis in the last round.
 _WEIGHED_ROUND = 3
+_HEEL_ROUNDS = (0, 1)  # after which the heels give way, as the pelvis shows how far the ankles bend
 _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone
@@ -102,12 +103,11 @@ def reference(
     shares = standing_blend(load_shares(steps, t), steps, t)
     centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
     wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
-    p_foot = {side: paths[side].p_foot_in_world for side in SIDES}
-    R_foot = {side: paths[side].R_world_foot for side in SIDES}
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
     pose = posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
     mean, wave, level = level_height(rhythm, t, leg_m)
+    knee_min = least_knee(rhythm, t)
 
     kappa = np.full(len(t), (leg_m + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
     over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
@@ -115,7 +115,7 @@ def reference(
     exo: dict[str, Array] = {}
     for round_ in range(_ZMP_ROUNDS):
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
-        limit = highest(size, p_pelvis, R_pelvis, p_foot, R_foot) - wave
+        limit = highest(size, p_pelvis, R_pelvis, paths, knee_min) - wave
         p_pelvis[:, 2] = wave + height_near(level * mean + (1.0 - level) * limit, limit, GRID_S)
         legs_ = legs(size, p_pelvis, R_pelvis, paths)
         if round_ == 0:  # costly, so not in every round
@@ -130,6 +130,13 @@ def reference(
             zmp, kappa = zero_moment_point(q, needed, com_z, wanted[::_STRIDE, 2], float(model.body_subtreemass[0]))
             error = cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
+        if round_ in _HEEL_ROUNDS:
+            paths = {
+                side: heel_given(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
+                for side in SIDES
+            }
+            centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
+            wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
     worst = max(float(leg.stretch.max()) for leg in legs_.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())

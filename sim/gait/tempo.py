@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,11 +12,13 @@ from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import Gait
 from stridetwin.sim.gait.manner import shuffled_share, walk_growth
 from stridetwin.sim.gait.style import leg_length, pace
-from stridetwin.sim.route import RUN_OUT_M, Strip
+from stridetwin.sim.route import RUN_OUT_M, Layout
 from stridetwin.streams.samples import Array
 
 _STEP_AT_PACE_1 = 1.05  # legs, by the walk ratio: 0.66 m at 1.2 m/s for a person of 1.75 m
-_BRISK_MPS = 1.2  # nobody goes faster than this from or to standing, and on ramps
+_BRISK_MPS = 1.2  # nobody goes faster than this from or to standing, on ramps and in tight bends
+_TO_RISER_MPS = 0.9  # or than this where stairs begin and end: their steps are slow
+_TIGHT_M = 2.0  # radius
 _GAIN_MPS2 = 0.5  # and only gets faster at this rate
 _STAIR_MAX_MPS = 1.6  # nor climbs stairs as if walking faster
 _QUICKEST_SHUFFLE_S = 0.48
@@ -32,7 +33,9 @@ class Tempo:
     Attributes:
         size: Wearer.
         gait: How the person walks.
-        slow: (K,) arc lengths where the walker may go no faster than briskly: the start, the end, stairs and ramps.
+        slow: (K,) arc lengths where the walker may go no faster than `most`: the start, the end, stairs, ramps and
+            tight bends.
+        most: (K,) m/s.
         grid: (N,) m, arc lengths of `share`.
         share: (N,) speed as a share of the preferred one.
     """
@@ -40,28 +43,35 @@ class Tempo:
     size: Wearer
     gait: Gait
     slow: Array
+    most: Array
     grid: Array
     share: Array
 
     @classmethod
-    def along(cls, profile: Sequence[Strip], size: Wearer, gait: Gait, rng: np.random.Generator) -> Tempo:
+    def along(cls, layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> Tempo:
         """Tempo of one walk; only a wanderer's takes random numbers."""
+        profile = layout.profile
         end = profile[-1].s1 - RUN_OUT_M
         uneven = [np.arange(strip.s0, strip.s1 + _GRID_M, _GRID_M) for strip in profile if strip.terrain != "level"]
         risers = [a.s1 for a, b in pairwise(profile) if a.z1 != b.z0]
-        slow = np.sort(np.concatenate([[0.0, end], risers, *uneven]))
         grid = np.arange(0.0, end + _GRID_M, _GRID_M)
+        tight = grid[np.abs(layout.way.curvature(grid)) > 1.0 / _TIGHT_M]
+        slow = np.concatenate([risers, [0.0, end], tight, *uneven])
+        most = np.full(len(slow), _BRISK_MPS)
+        most[: len(risers)] = _TO_RISER_MPS
         share = np.ones_like(grid)
         if gait.pattern == "wander":
-            wobble = gaussian_filter1d(rng.standard_normal(len(grid)), _WOBBLE_M / _GRID_M, mode="reflect")
-            share = np.exp(_WOBBLE * wobble / max(float(wobble.std()), 1e-9))
-        return cls(size=size, gait=gait, slow=slow, grid=grid, share=share)
+            smoothing = _WOBBLE_M / _GRID_M
+            wobble = gaussian_filter1d(rng.standard_normal(len(grid)), smoothing, mode="reflect")
+            # the SD that a Gaussian filter leaves of white noise: a short way's own would magnify its mean
+            share = np.exp(_WOBBLE * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
+        return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
 
     def speed(self, s: Array | float) -> Array:
         """(...) m/s, wanted on a straight way at (...) arc lengths."""
         s = np.asarray(s, dtype=float)
-        away = np.min(np.abs(s[..., None] - self.slow), axis=-1)
-        most = np.sqrt(_BRISK_MPS**2 + 2 * _GAIN_MPS2 * away)
+        away = np.abs(s[..., None] - self.slow)
+        most = np.sqrt(np.min(self.most**2 + 2 * _GAIN_MPS2 * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
     def on_stairs(self, s: float) -> float:

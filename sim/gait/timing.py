@@ -17,14 +17,14 @@ from stridetwin.sim.gait.tempo import Tempo
 from stridetwin.sim.way import Way
 from stridetwin.streams.samples import Array
 
-_STAIR_DOUBLE_SUPPORT = 0.18  # share of a step; the same share of the stride is spent on both feet
+# Share of a step; the same share of the stride is spent on both feet. Who came down needs the time to lower the heel.
+_STAIR_DOUBLE_SUPPORT, _COME_DOWN_DOUBLE_SUPPORT = 0.18, 0.30
 _STAIR_TRANSFER = 0.85
 _STEP_TIME = {"level": 1.0, "ramp": 1.04, "up": 1.16, "down": 1.04}
 _STAIR_STEP_S = 0.60  # at the preferred speed of 1.2 m/s
 _STAIR_SWING_MAX_S = 0.75  # who climbs more slowly stands on both feet for longer
 _HIGH_RISER_M = 0.18  # steps over higher ones take longer, in proportion
 _RISER_M = 0.02
-_CLOSING_HEEL_OFF = 0.75  # of the last step
 _SLOWER_STEEP = 2.5  # a radian beyond `STEEP_RAD`, where steps are shorter as well
 
 
@@ -36,8 +36,6 @@ def timing(
     even = _durations(way, prints, rises, gait, tempo, rng)
     styles = [shuffled(style, gait.shuffle) for style in _styles(prints, rises, even, size)]
     durations = even * [limp(gait, place.foot) for place in prints]
-    # the foot that closes up stands a whole step behind: its heel leaves early
-    styles[-1] = replace(styles[-1], heel_off_before=_CLOSING_HEEL_OFF)
     pauses = np.array([0.0, *(place.pause_s for place in prints[:-1])])
     styles = [held(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
     return durations + pauses, styles
@@ -90,11 +88,13 @@ def _styles(prints: Sequence[Place], rises: Sequence[float], durations: Array, s
     speeds = np.diff([0.0, *(place.s for place in prints)]) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
     styles = []
-    for speed, rise, duration in zip(speeds, rises, durations.tolist()):
+    for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
+        style = style_at(pace(speed, size))
         if rise:
             level = level_style(pace(speed, size))
             style = replace(level, double_support=_STAIR_DOUBLE_SUPPORT, transfer=_STAIR_TRANSFER)
-            styles.append(held(style, max(duration * (1.0 - _STAIR_DOUBLE_SUPPORT) / _STAIR_SWING_MAX_S, 1.0)))
-        else:
-            styles.append(style_at(pace(speed, size)))
+        if before < 0.0:
+            style = replace(style, double_support=max(style.double_support, _COME_DOWN_DOUBLE_SUPPORT))
+        swing = duration * (1.0 - float(style.double_support))
+        styles.append(held(style, max(swing / _STAIR_SWING_MAX_S, 1.0)) if rise else style)
     return styles

@@ -17,17 +17,20 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 
 ROUTES = {
+    "short": (Level(length_m=1.5),),
     "stairs": (Level(length_m=3.0), Stairs(risers=4), Level(length_m=3.0)),
     "corner": (Level(length_m=4.0), Turn(angle_rad=np.radians(90.0), radius_m=0.0), Level(length_m=4.0)),
 }
 
 
-def make(name: str, count: int = 2, seed: int = 3, sensors: tuple[str, ...] = ()) -> Twin:
+def make(
+    name: str, count: int = 2, seed: int = 3, sensors: tuple[str, ...] = (), physics: str = "kinematic"
+) -> Twin:  # fmt: skip
     route = Route(segments=ROUTES[name], width_m=1.8, bystanders=count)
-    return Twin(TwinConfig(name=name, route=route, sensors=sensors), seed)
+    return Twin(TwinConfig(name=name, route=route, sensors=sensors, physics=physics), seed)
 
 
-@pytest.fixture(scope="module", params=list(ROUTES))
+@pytest.fixture(scope="module", params=["stairs", "corner"])
 def twin(request: pytest.FixtureRequest) -> Twin:
     return make(request.param, 3)
 
@@ -68,6 +71,26 @@ def test_the_same_seed_gives_the_same_people() -> None:
     t = np.linspace(0.0, one.duration_s, 50)
     alone = make("corner", count=0)
     assert np.array_equal(alone.reference.splines(t), one.reference.splines(t))
+
+
+def test_a_crowd_leaves_the_simulated_walker_alone_and_is_seen_as_in_the_plan() -> None:
+    planned, walked = make("short"), make("short", physics="dynamic")
+    alone = make("short", count=0, physics="dynamic")
+    assert walked.fell_at is None
+    assert np.array_equal(walked.walk.splines.c, alone.walk.splines.c)
+    at_s = 2.5
+    views = []
+    for twin in (planned, walked):
+        data = mujoco.MjData(twin.model)
+        data.qpos = planned.reference.state(np.array([at_s]))[0][0]
+        pose(twin.model, data, twin.crowd, at_s)
+        mujoco.mj_forward(twin.model, data)
+        T = np.eye(4)  # over the walker's head, looking down on both
+        T[:3, :3], T[:3, 3] = np.diag([1.0, -1.0, -1.0]), [data.qpos[0], data.qpos[1], 6.0]
+        with SensorView(twin.model, 64, 48) as view:
+            views.append(view.frame(data, T, (40.0, 40.0, 31.5, 23.5)))
+    assert all(np.array_equal(a, b) for a, b in zip(*views))
+    assert (views[0][1] < 5.5).sum() > 20  # people are there
 
 
 def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:

@@ -53,7 +53,7 @@ def test_feet_stay_on_the_ground_and_joints_in_human_ranges(twins: dict[str, Twi
     for joint, (low, high) in gait.HUMAN_DEG.items():
         least, most = gait.joint_range_deg(twin, joint)
         assert low - 4.0 <= least, joint
-        assert most <= high + 11.0, joint  # the ankle bends farther where a fast walker stops or meets a riser
+        assert most <= high + 5.0, joint  # both feet on each tread: the one above bends it in the air
 
 
 @pytest.mark.parametrize(("name", "speed"), [("fast", 2.1), ("slow", 0.1)])

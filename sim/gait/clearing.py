@@ -1,0 +1,38 @@
+"""Smoothest rise or fall of a foot over what stands in its way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.optimize import lsq_linear
+
+from stridetwin.streams.samples import Array
+
+_REST = 3  # samples at each end that lie still: position, velocity and acceleration are given there
+_AT_REST: Any = [(1, 0.0), (2, 0.0)]  # the stubs of SciPy know no pairs
+
+
+def smoothest_above(rise: float, least: Array) -> tuple[BSpline, float]:
+    """Height that changes by `rise` from rest to rest with the least jerk and nowhere lies below `least`.
+
+    Without a limit it is the minimum-jerk step (Flash & Hogan 1985); where it would lie too low it touches the limit
+    with a bounded acceleration. A bounded least-squares problem in the samples of the height.
+
+    Args:
+        rise: End less start, m.
+        least: (N,) m above the start, on N uniform instants from the start to the end; -inf where anything goes.
+
+    Returns:
+        Height over the start, m, as a spline on [0, 1], and the mean square of its third derivative by that parameter.
+    """
+    n = len(least)
+    third = np.diff(np.eye(n), 3, axis=0) * (n - 1) ** 3
+    z = np.zeros(n)
+    z[-_REST:] = rise
+    inner = slice(_REST, n - _REST)
+    found = lsq_linear(third[:, inner], -third @ z, bounds=(least[inner], np.inf), method="bvls")
+    z[inner] = found.x
+    spline = make_interp_spline(np.linspace(0.0, 1.0, n), z, k=5, bc_type=(_AT_REST, _AT_REST))
+    return spline, float(np.mean((third @ z) ** 2))

@@ -1,0 +1,150 @@
+"""Pitch of the feet through time: how each lands, lies flat, lifts its heel, leaves and swings.
+
+On the level it follows the style of the step; over risers and on steep ramps it is the terrain's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator, make_interp_spline
+from scipy.ndimage import gaussian_filter1d
+
+from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.gait.smooth import ease
+from stridetwin.sim.gait.style import RISE_KNOTS, SWING_KNOTS, Style
+from stridetwin.streams.samples import Array
+
+_HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
+# Higher risers and steeper ramps than these bend the knee and lean the shank farther: the heel stays up for longer, by
+# so much a metre or a radian beyond.
+_USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # a fall of a step on a ramp
+_HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 12.0, 2.5, 1.5
+_TIPTOE_BY_RISE, _TIPTOE_BY_SLOPE = 2.4, 1.8
+_FLAT_BY = 0.6  # of stance at the latest
+_PITCH_SMOOTHING_S = 0.020
+_PITCH_GRID_S = 0.004
+_LANDING_KNOTS = 3  # of the swing's, from which on the pitch prepares the landing
+_SETTLING_S = 0.04  # from the end of the landing to a sole that lies exactly flat
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arrival:
+    """How a foot lands; pitch in rad, toes down positive.
+
+    Attributes:
+        before: (share of swing, pitch) on the way down.
+        touch: Pitch at touch-down.
+        flat_after: When the foot is flat, as a share of the step's duration.
+    """
+
+    before: tuple[tuple[float, float], ...]
+    touch: float
+    flat_after: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Departure:
+    """How a foot leaves.
+
+    Attributes:
+        heel_off_before: When the heel leaves before toe-off, as a share of the step's duration.
+        rise: (share of that time, share of the pitch at toe-off).
+        off: Pitch at toe-off.
+        swing: (share of swing, pitch) after toe-off.
+    """
+
+    heel_off_before: float
+    rise: tuple[tuple[float, float], ...]
+    off: float
+    swing: tuple[tuple[float, float], ...]
+
+
+_RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
+_ARRIVALS = {
+    "flat": Arrival(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
+    "forefoot": Arrival(before=((0.78, 0.42), (0.90, 0.50)), touch=0.45, flat_after=0.37),
+}
+_DEPARTURES = {
+    "climb": Departure(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
+    "lower": Departure(heel_off_before=0.72, rise=_RISE, off=0.70,
+                       swing=((0.16, 0.92), (0.30, 0.54), (0.50, 0.22), (0.63, 0.25))),
+}  # fmt: skip
+
+
+def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array]:
+    """Pitch of one foot against the ground, rad, toes down positive, as a smooth function of (N,) s.
+
+    Args:
+        steps: The footsteps of this foot, in order.
+        t_end: End of the walk, s.
+    """
+    flat = -10.0
+    knots: list[tuple[float, float]] = [(flat, 0.0)]
+    flats: list[tuple[float, float]] = []
+    for a, b in pairwise(steps):
+        swing, duration = b.t_touch - a.t_off, step_time(a, b)
+        leave, land = _departure(a, b.style), _arrival(b)
+        heel_off = leave.heel_off_before * duration
+        usual_fall = _USUAL_RISER_M if a.departure == "lower" else _USUAL_FALL_M
+        fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
+        climb = max(-a.fall - _USUAL_RISER_M, 0.0)
+        steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
+        heel_off = min(heel_off * (1.0 + _HEEL_OFF_BY_FALL * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
+        tiptoe = _TIPTOE_BY_RISE * rise
+        if b.arrival == "flat":
+            tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
+        off = leave.off + _PUSH_BY_RISE * climb
+        flats.append((flat, a.t_off - heel_off))
+        knots += [(a.t_off + (u - 1.0) * heel_off, share * off) for u, share in leave.rise]
+        # uphill the sole comes down nearly parallel to the slope: the ankle has no more room to raise the toes
+        uphill = min(max(b.slope, 0.0), -land.touch - _HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
+        knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in leave.swing]
+        knots += [(a.t_off + u * swing, angle + uphill + tiptoe) for u, angle in land.before]
+        flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
+        knots += [(b.t_touch, land.touch + uphill + tiptoe), (flat, 0.0)]
+    knots.append((t_end + 10.0, 0.0))
+    flats.append((flat, t_end + 10.0))
+    at = np.array(knots)
+    grid = np.arange(-1.0, t_end + 1.0, _PITCH_GRID_S)
+    raw = PchipInterpolator(at[:, 0], at[:, 1])(grid)
+    smooth = gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0)
+    spline = make_interp_spline(grid, smooth, k=5)
+
+    def pitch(t: Array) -> Array:
+        lifted = np.ones_like(t)  # what smoothing leaves of a flat foot's pitch fades out
+        for first, last in flats:
+            lifted -= ease((t - first) / _SETTLING_S) * ease((last - t) / _SETTLING_S)
+        return spline(t) * lifted
+
+    return pitch
+
+
+def step_time(a: Footstep, b: Footstep) -> float:
+    """Duration of the step from one footprint of a foot to its next, both feet on the ground included, s."""
+    return (b.t_touch - a.t_off) / (1.0 - float(b.style.double_support))
+
+
+def _arrival(step: Footstep) -> Arrival:
+    """How the foot lands: on the heel in the step's own style, else as the terrain asks."""
+    if step.arrival != "heel":
+        return _ARRIVALS[step.arrival]
+    style = step.style
+    knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
+    return Arrival(before=tuple(knots[-_LANDING_KNOTS:-1]), touch=knots[-1][1], flat_after=float(style.flat_after))
+
+
+def _departure(step: Footstep, style: Style) -> Departure:
+    """How the foot leaves: with a push in the style of the step that it begins, else as the terrain asks."""
+    if step.departure != "push":
+        return _DEPARTURES[step.departure]
+    knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
+    return Departure(
+        heel_off_before=float(style.heel_off_before),
+        rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),
+        off=knots[0][1],
+        swing=tuple(knots[1:-_LANDING_KNOTS]),
+    )
