@@ -52,13 +52,13 @@ class ShoeParameters:
 SHOE = ShoeParameters(
     ring_hz=np.array([17.0, 34.0, 68.0]),
     ring_s=np.array([0.040, 0.012, 0.027]),
-    ring_force=np.array([[23.0, 24.4, 33.3], [0.0, 0.0, 138.0], [35.7, 32.7, 49.7]]),
-    ring_rate=np.array([[5.32, 1.43, 2.82], [7.30, 6.44, 2.11], [4.22, 1.33, 3.25]]),
-    impact_mps=0.368,
+    ring_force=np.array([[22.8, 24.4, 33.2], [0.0, 0.0, 138.1], [35.7, 32.7, 49.7]]),
+    ring_rate=np.array([[5.32, 1.43, 2.82], [7.30, 6.43, 2.11], [4.22, 1.33, 3.25]]),
+    impact_mps=0.384,
     strike_sd=0.27,
     slap=0.15,
     rock_hz=np.array([2.5, 5.0, 10.0]),
-    rock_rate=np.array([[0.111, 0.123, 0.140], [0.033, 0.015, 0.030], [0.044, 0.016, 0.026]]),
+    rock_rate=np.array([[0.140, 0.128, 0.151], [0.070, 0.026, 0.042], [0.054, 0.020, 0.032]]),
 )
 """A walking shoe with the sensor clipped to it, at 1.3 m/s: `dual_foot_walk` of gaitmap's example data (MIT), both
 feet, 56 strikes of one person."""

@@ -149,13 +149,13 @@ def fit_ringing(target: Array) -> tuple[Array, Array, float, float]:
 
 
 def rocking(strikes: Strikes) -> Array:
-    """(M, 3) median square of the rate in each group of cosines, as the square of a sine's amplitude."""
+    """(M, 3) mean square of the rate in each group of cosines, as the square of a sine's amplitude."""
     n, rows = round(_SPAN_S * REAL_HZ), []
     for a, b in strikes.still:
         if b - a >= n:
             first = (a + b - n) // 2
             rows.append(dct(strikes.signal[first : first + n, 3:], type=2, norm="ortho", axis=0) ** 2 / n)
-    return np.array([np.median([2 * row[list(group)].sum(0) for row in rows], axis=0) for group in _ROCK_BINS])
+    return np.array([np.mean([2 * row[list(group)].sum(0) for row in rows], axis=0) for group in _ROCK_BINS])
 
 
 def spread_of_strikes(strikes: Sequence[Strikes]) -> float:
