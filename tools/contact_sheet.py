@@ -1,6 +1,7 @@
 """Renders the contact sheets of the documentation: the walker at equal steps through each walk, a row a walk.
 
-Run as `python tools/contact_sheet.py [--physics dynamic] [SHEET ...]`; writes docs/images/walks_<sheet>.jpg.
+Run as `python tools/contact_sheet.py [--physics kinematic] [SHEET ...]`; writes docs/images/walks_<sheet>.jpg. Walks
+are simulated, with the soft assist, or with `--physics kinematic` as planned.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.config import Exo, Gait, Level, Person, Route, Stairs, TwinConfig
+from stridetwin.sim.config import Dynamics, Exo, Gait, Level, Person, Route, Stairs, TwinConfig
 from stridetwin.sim.render import FilmCamera
 from stridetwin.sim.twin import Twin
 
@@ -27,15 +28,15 @@ def main() -> None:
     """Writes the sheets."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("sheets", nargs="*", default=list(SHEETS), help=f"of {', '.join(SHEETS)}")
-    parser.add_argument("--physics", default="kinematic", choices=("kinematic", "dynamic"))
+    parser.add_argument("--physics", default="dynamic", choices=("kinematic", "dynamic"))
     args = parser.parse_args()
+    dynamics = Dynamics(assist=True) if args.physics == "dynamic" else None
     for name in args.sheets:
         rows = []
         for label, config in SHEETS[name]().items():
             print(f"{name}: {label}", flush=True)
-            rows.append(row(label, replace(config, sensors=(), physics=args.physics)))
-        suffix = "" if args.physics == "kinematic" else "_dynamic"
-        target = IMAGES / f"walks_{name}{suffix}.jpg"
+            rows.append(row(label, replace(config, sensors=(), physics=args.physics, dynamics=dynamics)))
+        target = IMAGES / f"walks_{name}.jpg"
         cv2.imwrite(str(target), cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 78])
         print(target)
 
