@@ -11,9 +11,11 @@ from typing import NoReturn
 
 from stridetwin.scenarios.commands import (
     Outcome,
+    check_command,
     estimate_command,
     export_command,
     generate_command,
+    import_command,
     list_command,
     run_command,
     score_command,
@@ -21,6 +23,9 @@ from stridetwin.scenarios.commands import (
 )
 from stridetwin.scenarios.console import Console
 from stridetwin.streams.errors import StrideTwinError
+
+FORMATS = ("euroc", "tum", "rosbag2", "opensim", "table")
+KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -36,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
     top = _Parser(
         prog="stridetwin",
         description="A person in an exoskeleton walks; every sensor is recorded, every estimator scored.",
-        epilog="Exit codes: 0 done, 1 worse than the baseline, 2 something to put right.",
+        epilog="Exit codes: 0 done, 1 worse than the baseline or not fit for use, 2 something to put right.",
     )
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
 
@@ -63,17 +68,31 @@ def parser() -> argparse.ArgumentParser:
     walk(p)
     p.add_argument("-o", "--output", type=Path, metavar="PATH", required=True, help="recording to write, .mcap")
 
-    p = command("export", "write paths or IMU tables that other tools read", export_command)
-    _source(p, "RECORDING", "recording, .mcap")
-    p.add_argument(
-        "--format", required=True, choices=("tum", "table"), help="tum: true path; table: IMU as .csv or .npz"
+    p = command(
+        "check", "say whether a recording is fit for use; exit 1 where something would spoil an estimate", check_command
     )
-    p.add_argument("--frame", default="foot_l/imu", help="whose path or IMU, such as pelvis (default foot_l/imu)")
-    p.add_argument("-o", "--output", type=Path, metavar="PATH", required=True, help="file to write")
+    _importable(p)
+
+    p = command("import", "read another tool's recording into one of ours", import_command)
+    _importable(p)
+    p.add_argument("-o", "--output", type=Path, metavar="RECORDING", required=True, help="recording to write, .mcap")
+
+    p = command("export", "write a recording in another tool's format", export_command)
+    _source(p, "RECORDING", "recording, or anything that import reads")
+    p.add_argument(
+        "--format", required=True, choices=FORMATS, help="tum: path of a frame (FILE.txt) or RGB-D folder; table: IMU"
+    )
+    p.add_argument("--frame", help="tum, table: whose path or IMU, such as pelvis (default foot_l/imu)")
+    p.add_argument("--camera", metavar="TOPIC", help="euroc, tum: which camera (default the first with depth)")
+    p.add_argument(
+        "--stereo-baseline", type=_positive, metavar="M", help="euroc: make a right camera at this distance from depth"
+    )
+    p.add_argument("--storage", choices=("mcap", "sqlite3"), default="mcap", help="rosbag2: storage (default mcap)")
+    p.add_argument("-o", "--output", type=Path, metavar="PATH", required=True, help="file or folder to make")
 
     p = command("estimate", "run one estimator on a recording or an IMU table", estimate_command)
     p.add_argument("estimator", choices=("foot_ins",), metavar="ESTIMATOR", help="foot_ins: IMU of one foot")
-    _source(p, "RECORDING|TABLE", "recording, or table .csv/.npz with t, accel, gyro")
+    _importable(p)
     p.add_argument("--foot", choices=("l", "r"), help="which foot of a recording (default l)")
     p.add_argument("-o", "--output", type=Path, metavar="FILE", required=True, help="TUM trajectory to write")
 
@@ -129,6 +148,28 @@ def _failed(console: Console, message: str) -> int:
 def _source(p: argparse.ArgumentParser, name: str, words: str) -> None:
     p.add_argument("source", type=Path, metavar=name, help=words)
     p.add_argument("--lenient", action="store_true", help="read a damaged or suspicious source as far as it goes")
+
+
+def _importable(p: argparse.ArgumentParser) -> None:
+    _source(p, "PATH", "recording, MCAP file, ROS 1 or 2 bag, EuRoC, TUM or 7-Scenes folder, IMU table")
+    p.add_argument(
+        "--as", dest="kind", metavar="KIND", help=f"what it is, where its content deceives: {', '.join(KINDS)}"
+    )
+    p.add_argument("--map", action="append", default=[], metavar="FROM=TO", help="topic for a stream of the source")
+    p.add_argument("--rig", type=Path, metavar="FILE", help="calibration (Kalibr YAML) in place of the source's")
+    p.add_argument(
+        "--depth-scale", type=_positive, metavar="N", help="units a metre in a folder's depth (TUM 5000, 7-Scenes 1000)"
+    )
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; valid: a number above 0")
+    return value
 
 
 def _seed(text: str) -> int:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from stridetwin.scenarios.baseline import Regression
     from stridetwin.scenarios.scenario_file import Scenario
     from stridetwin.scenarios.scoring import Scores
+    from stridetwin.streams.opening import ImportOptions
     from stridetwin.streams.recording import Recording
 
 Progress = Callable[[str, float], None]
@@ -103,24 +104,57 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def export_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`export`."""
-    from stridetwin.scenarios.evaluate import true_path
-    from stridetwin.scenarios.imu_table import write_imu_table
-    from stridetwin.streams.tum import write_tum
+    from stridetwin.scenarios.export import export
 
     recording = _recording(arguments.source, arguments.lenient)
-    if arguments.format == "tum":
-        truth = true_path(recording, arguments.frame).poses
-        rows = len(truth)
-        write_tum(truth, arguments.output)
-    else:
-        imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
-        if arguments.frame not in imus:
-            raise StrideTwinError(f"{arguments.source}: no IMU {arguments.frame!r}; it has {', '.join(imus) or 'none'}")
-        block = recording.block(f"/{arguments.frame}")
-        rows = len(block)
-        write_imu_table(arguments.output, block)
-    data = {"file": str(arguments.output), "format": arguments.format, "frame": arguments.frame, "rows": rows}
-    return Outcome(data=data, lines=[f"{arguments.output}: {rows} rows of {arguments.frame}"])
+    progress("export", 0.0)
+    rows = export(
+        recording,
+        arguments.format,
+        arguments.output,
+        frame=arguments.frame,
+        camera=arguments.camera,
+        storage=arguments.storage,
+        stereo_baseline_m=arguments.stereo_baseline,
+    )
+    data = {"file": str(arguments.output), "format": arguments.format, "rows": sum(rows.values()), "parts": rows}
+    return Outcome(data=data, lines=[f"{arguments.output}: {n} rows of {name}" for name, n in rows.items()])
+
+
+def import_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`import`."""
+    from stridetwin.streams.formats.recorded import write_recording
+
+    recording = _imported(arguments)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    write_recording(recording, arguments.output, lambda share: progress("import", share))
+    topics = {t: {"kind": i.kind.__name__, "samples": i.count} for t, i in sorted(recording.topics.items())}
+    data = {
+        "recording": str(arguments.output),
+        "kind": recording.metadata.get("imported_from", "stridetwin"),
+        "duration_s": recording.duration,
+        "topics": topics,
+        "unread": recording.unread,
+        "warnings": recording.warnings,
+        "problems": [str(p) for p in recording.problems],
+    }
+    lines = [f"{arguments.output}: {recording.duration:.1f} s of {data['kind']}"]
+    lines += [f"  {t:<34} {i['kind']:<14} {i['samples']:>8}" for t, i in topics.items()]
+    unread = {t: kind for t, kind in sorted(recording.unread.items()) if not t.endswith("/camera_info")}
+    lines += [f"  {t:<34} not read: {kind}" for t, kind in unread.items()]
+    lines += [f"  left out: {p}" for p in recording.problems]
+    return Outcome(data=data, lines=lines)
+
+
+def check_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`check`."""
+    from stridetwin.scenarios.check import check_recording, check_table
+
+    progress("check", 0.0)
+    arguments.lenient = True  # a check tells all that is wrong, not the first of it
+    recording = _imported(arguments, tell=False)
+    found = check_recording(recording, lambda share: progress("check", share))
+    return Outcome(data=found.data, lines=check_table(found), code=1 if found.spoilt else 0)
 
 
 def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
@@ -134,8 +168,7 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     if arguments.source.suffix in TABLES:
         path = FootIns().run(read_imu_table(arguments.source)).trajectory
     else:
-        recording = _recording(arguments.source, arguments.lenient)
-        path = estimate_foot(recording, arguments.foot or "l").path
+        path = estimate_foot(_imported(arguments), arguments.foot or "l").path
     write_tum(path, arguments.output)
     data = {"file": str(arguments.output), "estimator": arguments.estimator, "rows": len(path)}
     return Outcome(data=data, lines=[f"{arguments.output}: {len(path)} poses"])
@@ -233,10 +266,33 @@ def _how_to_repeat(arguments: Namespace) -> str:
     return shlex.join(words)
 
 
-def _recording(path: Path, lenient: bool) -> Recording:
-    from stridetwin.streams.recording import Recording
+def _recording(path: Path, lenient: bool, options: ImportOptions | None = None, *, tell: bool = True) -> Recording:
+    """A recording, or anything that can be imported; what had to be assumed is told on stderr."""
+    from stridetwin.streams.opening import open_any
 
-    return Recording(path, lenient=lenient)
+    recording = open_any(path, lenient, options)
+    for words in (*recording.warnings, *map(str, recording.problems)) if tell else ():
+        print(f"stridetwin: warning: {path}: {words}", file=sys.stderr)
+    return recording
+
+
+def _imported(arguments: Namespace, *, tell: bool = True) -> Recording:
+    from stridetwin.streams.opening import ImportOptions
+
+    options = ImportOptions(
+        kind=arguments.kind,
+        names=dict(_mapped(text) for text in arguments.map),
+        rig=arguments.rig,
+        depth_scale=arguments.depth_scale,
+    )
+    return _recording(arguments.source, arguments.lenient, options, tell=tell)
+
+
+def _mapped(text: str) -> tuple[str, str]:
+    old, equals, new = text.partition("=")
+    if not (old and equals and new):
+        raise StrideTwinError(f"--map: {text!r} is not valid; valid: FROM=TO")
+    return old, new
 
 
 def _named_file(text: str) -> tuple[str, Path]:

@@ -54,7 +54,7 @@ class RecordingWriter:
         rig: What the wearer carries; stored inside as Kalibr YAML.
         metadata: Stored inside as text (seed, versions, ...).
         depth_encoding: `16UC1` (mm, as the RealSense driver) or `32FC1` (m, lossless).
-        jpeg_quality: 0 to 100.
+        jpeg_quality: 0 to 100; None keeps every pixel (PNG, larger and slower).
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class RecordingWriter:
         metadata: Mapping[str, str] | None = None,
         *,
         depth_encoding: str = "16UC1",
-        jpeg_quality: int = 90,
+        jpeg_quality: int | None = 90,
     ) -> None:
         if depth_encoding not in DEPTH_ENCODINGS:
             raise ConfigError("RecordingWriter", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from stridetwin.streams.topic_reader import READABLE, TopicReader, finite, incre
 
 RATE_TOLERANCE = 0.2
 _RATE_SAMPLES = 10
-_LENIENT = "; to read it all the same: Recording(..., lenient=True), on the command line --lenient"
+LENIENT = "; to read it all the same: Recording(..., lenient=True), on the command line --lenient"
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,21 @@ class ChunkInfo:
     parts: dict[str, Part]
 
 
+def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[Problem]:
+    """Topics whose rate is far from the one that the rig declares."""
+    if rig is None:
+        return
+    declared = {t: imu.rate_hz for t, imu in rig.imus.items()}
+    declared |= {t: other.rate_hz for t, other in rig.others.items()}
+    for camera in rig.cameras.values():
+        declared |= {camera.topic: camera.rate_hz, camera.depth_topic: camera.rate_hz}
+    for topic, rate in declared.items():
+        info = topics.get(topic)
+        if info and rate > 0 and info.count >= _RATE_SAMPLES and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
+            what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
+            yield Problem(topic, info.first_ns, what)
+
+
 class RecordingIndex:
     """The contents of one MCAP file.
 
@@ -130,7 +146,8 @@ class RecordingIndex:
         self.picture_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._scan()
-        self._check_rates()
+        for problem in rate_problems(self.rig, self.topics):
+            self.note(problem)
 
     def _scan(self) -> None:
         try:
@@ -243,21 +260,8 @@ class RecordingIndex:
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
         return part
 
-    def _check_rates(self) -> None:
-        if self.rig is None:
-            return
-        declared = {t: imu.rate_hz for t, imu in self.rig.imus.items()}
-        declared |= {t: other.rate_hz for t, other in self.rig.others.items()}
-        for camera in self.rig.cameras.values():
-            declared |= {camera.topic: camera.rate_hz, camera.depth_topic: camera.rate_hz}
-        for topic, rate in declared.items():
-            info = self.topics.get(topic)
-            if info and rate > 0 and info.count >= _RATE_SAMPLES and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
-                what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
-                self.note(Problem(topic, info.first_ns, what))
-
     def note(self, problem: Problem) -> None:
         """Refuses the recording, or (when lenient) keeps the problem in mind."""
         if not self.lenient:
-            raise RecordingError(f"{self.path}: {problem}{_LENIENT}")
+            raise RecordingError(f"{self.path}: {problem}{LENIENT}")
         self.problems.append(problem)

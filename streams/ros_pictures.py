@@ -11,7 +11,7 @@ from rosbags.typesys.store import Typestore
 
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.ros_samples import frame_id
-from stridetwin.streams.ros_types import serialise
+from stridetwin.streams.ros_types import deserialise, serialise
 from stridetwin.streams.samples import Depth, Image
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -30,11 +30,15 @@ def _header(topic: str, t_ns: int) -> dict[str, Any]:
     return {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame_id(topic)}
 
 
-def image_message(sample: Image, quality: int) -> bytes:
-    """A picture as a JPEG in a CompressedImage."""
+def image_message(sample: Image, quality: int | None) -> bytes:
+    """A picture in a CompressedImage: as a JPEG of some quality, or (None) as a PNG, which keeps every pixel."""
     pixels = sample.pixels if sample.pixels.ndim == 2 else cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
-    return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": "jpeg", "data": data.ravel()})
+    if quality is None:
+        _, data = cv2.imencode(".png", pixels, (cv2.IMWRITE_PNG_COMPRESSION, 1))
+    else:
+        _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    form = "png" if quality is None else "jpeg"
+    return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": form, "data": data.ravel()})
 
 
 def depth_message(sample: Depth, encoding: str) -> bytes:
@@ -77,11 +81,9 @@ def picture_kind(payload: bytes, typename: str, store: Typestore) -> type[Image]
     Raises:
         ValueError: The encoding is none that we read.
     """
-    message: Any = store.deserialize_cdr(payload, typename)
+    message = deserialise(store, payload, typename)
     if typename == COMPRESSED:
-        if "compressedDepth" in message.format:
-            raise ValueError(f"format {message.format!r} is not read; valid: JPEG or PNG colour, or raw depth")
-        return Image
+        return Depth if "compressedDepth" in message.format else Image
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
 
@@ -91,12 +93,14 @@ def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_
     Raises:
         ValueError: The encoding is none that we read, or the data is damaged.
     """
-    message: Any = store.deserialize_cdr(payload, typename)
+    message = deserialise(store, payload, typename)
+    if typename == COMPRESSED and "compressedDepth" in message.format:
+        return Depth(topic=topic, t_ns=t_ns, depth=_compressed_depth(message))
     if typename == COMPRESSED:
         pixels: Any = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None or pixels.dtype != np.uint8:
             raise ValueError(f"a picture of format {message.format!r} that cannot be decoded to 8 bits")
-        return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else _rgb(pixels))
+        return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
     if message.encoding not in _PIXELS:
         raise ValueError(f"encoding {message.encoding!r} is not read; valid: {', '.join(_PIXELS)}")
     form, channels = _PIXELS[message.encoding]
@@ -107,14 +111,35 @@ def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_
     if dtype.kind == "f":
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
     if dtype.itemsize == 2:
-        none = raw == 65535
-        return Depth(topic=topic, t_ns=t_ns, depth=np.where(none, 0, raw).astype(np.float32) / np.float32(1000.0))
+        return Depth(topic=topic, t_ns=t_ns, depth=_metres(raw))
     if channels == 1:
         return Image(topic=topic, t_ns=t_ns, pixels=raw)
     colour = raw.reshape(message.height, message.width, 3)
     return Image(topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy())
 
 
-def _rgb(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _metres(mm: NDArray[Any]) -> NDArray[np.float32]:
+    return np.where(mm == 65535, 0, mm).astype(np.float32) / np.float32(1000.0)
+
+
+def _compressed_depth(message: Any) -> NDArray[np.float32]:
+    """Depth as ROS' compressed_depth_image_transport has it: 12 bytes of parameters, then a PNG of 16 bits.
+
+    For `32FC1` the PNG holds an inverse depth, a / z + b with a and b in the parameters.
+    """
+    data = np.asarray(message.data, np.uint8)
+    raw: Any = cv2.imdecode(data[12:], cv2.IMREAD_UNCHANGED) if len(data) > 12 else None
+    if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
+        raise ValueError(f"a picture of format {message.format!r} that cannot be decoded to 16 bits")
+    if not message.format.startswith("32FC1"):
+        return _metres(raw)
+    a, b = data[4:12].view("<f4")
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        depth = np.float32(a) / (raw.astype(np.float32) - np.float32(b))
+    return np.where((raw == 0) | ~np.isfinite(depth) | (depth < 0), 0, depth).astype(np.float32)
+
+
+def rgb_from_bgr(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture as OpenCV reads it, in three channels of RGB."""
     code = cv2.COLOR_BGRA2RGB if bgr.shape[2] == 4 else cv2.COLOR_BGR2RGB
     return np.asarray(cv2.cvtColor(bgr, code))

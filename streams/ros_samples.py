@@ -18,6 +18,7 @@ from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.ros_types import serialise, typestore
 from stridetwin.streams.samples import (
+    Accelerometer,
     Actuator,
     Ahrs,
     Array,
@@ -147,6 +148,11 @@ def _imu_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
     return fixed
 
 
+def _accelerometer_fixed(topic: str, *_: object) -> dict[str, Any]:
+    absent = {"orientation_covariance": _ABSENT, "angular_velocity_covariance": _ABSENT}
+    return {"header.frame_id": frame_id(topic), "orientation.w": 1.0} | absent
+
+
 def _ahrs_fixed(topic: str, *_: object) -> dict[str, Any]:
     return {"header.frame_id": frame_id(topic), "linear_acceleration_covariance": _ABSENT}
 
@@ -259,6 +265,12 @@ SMALL: dict[type[Sample], Small] = {
             angular_rate="angular_velocity",
             specific_force="linear_acceleration",
         ),
+        _renamed(
+            Accelerometer,
+            "sensor_msgs/msg/Imu",
+            _accelerometer_fixed,
+            specific_force="linear_acceleration",
+        ),
         Small(
             Ahrs,
             "sensor_msgs/msg/Imu",
@@ -323,12 +335,14 @@ _BY_TYPE = {small.typename: small for small in SMALL.values()}
 def small_for(typename: str, first: Rows) -> Small:
     """What the first message (one row) of a topic, whoever wrote it, says the topic is.
 
-    An Imu message without acceleration is an attitude reference; a joint state of one joint and nothing but
-    its position is an encoder.
+    An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a
+    joint state of one joint and nothing but its position is an encoder.
     """
     if typename == "sensor_msgs/msg/Imu":
         has_orientation = first["orientation_covariance"][0, 0] != -1.0
         has_force = first["linear_acceleration_covariance"][0, 0] != -1.0
+        if first["angular_velocity_covariance"][0, 0] == -1.0 and has_force:
+            return SMALL[Accelerometer]
         return SMALL[Ahrs if has_orientation and not has_force else Imu]
     if typename == "sensor_msgs/msg/JointState":
         one_angle = first["position"].shape[1] == 1 and not first["velocity"].size and not first["effort"].size

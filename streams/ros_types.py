@@ -47,8 +47,21 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
         store.register(get_types_from_msg(text, typename) if encoding == "ros2msg" else get_types_from_idl(text))
         store.generate_msgdef(typename, ros_version=2)  # walks all types that it is made of
     except Exception as error:  # the parser raises several unrelated kinds
-        raise ValueError(f"schema of {typename} cannot be parsed: {error}") from error
+        words = " ".join(str(error).split())
+        raise ValueError(f"schema of {typename} cannot be parsed: {words[:120]}") from error
     return store
+
+
+def deserialise(store: Typestore, payload: bytes, typename: str) -> Any:
+    """The message in CDR bytes.
+
+    Raises:
+        ValueError: They are none of this type.
+    """
+    try:
+        return store.deserialize_cdr(payload, typename)
+    except Exception as error:  # the generated code trusts its input: struct, index, memory errors and more
+        raise ValueError(f"not a {typename}: {' '.join(str(error).split())[:120]}") from error
 
 
 def _definition_or_empty(typename: str) -> str:

@@ -46,6 +46,17 @@ class Imu(Sample):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Accelerometer(Sample):
+    """Specific force alone, as some RGB-D cameras without a gyroscope give it.
+
+    Attributes:
+        specific_force: (3,) m/s²; +9.8 along the axis that points up at rest.
+    """
+
+    specific_force: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Image(Sample):
     """Camera picture.
 

@@ -44,21 +44,29 @@ class TopicReader:
     def times(self, messages: Messages) -> NDArray[np.int64]:
         """(N,) stamps of pictures, without decoding them."""
         if self.kind is None:
-            try:
-                self.kind = picture_kind(messages.payload(0), self.typename, self._store)
-            except SerdeError as error:
-                raise ValueError(str(error)) from error
+            self.kind = self.picture_kind(messages.payload(0))
         t = np.array([_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
         return t if t.any() else messages.log_time
 
-    def picture(self, payload: bytes, t_ns: int) -> Image | Depth:
-        """One picture.
+    def picture_kind(self, payload: bytes) -> type[Image] | type[Depth]:
+        """Whether a message carries colour (or grey) or depth.
 
         Raises:
             ValueError: It cannot be decoded.
         """
         try:
-            return read_picture(payload, self.typename, self._store, self.topic, t_ns)
+            return picture_kind(payload, self.typename, self._store)
+        except SerdeError as error:
+            raise ValueError(str(error)) from error
+
+    def picture(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
+        """One picture, of this topic or (where an import renames it) of another.
+
+        Raises:
+            ValueError: It cannot be decoded.
+        """
+        try:
+            return read_picture(payload, self.typename, self._store, topic or self.topic, t_ns)
         except SerdeError as error:
             raise ValueError(str(error)) from error
 
@@ -132,7 +140,7 @@ def finite(block: Block[Any]) -> NDArray[np.bool_]:
     keep = np.ones(len(block), bool)
     for values in block.columns.values():
         if values.dtype.kind == "f":
-            keep &= np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+            keep &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return keep
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.trajectory import Trajectory
 
+_LATEST_S = 9e9  # what 64 bits of nanoseconds hold
 _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -23,7 +25,30 @@ def write_tum(trajectory: Trajectory, path: str | Path) -> None:
     poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
         for t, pose in zip(trajectory.t_ns.tolist(), poses.tolist()):
-            file.write(f"{t // 1_000_000_000}.{t % 1_000_000_000:09d} {' '.join(f'{v:.9g}' for v in pose)}\n")
+            file.write(f"{seconds(t)} {' '.join(f'{v:.9g}' for v in pose)}\n")
+
+
+def seconds(t_ns: int) -> str:
+    """A stamp as the format has it, in seconds, to the nanosecond."""
+    return f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"
+
+
+def decimal_seconds(word: str) -> int:
+    """A stamp in seconds to nanoseconds, without a float's rounding of large epochs.
+
+    Raises:
+        ValueError: It is none; says what is valid.
+    """
+    whole, _, fraction = word.partition(".")
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < _LATEST_S:
+        raise ValueError("seconds from 0 on")
+    if word.isascii() and whole.isdecimal() and (fraction.isdecimal() or not fraction):
+        return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+    return round(value * 1e9)
 
 
 def read_tum(path: str | Path) -> Trajectory:
@@ -42,7 +67,7 @@ def read_tum(path: str | Path) -> Trajectory:
         words = line.partition("#")[0].replace(",", " ").split()
         if words:
             rows.append(_row(path, number, words))
-            stamps.append(_nanoseconds(words[0]))
+            stamps.append(_stamp(path, number, words[0]))
             if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
                 raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the row before")
     if not rows:
@@ -54,6 +79,13 @@ def read_tum(path: str | Path) -> Trajectory:
         p_frame_in_world=table[:, 1:4],
         q_world_frame=q / np.linalg.norm(q, axis=1, keepdims=True),
     )
+
+
+def _stamp(path: str | Path, number: int, word: str) -> int:
+    try:
+        return decimal_seconds(word)
+    except ValueError as error:
+        raise ConfigError(path, f"line {number}, t", word, str(error)) from None
 
 
 def _row(path: str | Path, number: int, words: list[str]) -> list[float]:
@@ -70,11 +102,3 @@ def _row(path: str | Path, number: int, words: list[str]) -> list[float]:
     if not 0.9 < float(np.linalg.norm(values[4:])) < 1.1:
         raise ConfigError(path, f"line {number}, qx qy qz qw", values[4:], "a unit quaternion")
     return values
-
-
-def _nanoseconds(word: str) -> int:
-    """Seconds as text to integer nanoseconds, without a float's rounding of large epochs."""
-    whole, _, fraction = word.partition(".")
-    if whole.isdigit() and fraction.isdigit():
-        return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
-    return round(float(word) * 1e9)

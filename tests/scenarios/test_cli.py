@@ -11,7 +11,7 @@ from stridetwin.streams.recording import Recording, RecordingWriter
 from stridetwin.streams.samples import Imu
 from stridetwin.streams.tum import read_tum
 
-COMMANDS = ("run", "list", "generate", "export", "estimate", "score", "view")
+COMMANDS = ("run", "list", "generate", "check", "import", "export", "estimate", "score", "view")
 FILES = {"recording.mcap", "scores.json", "report.html", "run.rrd", "foot_ins_l.txt", "foot_ins_r.txt"}
 
 

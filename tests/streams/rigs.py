@@ -4,6 +4,7 @@ import numpy as np
 
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import (
+    Accelerometer,
     Actuator,
     Ahrs,
     Block,
@@ -90,6 +91,7 @@ def every_small_block(n=57, seed=3):
         "/foot_l/insole": (Insole, {"force": v(4)}),
         "/exo/thigh_l/interaction": (Interaction, {"force": v(2)}),
         "/exo/hip_l/actuator": (Actuator, {"torque_command": v(), "torque": v(), "speed": v()}),
+        "/chest/accelerometer": (Accelerometer, {"specific_force": v(3)}),
         "/truth/pelvis": (
             Odometry,
             {

@@ -21,6 +21,7 @@ from stridetwin.streams.samples import Block, Depth, Image, Imu, Range
 STANDARD = {
     "/head/imu": "sensor_msgs/msg/Imu",
     "/exo/back/ahrs": "sensor_msgs/msg/Imu",
+    "/chest/accelerometer": "sensor_msgs/msg/Imu",
     "/head/color": "sensor_msgs/msg/CompressedImage",
     "/head/depth": "sensor_msgs/msg/Image",
     "/head/color/camera_info": "sensor_msgs/msg/CameraInfo",

@@ -1,0 +1,210 @@
+"""Offset between a camera's clock and its IMU's: the turn seen in the pictures, laid over the turn that the gyro felt.
+
+The turn from picture to picture comes from tracked features: with depth by perspective from n points, without by the
+essential matrix (Nistér, PAMI 26(6), 2004). The offset is the one that leaves the least squares between the two rates
+(as Kelly and Sukhatme, IJRR 33(2), 2014, align sensors by their rotations alone).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array, Depth, Image
+
+STRETCHES = 4
+PICTURES = 45
+LARGEST_SHIFT_S = 0.15
+_STEP_S = 0.0025
+_WIDTH = 400
+_FEATURES = 150
+_FEWEST_TRACKS = 20
+_STILL_PX, _TURN_PX, _INLIER_PX = 0.1, 0.15, 0.7
+_FEWEST_PAIRS = 30
+_SURE = 0.7
+
+
+def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, Any] | None:
+    """The offset of one camera.
+
+    Args:
+        recording: Holds the camera's pictures and its IMU.
+        camera: Its calibration; the mounts of both turn the gyro's rate into the camera's frame.
+
+    Returns:
+        `shift_s` (t_imu = t_cam + shift), its standard deviation `sd_s`, `told_s` by the calibration, the
+        difference `unexplained_s`, `correlation` of the two rates, `imu`; None where the pictures do not show
+        the turn well enough (little texture, or a scene that moves along).
+    """
+    imu = recording.rig.imu(camera.imu_topic)
+    gyro = recording.block(camera.imu_topic)
+    R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ imu.mount.T_body_sensor[:3, :3]
+    t: Array = np.asarray((gyro.t_ns - gyro.t_ns[0]) * 1e-9, float)
+    rate = gyro.columns["angular_rate"] @ R_cam_imu.T
+    pairs = [
+        pair
+        for first in _liveliest(recording.picture_times(camera.topic), gyro.t_ns, rate)
+        for pair in _turns(recording, camera, first)
+    ]
+    if len(pairs) < _FEWEST_PAIRS:
+        return None
+    spans: Array = (np.array([p[:2] for p in pairs]) - gyro.t_ns[0]) * 1e-9
+    seen: Array = np.array([p[2] for p in pairs])
+    angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
+    told = camera.timeshift_cam_imu_s
+    shifts: Array = told + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
+    cost = np.array([_cost(_felt(spans + s, t, angle), seen) for s in shifts])
+    best = int(np.argmin(cost))
+    if best in (0, len(shifts) - 1):
+        return None
+    before, here, after = cost[best - 1 : best + 2]
+    curvature = (before - 2 * here + after) / _STEP_S**2
+    shift = float(shifts[best] + 0.5 * _STEP_S * (before - after) / (before - 2 * here + after))
+    felt = _felt(spans + shift, t, angle)
+    correlation = _correlation(felt, seen)
+    if correlation < _SURE or curvature <= 0:
+        return None
+    return {
+        "imu": camera.imu_topic,
+        "shift_s": shift,
+        "told_s": told,
+        "unexplained_s": shift - told,
+        "sd_s": float(np.sqrt(2 * here / curvature / (3 * len(pairs)))),
+        "correlation": correlation,
+        "pairs": len(pairs),
+    }
+
+
+def _liveliest(pictures: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
+    """First pictures of the stretches in which the camera turns most unevenly."""
+    starts = range(0, max(1, len(pictures) - PICTURES), PICTURES)
+    spread: list[float] = []
+    for start in starts:
+        first, last = pictures[start], pictures[min(start + PICTURES, len(pictures) - 1)]
+        here = rate[(t >= first) & (t <= last)]
+        spread.append(float(here.std(axis=0).sum()) if len(here) > 1 else 0.0)
+    return sorted(starts[int(i)] for i in np.argsort(spread)[::-1][:STRETCHES])
+
+
+def _turns(recording: Recording, camera: CameraCalibration, first: int) -> list[tuple[int, int, Array]]:
+    """(start and end in ns, mean rate (3,) in the camera's frame) between the pictures of a stretch."""
+    times = recording.picture_times(camera.topic)[first : first + PICTURES]
+    try:
+        pictures = recording.images(camera.topic, range(first, first + len(times)))
+        depths = _depths(recording, camera, times)
+    except StrideTwinError:
+        return []  # a damaged picture is told as a problem of its own
+    views = [(p.t_ns, _grey(p)) for p in pictures if isinstance(p, Image)]
+    found = []
+    for (t0, a), (t1, b) in pairwise(views):
+        turn = _turn(a, b, depths.get(t0), camera)
+        if turn is not None:
+            found.append((t0, t1, turn * 1e9 / (t1 - t0)))
+    return found
+
+
+def _depths(recording: Recording, camera: CameraCalibration, t_ns: NDArray[np.int64]) -> dict[int, Any]:
+    """Depth pictures by the stamps of the colour pictures that they are registered to."""
+    if camera.depth_topic not in recording.topics:
+        return {}
+    times = recording.picture_times(camera.depth_topic)
+    at = np.flatnonzero(np.isin(times, t_ns)).tolist()
+    return {d.t_ns: d.depth for d in recording.images(camera.depth_topic, at) if isinstance(d, Depth)}
+
+
+def _grey(picture: Image) -> Any:
+    pixels = picture.pixels if picture.pixels.ndim == 2 else cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2GRAY)
+    scale = min(1.0, _WIDTH / pixels.shape[1])
+    return cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+
+def _turn(a: Any, b: Any, depth: Any, camera: CameraCalibration) -> Array | None:
+    """(3,) rotation vector of the camera from picture a to picture b, in its own frame."""
+    corners = cv2.goodFeaturesToTrack(a, _FEATURES, 0.01, 8)
+    if corners is None or len(corners) < _FEWEST_TRACKS:
+        return None
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(a, b, corners, np.zeros_like(corners), winSize=(15, 15), maxLevel=3)
+    kept = np.ravel(found) == 1
+    if kept.sum() < _FEWEST_TRACKS:
+        return None
+    scale = a.shape[1] / camera.width
+    x, y = (_rays(np.asarray(points)[kept], camera, scale) for points in (corners, moved))
+    pixel = 1.0 / (camera.intrinsics[0] * scale)
+    if float(np.median(np.linalg.norm(x - y, axis=1))) < _STILL_PX * pixel:
+        return np.zeros(3)  # at rest the essential matrix is not defined
+    R = _by_depth(x, y, _z_at(depth, corners[kept], scale), pixel) if depth is not None else None
+    R = _by_turn(x, y, pixel) if R is None else R
+    R = _by_epipoles(x, y, pixel) if R is None else R
+    # R takes points of a into b: the camera itself turned the other way
+    return None if R is None else -Rotation.from_matrix(R).as_rotvec()
+
+
+def _by_turn(x: Array, y: Array, pixel: float) -> Array | None:
+    """The turn between rays, where a turn alone explains them: then there are no epipoles (Kabsch's algorithm)."""
+    a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
+    a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
+    R = Rotation.align_vectors(b, a)[0].as_matrix()
+    off = np.linalg.norm(a @ R.T - b, axis=1)
+    return np.asarray(R, float) if float(np.median(off)) < _TURN_PX * pixel else None
+
+
+def _by_epipoles(x: Array, y: Array, pixel: float) -> Array | None:
+    E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
+    if E is None or E.shape != (3, 3):
+        return None
+    count, R, _, _ = cv2.recoverPose(E, x, y, np.eye(3), mask=inliers)
+    return np.asarray(R, float) if count >= _FEWEST_TRACKS else None
+
+
+def _by_depth(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
+    """The same with depth, which tells a turn from a step aside far better (perspective from n points)."""
+    known = z > 0
+    if known.sum() < _FEWEST_TRACKS:
+        return None
+    points = np.column_stack((x, np.ones(len(x))))[known] * z[known, None]
+    done, turn, _, inliers = cv2.solvePnPRansac(
+        points, y[known], np.eye(3), np.zeros(4), reprojectionError=_INLIER_PX * pixel
+    )
+    return np.asarray(cv2.Rodrigues(turn)[0], float) if done and len(inliers) >= _FEWEST_TRACKS else None
+
+
+def _z_at(depth: Any, corners: Any, scale: float) -> Array:
+    """(N,) m, depth at the features."""
+    at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
+    height, width = depth.shape
+    return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
+
+
+def _rays(pixels: Any, camera: CameraCalibration, scale: float) -> Array:
+    """(N, 2) normalised image coordinates without distortion."""
+    points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
+    undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
+    return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)
+
+
+def _felt(spans: Array, t: Array, angle: Array) -> Array:
+    """(N, 3) mean rate of the gyro over each (start, end)."""
+    ends = np.stack([[np.interp(s, t, angle[:, k]) for k in range(3)] for s in spans.T])  # (2, 3, N)
+    return np.asarray(((ends[1] - ends[0]) / (spans[:, 1] - spans[:, 0])).T)
+
+
+def _cost(felt: Array, seen: Array) -> float:
+    """Mean squared difference without the gyro's bias; beyond its median fivefold a pair counts no more."""
+    off = felt - seen
+    squared = np.sum((off - np.median(off, axis=0)) ** 2, axis=1)
+    return float(np.mean(np.minimum(squared, 5 * np.median(squared))))
+
+
+def _correlation(felt: Array, seen: Array) -> float:
+    a, b = felt - np.median(felt, axis=0), seen - np.median(seen, axis=0)
+    off = np.sum((a - b) ** 2, axis=1)
+    kept = off <= 5 * np.median(off)
+    return float(np.sum(a[kept] * b[kept]) / np.sqrt(np.sum(a[kept] ** 2) * np.sum(b[kept] ** 2) + 1e-30))

@@ -1,0 +1,214 @@
+"""Is a recording fit for use? Rates, gaps, ranges, clocks and units of every stream, in a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.scenarios.camera_clock import camera_clock
+from stridetwin.scenarios.ranges import range_hits
+from stridetwin.streams.plausible import IMU_RATES_HZ, force_at_rest, rate_doubts, unit_doubts
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu
+
+GAP_PERIODS = 5.0
+RANGE_HITS_PCT = 5.0
+CLOCK_OFFSET_S = 0.01
+_FEWEST = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Something worth telling.
+
+    Attributes:
+        topic: Where, or "" for the whole.
+        what: In words.
+        spoils: Whether it would spoil an estimate.
+    """
+
+    topic: str
+    what: str
+    spoils: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """What a check found.
+
+    Attributes:
+        data: Figures of every topic, and the findings, for `--json`.
+        findings: What is worth telling.
+    """
+
+    data: dict[str, Any]
+    findings: tuple[Finding, ...]
+
+    @property
+    def spoilt(self) -> bool:
+        """Whether something would spoil an estimate."""
+        return any(f.spoils for f in self.findings)
+
+
+def check_recording(recording: Recording, progress: Callable[[float], None] = lambda _: None) -> Check:
+    """Checks a recording that was opened leniently.
+
+    Args:
+        recording: The recording; its `problems` count as what would spoil an estimate.
+        progress: Told how far it is (0-1).
+    """
+    _read_pictures(recording)
+    findings = [Finding(topic=p.topic, what=str(p), spoils=True) for p in recording.problems]
+    findings += [Finding(topic="", what=w, spoils=False) for w in recording.warnings]
+    if not recording.has_rig:
+        findings.append(Finding(topic="", what="no calibration inside", spoils=True))
+    topics: dict[str, dict[str, Any]] = {}
+    for i, topic in enumerate(sorted(recording.topics)):
+        progress(i / len(recording.topics))
+        topics[topic], found = _check_topic(recording, topic)
+        findings += found
+    clocks = _clocks(recording)
+    for topic, clock in clocks.items():
+        if abs(clock["unexplained_s"]) > max(CLOCK_OFFSET_S, 3 * clock["sd_s"]):
+            what = (
+                f"its clock is {clock['shift_s'] * 1e3:+.1f} ms off that of {clock['imu']}, where the calibration "
+                f"says {clock['told_s'] * 1e3:+.1f} ms (t_imu = t_cam + shift)"
+            )
+            findings.append(Finding(topic=topic, what=what, spoils=True))
+    unread = {f: t for f, t in recording.unread.items() if not f.endswith("/camera_info")}
+    findings += [Finding(topic=t, what=f"not read: {kind}", spoils=False) for t, kind in sorted(unread.items())]
+    data = {
+        "recording": str(recording.path),
+        "duration_s": recording.duration,
+        "topics": topics,
+        "camera_clocks": clocks,
+        "findings": [vars(f) for f in findings],
+        "fit": not any(f.spoils for f in findings),
+    }
+    return Check(data=data, findings=tuple(findings))
+
+
+def check_table(check: Check) -> list[str]:
+    """The check as lines of text."""
+    heads = ("topic", "kind", "samples", "Hz", "declared", "jitter ms", "gaps", "longest s", "at limit %")
+    lines = [f"{_line(heads)}  remarks"]
+    for topic, row in check.data["topics"].items():
+        declared, hits = row["declared_hz"], row["range_hits_pct"]
+        cells = (
+            topic, row["kind"], str(row["samples"]), f"{row['rate_hz']:.2f}", f"{declared:g}" if declared else "-",
+            f"{row['jitter_ms']:.3f}", str(row["gaps"]), f"{row['longest_gap_s']:.3f}",
+            "-" if hits is None else f"{hits:.2f}",
+        )  # fmt: skip
+        lines.append(f"{_line(cells)}  {_remark(row)}".rstrip())
+    for topic, clock in check.data["camera_clocks"].items():
+        shift = f"{clock['shift_s'] * 1e3:+.1f} ± {clock['sd_s'] * 1e3:.1f} ms"
+        lines.append(f"{topic}: time of {clock['imu']} = its own {shift} (calibration {clock['told_s'] * 1e3:+.1f} ms)")
+    for finding in check.findings:
+        lines.append(f"{'SPOILS' if finding.spoils else 'note'}: {_named(finding)}")
+    lines.append("fit for use" if not check.spoilt else "not fit for use: see SPOILS")
+    return lines
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"{cells[0]:<32}{cells[1]:<14}" + "".join(f"{c:>11}" for c in cells[2:])
+
+
+def _remark(row: dict[str, Any]) -> str:
+    if "force_m_s2" not in row:
+        return ""
+    return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}"
+
+
+def _named(finding: Finding) -> str:
+    told = finding.what.startswith(finding.topic)
+    return finding.what if told else f"{finding.topic}: {finding.what}"
+
+
+def _read_pictures(recording: Recording) -> None:
+    """Lets every damaged picture become a problem; those of an MCAP file are vouched for by its CRCs."""
+    if not recording.is_mcap:
+        for _ in recording.samples([t for t, i in recording.topics.items() if i.kind in (Image, Depth)]):
+            pass
+
+
+def _clocks(recording: Recording) -> dict[str, dict[str, Any]]:
+    """What can be said of the clock of each camera that has an IMU beside it."""
+    cameras = recording.rig.cameras.values() if recording.has_rig else ()
+    with_imu = [c for c in cameras if c.topic in recording.topics and c.imu_topic in recording.topics]
+    found = {c.topic: camera_clock(recording, c) for c in with_imu}
+    return {topic: clock for topic, clock in found.items() if clock is not None}
+
+
+def _check_topic(recording: Recording, topic: str) -> tuple[dict[str, Any], list[Finding]]:
+    info = recording.topics[topic]
+    is_picture = info.kind in (Image, Depth)
+    block = None if is_picture else recording.block(topic)
+    t_ns = recording.picture_times(topic) if block is None else block.t_ns
+    row: dict[str, Any] = {"kind": info.kind.__name__, "samples": info.count, "rate_hz": info.rate_hz}
+    row["declared_hz"], row["calibrated"] = _declared(recording, topic)
+    findings: list[Finding] = []
+
+    def spoils(what: str) -> None:
+        findings.append(Finding(topic=topic, what=what, spoils=True))
+
+    row |= _timing(t_ns)
+    if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
+        spoils("no calibration")
+    gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"
+    sparse = topic.startswith("/truth/") or is_picture
+    if row["gaps"] and not sparse:
+        spoils(gaps)
+    elif row["gaps"] and is_picture:
+        findings.append(Finding(topic=topic, what=gaps, spoils=False))
+    row["range_hits_pct"] = None
+    if block is not None and not topic.startswith("/truth/"):
+        row["range_hits_pct"] = hits = range_hits(block, recording.rig if recording.has_rig else None)
+        if hits is not None and hits > RANGE_HITS_PCT:
+            spoils(f"{hits:.1f} % of the samples at the end of the range; valid: up to {RANGE_HITS_PCT:g} %")
+    if block is not None and info.kind in (Imu, Accelerometer) and info.count >= _FEWEST:
+        row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
+        doubts = (*rate_doubts(t_ns, IMU_RATES_HZ), *_units(block))
+        findings += [Finding(topic=topic, what=str(d), spoils=True) for d in doubts]
+    return row, [f for f in findings if not _told(recording, f)]
+
+
+def _units(block: Block[Any]) -> Any:
+    return unit_doubts(block.t_ns, block.columns["specific_force"], block.columns.get("angular_rate"))
+
+
+def _told(recording: Recording, finding: Finding) -> bool:
+    """Whether the recording's own problems say it already."""
+    return any(p.topic == finding.topic and finding.what in p.what for p in recording.problems)
+
+
+def _timing(t_ns: NDArray[np.int64]) -> dict[str, Any]:
+    """Jitter (scaled median absolute deviation of the steps) and gaps (steps beyond five periods)."""
+    if len(t_ns) < 3:
+        return {"jitter_ms": 0.0, "gaps": 0, "longest_gap_s": 0.0, "longest_gap_at_s": 0.0}
+    step = np.diff(t_ns)
+    period = float(np.median(step))
+    at = int(np.argmax(step))
+    return {
+        "jitter_ms": 1.4826 * float(np.median(np.abs(step - period))) * 1e-6,
+        "gaps": int(np.sum(step > GAP_PERIODS * period)),
+        "longest_gap_s": float(step[at]) * 1e-9,
+        "longest_gap_at_s": float(t_ns[at]) * 1e-9,
+    }
+
+
+def _declared(recording: Recording, topic: str) -> tuple[float, bool | None]:
+    """Rate that the rig declares (0: none), and whether it knows the sensor (None: it need not)."""
+    if topic.startswith("/truth/"):
+        return 0.0, None
+    if not recording.has_rig:
+        return 0.0, False
+    rig = recording.rig
+    for camera in rig.cameras.values():
+        if topic in (camera.topic, camera.depth_topic):
+            return camera.rate_hz, True
+    sensor = rig.imus.get(topic) or rig.others.get(topic)
+    return (sensor.rate_hz, True) if sensor is not None else (0.0, False)

@@ -1,0 +1,48 @@
+"""How often a sensor was at the end of its range: known from its part, or seen as a value that many samples share."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array, Block, Imu
+
+_G, _DEG = 9.80665, math.pi / 180
+# Data sheets: full scales that the parts' names stand for, rad/s and m/s². Further parts are judged by their data.
+PARTS = {
+    "ADIS16485": (450 * _DEG, 5 * _G),
+    "ADIS16448": (1000 * _DEG, 18 * _G),
+    "BMI055": (2000 * _DEG, 16 * _G),
+    "BMI160": (2000 * _DEG, 16 * _G),
+}
+_NEAR = 0.999
+_PLATEAU = 5
+
+
+def range_hits(block: Block[Any], rig: Rig | None) -> float | None:
+    """Share of an IMU's samples, %, with an axis at the end of its range; None for other streams.
+
+    Args:
+        block: The stream.
+        rig: Names the part; its full scale is looked up in `PARTS`. A part that is not there counts as at its
+            limit where the largest magnitude of an axis is met by `_PLATEAU` samples or more.
+    """
+    if block.kind is not Imu or not len(block):
+        return None
+    part = rig.imus[block.topic].part if rig is not None and block.topic in rig.imus else ""
+    limits = next((scale for name, scale in PARTS.items() if name in part), (None, None))
+    hit = np.zeros(len(block), bool)
+    for values, limit in zip((block.columns["angular_rate"], block.columns["specific_force"]), limits):
+        hit |= _at_limit(np.abs(values), limit)
+    return 100.0 * float(hit.mean())
+
+
+def _at_limit(magnitude: Array, limit: float | None) -> Array:
+    if limit is not None:
+        return np.asarray((magnitude >= _NEAR * limit).any(axis=1))
+    top = magnitude.max(axis=0)
+    same = magnitude >= top - 1e-9 * np.maximum(top, 1.0)
+    return np.asarray((same & (same.sum(axis=0) >= _PLATEAU) & (top > 0)).any(axis=1))

@@ -1,0 +1,190 @@
+"""Bags of ROS messages: MCAP files of anyone, ROS 2 bags and ROS 1 bags, read into streams.
+
+A `Bag` hands out CDR messages; what they mean is decided as for our own recordings (`streams.topic_reader`).
+Calibrations come from CameraInfo, mounts from /tf_static, truth from poses whose topic says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
+from stridetwin.streams.formats.bag_names import bag_names
+from stridetwin.streams.formats.bag_poses import POSES, pose_of
+from stridetwin.streams.formats.poses import odometry
+from stridetwin.streams.formats.split_imu import joined
+from stridetwin.streams.imported import Notes, Pictures, Source
+from stridetwin.streams.mcap_scan import Messages
+from stridetwin.streams.recording_index import Problem
+from stridetwin.streams.ros_types import deserialise, typestore_for
+from stridetwin.streams.samples import Block, Depth, Image
+from stridetwin.streams.topic_reader import READABLE, TopicReader
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A stream of a bag: its topic, and type, encoding and text of its messages' definition."""
+
+    topic: str
+    typename: str
+    encoding: str
+    definition: str
+
+
+class Bag(Protocol):
+    """A bag that is open.
+
+    Attributes:
+        channels: Its streams.
+    """
+
+    channels: list[Channel]
+
+    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+        """(topic, log time in ns, CDR bytes, key) of every message of the topics, as they lie."""
+
+    def payload(self, topic: str, key: Any) -> bytes:
+        """CDR bytes of one message again."""
+
+
+class _Stream:
+    """What is gathered of one topic: of pictures the first payload and where the others lie, of all else every payload.
+
+    Raises:
+        ValueError: The definition of its messages cannot be understood.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self.channel = channel
+        self.reader = (
+            TopicReader(channel.topic, channel.typename, channel.encoding, channel.definition)
+            if channel.typename in READABLE
+            else None
+        )
+        self.is_picture = self.reader is not None and self.reader.is_picture
+        self.times: list[int] = []
+        self.payloads: list[bytes] = []
+        self.keys: list[Any] = []
+
+    def add(self, log_time: int, payload: bytes, key: Any) -> None:
+        """Takes a message."""
+        if not self.is_picture or not self.payloads:
+            self.payloads.append(payload)
+        self.times.append((_picture_stamp(payload) or log_time) if self.is_picture else log_time)
+        self.keys.append(key)
+
+
+def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
+    """Reads the streams of a bag.
+
+    Args:
+        bag: The bag; it stays open for the pictures.
+        kind: Kind of the source.
+        notes: Where problems go.
+
+    Raises:
+        StrideTwinError: The bag cannot be read, unless lenient.
+    """
+    streams, unread = _streams(bag, notes)
+    for topic, log_time, payload, key in bag.messages(set(streams)):
+        streams[topic].add(log_time, payload, key)
+    pictures: dict[str, Pictures] = {}
+    blocks: dict[str, Block[Any]] = {}
+    calibration = BagCalibration(notes)
+    for topic, stream in streams.items():
+        if not stream.times:
+            continue
+        try:
+            if stream.reader is None:
+                _extra(stream, calibration, blocks, notes)
+            elif stream.is_picture:
+                pictures[topic] = _pictures(bag, stream, stream.reader)
+            else:
+                blocks[topic] = stream.reader.block(_together(stream))
+        except ValueError as error:
+            notes.problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
+    blocks = joined(blocks, notes)
+    frames = {t: _frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
+    return Source(
+        kind=kind,
+        blocks=blocks,
+        pictures=pictures,
+        rig=calibration.rig(blocks, pictures, frames),
+        unread=unread,
+        names=bag_names({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in pictures.items()}),
+        assumed=calibration.assumed,
+    )
+
+
+def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]]:
+    """The streams that mean something, and the types of the others."""
+    streams: dict[str, _Stream] = {}
+    unread: dict[str, str] = {}
+    for channel in bag.channels:
+        if channel.typename not in READABLE | CALIBRATIONS | TRANSFORMS | POSES:
+            unread[channel.topic] = channel.typename
+            continue
+        try:
+            streams[channel.topic] = _Stream(channel)
+        except ValueError as error:
+            unread[channel.topic] = channel.typename
+            notes.problem(Problem(channel.topic, None, str(error)))
+    return streams, unread
+
+
+def _together(stream: _Stream) -> Messages:
+    lengths = np.array([len(p) for p in stream.payloads], np.int64)
+    starts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
+    return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
+
+
+def _pictures(bag: Bag, stream: _Stream, reader: TopicReader) -> Pictures:
+    kind = reader.picture_kind(stream.payloads[0])
+    times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
+
+    def load(topic: str, i: int) -> Image | Depth:
+        return reader.picture(bag.payload(source, keys[i]), int(times[i]), topic)
+
+    return Pictures(kind=kind, t_ns=times, load=load)
+
+
+def _extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
+    """Messages that are no samples as they are: calibrations, mounts, and poses."""
+    c = stream.channel
+    store = typestore_for(c.typename, c.encoding, c.definition)
+    try:
+        if c.typename in CALIBRATIONS:
+            calibration.camera_info(c.topic, deserialise(store, stream.payloads[0], c.typename))
+        elif c.typename in TRANSFORMS:
+            if c.topic.endswith("tf_static"):
+                for payload in stream.payloads:
+                    calibration.transforms(deserialise(store, payload, c.typename))
+        else:
+            rows = [pose_of(deserialise(store, p, c.typename)) for p in stream.payloads]
+            t = np.array([r[0] or time for r, time in zip(rows, stream.times)], np.int64)
+            p, q = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
+            blocks[c.topic] = odometry(c.topic, t, p, q, None, notes, f"{notes.path}: {c.topic}")
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"not a {c.typename}: {error}") from error
+
+
+def _frame(payload: bytes) -> str:
+    """The frame that a message's header names, "" where it has no header."""
+    order = "little" if len(payload) > 1 and payload[1] else "big"
+    length = int.from_bytes(payload[12:16], order) if len(payload) >= 16 else 0  # type: ignore[arg-type]
+    try:
+        return payload[16 : 16 + length].rstrip(b"\0").decode() if length < 256 else ""
+    except UnicodeDecodeError:
+        return ""
+
+
+def _picture_stamp(payload: bytes) -> int:
+    if len(payload) < 12:
+        return 0
+    order = "little" if payload[1] else "big"
+    seconds = int.from_bytes(payload[4:8], order, signed=True)  # type: ignore[arg-type]
+    return seconds * 1_000_000_000 + int.from_bytes(payload[8:12], order)  # type: ignore[arg-type]

@@ -1,0 +1,128 @@
+"""What a bag says about its sensors: intrinsics in CameraInfo, mounts in /tf_static."""
+
+from __future__ import annotations
+
+import os.path
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.streams.formats.calibrations import BODY
+from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.plausible import mean_rate
+from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from stridetwin.streams.samples import Array, Block, Imu
+
+CALIBRATIONS = frozenset(["sensor_msgs/msg/CameraInfo"])
+TRANSFORMS = frozenset(["tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"])
+_MODELS = {"plumb_bob": "radtan", "rational_polynomial": "radtan", "": "radtan", "equidistant": "equidistant"}
+_MODELS |= {"fisheye": "equidistant", "radtan": "radtan", "none": "radtan"}
+
+
+class BagCalibration:
+    """Gathers calibrations, and makes a rig of them.
+
+    Args:
+        notes: Told what had to be left out.
+
+    Attributes:
+        assumed: What a camera's calibration assumes, by topic.
+    """
+
+    def __init__(self, notes: Notes) -> None:
+        self._notes = notes
+        self.assumed: dict[str, str] = {}
+        self._infos: dict[str, Any] = {}
+        self._parents: dict[str, tuple[str, Array]] = {}
+
+    def camera_info(self, topic: str, message: Any) -> None:
+        """Takes a CameraInfo; without a focal length it is the driver's word for "not calibrated"."""
+        K = np.asarray(message.k if hasattr(message, "k") else message.K, float)
+        if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
+            self._infos[topic.removesuffix("/camera_info")] = message
+        else:
+            self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
+
+    def transforms(self, message: Any) -> None:
+        """Takes static transforms, T_parent_child."""
+        for stamped in message.transforms:
+            r, p = stamped.transform.rotation, stamped.transform.translation
+            q = np.array([r.w, r.x, r.y, r.z])
+            if 0.9 < float(np.linalg.norm(q)) < 1.1:
+                T = np.eye(4)
+                T[:3, :3] = Rotation.from_quat(q, scalar_first=True).as_matrix()
+                T[:3, 3] = p.x, p.y, p.z
+                self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)
+
+    def rig(self, blocks: Mapping[str, Block[Any]], pictures: Mapping[str, Pictures], frames: Mapping[str, str]) -> Rig:
+        """The cameras whose CameraInfo there is.
+
+        Args:
+            blocks: Small streams by topic; the frame of the IMU beside a camera is taken as the body's.
+            pictures: Picture streams by topic.
+            frames: Frame that each topic's messages name.
+        """
+        imus = [t for t, b in blocks.items() if b.kind is Imu]
+        cameras: dict[str, CameraCalibration] = {}
+        for topic, stream in pictures.items():
+            info = self._info(topic)
+            if info is None:
+                continue
+            imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
+            T = self._between(frames.get(imu, ""), frames.get(topic, "")) if imu else None
+            if imu and T is None:
+                self.assumed[topic] = "no mount in /tf_static; taken to sit at the IMU without a turn between them"
+            cameras[topic] = self._camera(topic, stream, info, np.eye(4) if T is None else T, imu)
+        return Rig(cameras=cameras)
+
+    def _info(self, topic: str) -> Any:
+        near = [base for base in self._infos if topic == base or topic.startswith(base + "/")]
+        return self._infos[max(near, key=len)] if near else None
+
+    def _camera(self, topic: str, stream: Pictures, info: Any, T: Array, imu: str) -> CameraCalibration:
+        K, d = (
+            np.asarray(getattr(info, n) if hasattr(info, n) else getattr(info, n.upper()), float) for n in ("k", "d")
+        )
+        model = _MODELS.get(info.distortion_model)
+        if model is None or np.any(np.abs(d[4:]) > 1e-6) or not np.isfinite(d).all():
+            self._notes.warn(
+                f"{topic}: distortion {info.distortion_model!r} with {len(d)} coefficients has no form here; its "
+                "first four are kept as radtan"
+            )
+        four = np.zeros(4)
+        four[: len(d[:4])] = np.nan_to_num(d[:4], posinf=0.0, neginf=0.0)
+        return CameraCalibration(
+            topic=topic,
+            part="",
+            rate_hz=mean_rate(stream.t_ns),
+            mount=Mount(body=BODY, T_body_sensor=T),
+            width=int(info.width),
+            height=int(info.height),
+            intrinsics=(float(K[0]), float(K[4]), float(K[2]), float(K[5])),
+            distortion_model=model or "radtan",
+            distortion=tuple(float(v) for v in four),  # type: ignore[arg-type]
+            imu_topic=imu,
+        )
+
+    def _between(self, target: str, source: str) -> Array | None:
+        """T_target_source along the tree of static transforms, None if they do not hang together."""
+        a, b = self._to_root(target.strip("/")), self._to_root(source.strip("/"))
+        if a is None or b is None or a[0] != b[0] or not target or not source:
+            return None
+        T = np.eye(4)
+        T[:3, :3] = a[1][:3, :3].T @ b[1][:3, :3]
+        T[:3, 3] = a[1][:3, :3].T @ (b[1][:3, 3] - a[1][:3, 3])
+        return T
+
+    def _to_root(self, frame: str) -> tuple[str, Array] | None:
+        T, seen = np.eye(4), {frame}
+        while frame in self._parents:
+            frame, step = self._parents[frame]
+            T = step @ T
+            if frame in seen:
+                return None
+            seen.add(frame)
+        return frame, T

@@ -1,0 +1,135 @@
+"""ROS 1 bags and ROS 2 bags in SQLite, through the rosbags library."""
+
+from __future__ import annotations
+
+import sqlite3
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.formats.bag import Channel
+from stridetwin.streams.imported import Notes
+from stridetwin.streams.recording_index import Problem
+from stridetwin.streams.ros_types import definition, typestore
+
+_WITHOUT_SEQ = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+
+
+class RosBag:
+    """The messages of a bag that rosbags reads; it stays open until it is forgotten.
+
+    Args:
+        path: A `.bag`, a `.db3`, or the folder of a ROS 2 bag.
+        is_ros1: Which of them.
+        notes: Where damage goes.
+
+    Attributes:
+        channels: Its streams.
+
+    Raises:
+        RecordingError: It cannot be opened.
+    """
+
+    def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
+        self.path, self._is_ros1, self._notes = path, is_ros1, notes
+        with self._told():
+            self._reader: Any = rosbag1.Reader(path) if is_ros1 else rosbag2.Reader(path)
+            self._reader.open()
+            weakref.finalize(self, _close, self._reader)
+            self._store = get_typestore(Stores.EMPTY)
+            found = [self._channel(c) for c in self._reader.connections]
+        self.channels = list({c.topic: c for c in reversed(found)}.values())[::-1]
+        types = {c.topic: c.typename for c in self.channels}
+        self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]
+
+    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+        """(topic, log time in ns, CDR bytes, key) of every message of the topics, as they lie."""
+        wanted = [c for c in self._connections if c.topic in topics]
+        counts: dict[tuple[int, int], int] = {}
+        found = self._reader.messages(connections=wanted) if wanted else iter(())
+        while True:
+            try:
+                with self._told():
+                    message = next(found, None)
+                    if message is None:
+                        return
+                    connection, time, raw = message
+                    payload = self._cdr(raw, connection.msgtype)
+            except RecordingError as error:
+                if not self._notes.lenient:
+                    raise
+                self._notes.problem(Problem("", None, f"{error}; what lies before can be read"))
+                return
+            nth = counts[connection.id, time] = counts.get((connection.id, time), -1) + 1
+            yield connection.topic, time, payload, (connection, time, nth)
+
+    def payload(self, topic: str, key: Any) -> bytes:
+        """CDR bytes of one message again."""
+        connection, time, nth = key
+        with self._told():
+            found = self._reader.messages(connections=[connection], start=time, stop=time + 1)
+            for k, (_, _, raw) in enumerate(found):
+                if k == nth:
+                    return self._cdr(raw, connection.msgtype)
+        raise StrideTwinError(f"{self.path}: {topic}: a message that was there is gone; has the file changed?")
+
+    def _cdr(self, raw: bytes, typename: str) -> bytes:
+        return bytes(self._store.ros1_to_cdr(raw, typename)) if self._is_ros1 else bytes(raw)
+
+    def _channel(self, connection: Any) -> Channel:
+        name = connection.msgtype
+        text, encoding = connection.msgdef.data, "ros2msg"
+        if connection.msgdef.format == MessageDefinitionFormat.IDL:
+            encoding = "ros2idl"
+        elif not text:  # bags of older ROS 2 releases hold no definitions: the standard types are the same
+            text = definition(name) if name in typestore().fielddefs else ""
+        if self._is_ros1:
+            text = self._as_ros2(name, text)
+        return Channel(connection.topic, name, encoding, text)
+
+    def _as_ros2(self, name: str, text: str) -> str:
+        """A ROS 1 definition as ROS 2 has it; "" where it cannot be understood, which is told if it is needed."""
+        try:
+            if name not in self._store.fielddefs:
+                # a header's `seq` falls away on the way to CDR, so the types must not have it
+                ours = {n: typestore().fielddefs[n] for n in _WITHOUT_SEQ}
+                self._store.register(get_types_from_msg(text, name) | ours)
+            return str(self._store.generate_msgdef(name, ros_version=2)[0])
+        except Exception:  # the parser raises several unrelated kinds
+            return ""
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Whatever the library meets in a damaged file, as one error that names the file."""
+        try:
+            yield
+        except StrideTwinError:
+            raise
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        except Exception as error:  # asserts, index and key errors, MemoryError: the library trusts its input
+            words = " ".join(str(error).split()) or type(error).__name__
+            raise RecordingError(f"{self.path}: a damaged bag: {words[:200]}") from error
+
+
+def _close(reader: Any) -> None:
+    reader.close()
+
+
+def sqlite_is_sound(path: Path) -> bool:
+    """Whether SQLite's own check of the file's structure passes; it has no checksum of what the rows say."""
+    try:
+        connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
+        try:
+            return bool(connection.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
+        finally:
+            connection.close()
+    except sqlite3.Error:
+        return False

@@ -1,0 +1,164 @@
+"""Recordings as EuRoC MAV folders: one IMU, one camera (or the two of a stereo pair), and the true states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.camera_choice import chosen_camera
+from stridetwin.streams.formats.euroc import IMU_COLUMNS, IMU_UNITS, POSE_COLUMNS, VELOCITY_COLUMNS
+from stridetwin.streams.formats.picture_files import write_image
+from stridetwin.streams.formats.virtual_right import right_camera, right_view
+from stridetwin.streams.kalibr import write_rig
+from stridetwin.streams.recorder import RIG_NAME
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
+from stridetwin.streams.samples import Array, Depth, Image
+
+RIGHT_SUFFIX = "_right"
+
+
+def write_euroc(
+    recording: Recording, folder: Path, camera_topic: str | None = None, stereo_baseline_m: float | None = None
+) -> dict[str, int]:
+    """Writes `folder/mav0` in the ASL layout, and the whole calibration beside it as `rig.yaml`.
+
+    A camera whose topic ends in `_right` becomes `cam1` beside the one it belongs to; where there is none, one
+    can be made from depth. The biases of the true states, which a recording does not tell, are 0.
+
+    Args:
+        recording: Needs a camera, and an IMU on the same body.
+        folder: An empty folder.
+        camera_topic: Which camera; the first with depth by default.
+        stereo_baseline_m: Makes a right camera at this distance; the camera needs depth then.
+
+    Returns:
+        Rows written, by sensor.
+
+    Raises:
+        StrideTwinError: The recording lacks the camera or the IMU.
+    """
+    camera = chosen_camera(recording, camera_topic)
+    if camera.imu_topic not in recording.topics:
+        raise ConfigError(recording.path, f"IMU of {camera.topic}", camera.imu_topic, "an IMU on the camera's body")
+    imu = recording.rig.imu(camera.imu_topic)
+    root = folder / "mav0"
+    counts = {"imu0": _write_imu(recording, imu, root / "imu0")}
+    cameras = [camera]
+    right = f"{camera.topic}{RIGHT_SUFFIX}"
+    if stereo_baseline_m is not None:
+        cameras.append(right_camera(camera, stereo_baseline_m, right))
+        counts |= _write_stereo(recording, cameras[0], cameras[1], imu, root)
+    else:
+        cameras += [recording.rig.cameras[right]] if right in recording.topics else []
+        for i, each in enumerate(cameras):
+            pictures = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
+            counts[f"cam{i}"] = _write_camera(pictures, each, imu, root / f"cam{i}")
+    truth = f"/truth{imu.topic}/odometry"
+    if truth in recording.topics:
+        counts["state_groundtruth_estimate0"] = _write_truth(recording, truth, root / "state_groundtruth_estimate0")
+    write_rig(_with_only(recording.rig, imu, cameras), folder / RIG_NAME)
+    return counts
+
+
+def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
+    block = recording.block(imu.topic)
+    header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(IMU_COLUMNS, IMU_UNITS))]
+    _write_csv(folder, header, block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
+    lines = [
+        "sensor_type: imu",
+        f"comment: {_quoted(imu.part)}",
+        _transform(np.eye(4)),
+        f"rate_hz: {imu.rate_hz!r}",
+        f"gyroscope_noise_density: {imu.gyroscope_noise_density!r}  # rad/s/sqrt(Hz)",
+        f"gyroscope_random_walk: {imu.gyroscope_random_walk!r}  # rad/s^2/sqrt(Hz)",
+        f"accelerometer_noise_density: {imu.accelerometer_noise_density!r}  # m/s^2/sqrt(Hz)",
+        f"accelerometer_random_walk: {imu.accelerometer_random_walk!r}  # m/s^3/sqrt(Hz)",
+    ]
+    (folder / "sensor.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return len(block)
+
+
+def _write_stereo(
+    recording: Recording, left: CameraCalibration, right: CameraCalibration, imu: ImuCalibration, root: Path
+) -> dict[str, int]:
+    """Both cameras of a pair whose right one is made: the pictures for which there is depth."""
+    if left.depth_topic not in recording.topics:
+        raise ConfigError(recording.path, f"depth of {left.topic}", left.depth_topic or None, "a camera with depth")
+    times = np.intersect1d(recording.picture_times(left.topic), recording.picture_times(left.depth_topic))
+    baseline = float(np.linalg.norm(right.mount.T_body_sensor[:3, 3] - left.mount.T_body_sensor[:3, 3]))
+    topics = {"cam0": left, "cam1": right}
+
+    def pictures(camera: CameraCalibration) -> Iterator[Image]:
+        for t in times.tolist():
+            (picture,) = recording.images(left.topic, t_ns=[t])
+            assert isinstance(picture, Image)
+            if camera is right:
+                (depth,) = recording.images(left.depth_topic, t_ns=[t])
+                assert isinstance(depth, Depth)
+                pixels = right_view(picture.pixels, depth.depth, left.intrinsics[0], baseline)
+                picture = Image(topic=right.topic, t_ns=t, pixels=pixels)
+            yield picture
+
+    return {name: _write_camera(pictures(camera), camera, imu, root / name) for name, camera in topics.items()}
+
+
+def _write_camera(pictures: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
+    data = folder / "data"
+    data.mkdir(parents=True)
+    rows = ["#timestamp [ns],filename"]
+    for sample in pictures:
+        write_image(data / f"{sample.t_ns}.png", sample)
+        rows.append(f"{sample.t_ns},{sample.t_ns}.png")
+    (folder / "data.csv").write_text("\n".join(rows) + "\n", encoding="ascii")
+    model = "radial-tangential" if camera.distortion_model == "radtan" else camera.distortion_model
+    lines = [
+        "sensor_type: camera",
+        f"comment: {_quoted(camera.part)}",
+        _transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),
+        f"rate_hz: {camera.rate_hz!r}",
+        f"resolution: [{camera.width}, {camera.height}]",
+        "camera_model: pinhole",
+        f"intrinsics: {[float(v) for v in camera.intrinsics]}  # fu, fv, cu, cv",
+        f"distortion_model: {model}",
+        f"distortion_coefficients: {[float(v) for v in camera.distortion]}",
+    ]
+    (folder / "sensor.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return len(rows) - 1
+
+
+def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
+    c = recording.block(topic).columns
+    t_ns = recording.block(topic).t_ns
+    biases = [f"b_{which}_RS_S_{axis}" for which in "wa" for axis in "xyz"]
+    units = ["m"] * 3 + [""] * 4 + ["m s^-1"] * 3 + ["rad s^-1"] * 3 + ["m s^-2"] * 3
+    names = [*POSE_COLUMNS, *VELOCITY_COLUMNS, *biases]
+    header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(names, units))]
+    zeros = np.zeros((len(t_ns), 6))
+    _write_csv(folder, header, t_ns, c["p_frame_in_world"], c["q_world_frame"], c["v_frame_in_world"], zeros)
+    (folder / "sensor.yaml").write_text(f"sensor_type: visual-inertial\n{_transform(np.eye(4))}\n", encoding="utf-8")
+    return len(t_ns)
+
+
+def _write_csv(folder: Path, header: list[str], t_ns: Any, *columns: Array) -> None:
+    folder.mkdir(parents=True)
+    with (folder / "data.csv").open("w", encoding="ascii") as file:
+        file.write(f"#{','.join(header)}\n")
+        for t, row in zip(t_ns.tolist(), np.column_stack(columns).tolist()):
+            file.write(f"{t},{','.join(map(repr, row))}\n")
+
+
+def _with_only(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
+    return Rig(imus={imu.topic: imu}, cameras={c.topic: c for c in cameras}, boards=rig.boards)
+
+
+def _transform(T: Array) -> str:
+    return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{', '.join(repr(float(v)) for v in T.ravel())}]"
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"

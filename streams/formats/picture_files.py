@@ -1,0 +1,93 @@
+"""Pictures as single files: 8-bit colour or grey, and depth as 16-bit PNG."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.imported import unreadable
+from stridetwin.streams.ros_pictures import rgb_from_bgr
+from stridetwin.streams.samples import Depth, Image
+
+NONE = (0, 65535)
+_PNG = b"\x89PNG\r\n\x1a\n"
+_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
+
+
+def read_image(path: Path, topic: str, t_ns: int) -> Image:
+    """A colour or grey picture; the upper byte of 16-bit grey.
+
+    Raises:
+        StrideTwinError: It is missing or damaged.
+    """
+    pixels = _pixels(path)
+    if pixels.dtype == np.uint16:
+        pixels = (pixels >> 8).astype(np.uint8)
+    if pixels.dtype != np.uint8:
+        raise ConfigError(path, "pixels", str(pixels.dtype), "8 or 16 bits")
+    return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
+
+
+def read_depth(path: Path, topic: str, t_ns: int, per_metre: float) -> Depth:
+    """A depth picture of 16 bits; 0 and 65535 both mean none.
+
+    Raises:
+        StrideTwinError: It is missing, damaged or has not 16 bits.
+    """
+    raw = _pixels(path)
+    if raw.dtype != np.uint16 or raw.ndim != 2:
+        raise ConfigError(path, "pixels", f"{raw.dtype} {raw.shape}", "one channel of 16 bits")
+    none = (raw == NONE[0]) | (raw == NONE[1])
+    return Depth(topic=topic, t_ns=t_ns, depth=np.where(none, 0, raw).astype(np.float32) / np.float32(per_metre))
+
+
+def write_image(path: Path, sample: Image) -> None:
+    """Writes a PNG."""
+    pixels = sample.pixels if sample.pixels.ndim == 2 else cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR)
+    _write(path, pixels)
+
+
+def write_depth(path: Path, sample: Depth, per_metre: float) -> None:
+    """Writes a PNG of 16 bits; what lies beyond its range becomes 0, none."""
+    units = np.rint(sample.depth * np.float32(per_metre))
+    _write(path, np.where((units > 0) & (units < NONE[1]), units, 0).astype(np.uint16))
+
+
+def png_is_sound(data: bytes) -> bool:
+    """Whether every chunk of a PNG is whole by its CRC: OpenCV decodes some that are not, and only grumbles."""
+    at = len(_PNG)
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
+    return False
+
+
+def _pixels(path: Path) -> NDArray[Any]:
+    try:
+        data = path.read_bytes()
+        sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if sound else None
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise ConfigError(path, "", "a damaged picture", "one that OpenCV reads")
+    return pixels
+
+
+def _write(path: Path, pixels: NDArray[Any]) -> None:
+    done, data = cv2.imencode(path.suffix, pixels, _FAST_PNG)
+    if not done:
+        raise StrideTwinError(f"{path}: cannot be written: OpenCV refuses {pixels.dtype} {pixels.shape}")
+    path.write_bytes(data.tobytes())

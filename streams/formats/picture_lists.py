@@ -1,0 +1,76 @@
+"""Lists of stamped picture files, as the EuRoC and TUM layouts have them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.picture_files import read_depth, read_image
+from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
+from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.samples import Depth, Image
+
+
+def read_picture_list(
+    file: Path,
+    folder: Path,
+    separator: str | None,
+    stamp: Callable[[str], int],
+    notes: Notes,
+    per_metre: float | None = None,
+) -> Pictures:
+    """Reads rows of a stamp and the name of a picture.
+
+    Args:
+        file: The list.
+        folder: Where the names begin.
+        separator: Between stamp and name; None is any white space.
+        stamp: Word to nanoseconds.
+        notes: Where rows that are not valid go, which are left out when lenient.
+        per_metre: Units of depth in a metre; None for colour.
+
+    Raises:
+        StrideTwinError: The list cannot be read, is empty, or a row is not valid, unless lenient.
+    """
+    _, rows = read_text_rows(file, separator)
+    stamps: list[int] = []
+    files: list[Path] = []
+    for row in rows:
+        try:
+            path = _listed(file, folder, row.line, (separator or " ").join(row.words[1:]))
+            stamps.append(row_stamp(file, row, stamp))
+            files.append(path)
+        except ConfigError as error:
+            notes.invalid(error)
+    if not files:
+        notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
+    return picture_stream(stamps, files, per_metre)
+
+
+def picture_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> Pictures:
+    """Stamped picture files as a stream: of depth with `per_metre` units in a metre, of colour without."""
+
+    def load(topic: str, i: int) -> Image | Depth:
+        if per_metre is None:
+            return read_image(files[i], topic, stamps[i])
+        return read_depth(files[i], topic, stamps[i], per_metre)
+
+    return Pictures(kind=Image if per_metre is None else Depth, t_ns=np.array(stamps, np.int64), load=load)
+
+
+def _listed(file: Path, folder: Path, line: int, name: str) -> Path:
+    where, valid = f"line {line}, filename", f"a picture inside {folder.name}/"
+    parts = PurePath(name).parts
+    if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
+        raise ConfigError(file, where, name, valid)
+    path = folder / name
+    try:
+        there = path.is_file()
+    except OSError:  # a name too long for the file system
+        there = False
+    if not there:
+        raise ConfigError(file, where, name, f"{valid}; there is no such file")
+    return path

@@ -1,0 +1,67 @@
+"""Poses of a true path, with the velocities that the source does not tell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.imported import Notes
+from stridetwin.streams.samples import Array, Block, Odometry
+from stridetwin.streams.topic_reader import increasing
+
+_UNIT = (0.9, 1.1)
+
+
+def odometry(
+    name: str, t_ns: NDArray[np.int64], p: Array, q: Array, v: Array | None, notes: Notes, file: object
+) -> Block[Odometry]:
+    """Poses as a block of odometry; what is not known is the central difference of what is.
+
+    Args:
+        name: Stream.
+        t_ns: (N,) stamps.
+        p: (N, 3) m, origin of the frame in the world.
+        q: (N, 4) quaternions (w, x, y, z), frame to world; normalised here.
+        v: (N, 3) m/s, or None.
+        notes: Where problems go.
+        file: What errors call the source.
+
+    Raises:
+        ConfigError: A quaternion that is far from a unit one, unless lenient (its row is left out).
+    """
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(q, axis=1)
+    sound = (norm > _UNIT[0]) & (norm < _UNIT[1])
+    if not sound.all():
+        at = int(np.argmin(sound))
+        notes.invalid(ConfigError(file, f"row {at + 1}, quaternion", q[at].tolist(), "a unit quaternion"))
+        t_ns, p, q, norm = t_ns[sound], p[sound], q[sound], norm[sound]
+        v = None if v is None else v[sound]
+    q = q / norm[:, None]
+    rates = np.zeros((2, len(t_ns), 3))
+    rising = np.flatnonzero(increasing(t_ns, -1))  # what goes backwards is refused or left out later on
+    if len(rising) > 1:
+        attitude = Rotation.from_quat(q[rising], scalar_first=True)
+        rates[:, rising] = _rates(t_ns[rising], p[rising], attitude)
+    return Block(
+        topic=name,
+        kind=Odometry,
+        t_ns=t_ns,
+        columns={
+            "p_frame_in_world": p,
+            "q_world_frame": q,
+            "v_frame_in_world": rates[0] if v is None else v,
+            "angular_rate": rates[1],
+        },
+    )
+
+
+def _rates(t_ns: NDArray[np.int64], p: Array, attitude: Rotation) -> Array:
+    """(2, N, 3) velocity in the world, and angular rate in the frame, over the neighbours of each pose."""
+    i = np.arange(len(t_ns))
+    before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)
+    span = (t_ns[after] - t_ns[before])[:, None] * 1e-9
+    turn = (attitude[before].inv() * attitude[after]).as_rotvec()
+    return np.stack(((p[after] - p[before]) / span, turn / span))

@@ -1,0 +1,55 @@
+"""Recordings written anew from any source, second by second, without losing a pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.files import partial_path
+from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.samples import Depth, Image
+from stridetwin.streams.topic_reader import selected
+
+_SECOND_NS = 1_000_000_000
+
+
+def write_recording(recording: Recording, path: Path, progress: Callable[[float], None] = lambda _: None) -> None:
+    """Writes every sample of a recording as an MCAP file, whole or not at all: pictures as PNG, depth as float metres.
+
+    Args:
+        recording: The source.
+        path: File to make.
+        progress: Told how far it is (0-1).
+
+    Raises:
+        StrideTwinError: A picture is damaged (unless lenient), or the place cannot be written.
+    """
+    try:
+        _write(recording, path, progress)
+    except StrideTwinError:
+        partial_path(path).unlink(missing_ok=True)
+        raise
+
+
+def _write(recording: Recording, path: Path, progress: Callable[[float], None]) -> None:
+    blocks = [recording.block(t) for t, i in recording.topics.items() if i.kind not in (Image, Depth)]
+    topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
+    times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.picture_times, topics)])
+    pictures = recording.samples(topics)
+    picture = next(pictures, None)
+    with RecordingWriter(path, recording.rig, recording.metadata, depth_encoding="32FC1", jpeg_quality=None) as writer:
+        for second in np.unique(times // _SECOND_NS).tolist():
+            since, until = second * _SECOND_NS, (second + 1) * _SECOND_NS
+            for block in blocks:
+                first, last = np.searchsorted(block.t_ns, (since, until))
+                if first < last:
+                    here = np.zeros(len(block), bool)
+                    here[first:last] = True
+                    writer.write(selected(block, here))
+            while picture is not None and picture.t_ns < until:
+                writer.write(picture)
+                picture = next(pictures, None)
+            progress((until - times.min()) / max(1, times.max() - times.min()))

@@ -1,0 +1,110 @@
+"""Recordings as ROS 2 bags: the same messages, in MCAP or SQLite storage."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+import yaml
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.bag_mcap import McapBag
+from stridetwin.streams.formats.recorded import write_recording
+from stridetwin.streams.imported import Notes
+from stridetwin.streams.kalibr import write_rig
+from stridetwin.streams.recorder import RIG_NAME
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.ros_types import typestore
+
+STORAGES = ("mcap", "sqlite3")
+_VERSION: Literal[9] = 9  # of the bag's metadata, as ROS 2 Jazzy writes it
+
+
+def write_rosbag2(recording: Recording, folder: Path, name: str, storage: str = "mcap") -> dict[str, int]:
+    """Writes a bag: `NAME.mcap` or `NAME.db3`, `metadata.yaml`, and the calibration as `rig.yaml`.
+
+    MCAP storage keeps the recording's CRCs; SQLite storage has no checksum.
+
+    Args:
+        recording: Any recording; the messages of an MCAP file are carried over byte for byte.
+        folder: An empty folder.
+        name: Of the file inside, without suffix.
+        storage: `mcap` or `sqlite3`.
+
+    Returns:
+        Messages written, by topic.
+
+    Raises:
+        StrideTwinError: The recording cannot be read again, or the storage is unknown.
+    """
+    if storage not in STORAGES:
+        raise ConfigError("export", "--storage", storage, " or ".join(STORAGES))
+    with TemporaryDirectory(dir=folder) as temporary:
+        source = recording.path
+        if not recording.is_mcap:
+            source = Path(temporary) / "whole.mcap"
+            write_recording(recording, source)
+        bag = McapBag([source], Notes(source, recording.lenient))
+        counts = _write_mcap(bag, source, folder, name) if storage == "mcap" else _write_sqlite(bag, folder, name)
+    if recording.has_rig:
+        write_rig(recording.rig, folder / RIG_NAME)
+    return counts
+
+
+def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str, int]:
+    file = f"{name}.mcap"
+    shutil.copyfile(source, folder / file)
+    counts = {c.topic: 0 for c in bag.channels}
+    first, last = 2**63 - 1, 0
+    for topic, t_ns, _, _ in bag.messages(set(counts)):
+        counts[topic] += 1
+        first, last = min(first, t_ns), max(last, t_ns)
+    span = {"duration": {"nanoseconds": max(0, last - first)}, "message_count": sum(counts.values())}
+    start = {"starting_time": {"nanoseconds_since_epoch": first if span["message_count"] else 0}}
+    information = {
+        "version": _VERSION,
+        "storage_identifier": "mcap",
+        **span,
+        **start,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": c.topic,
+                    "type": c.typename,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [],
+                    "type_description_hash": "",
+                },
+                "message_count": counts[c.topic],
+            }
+            for c in bag.channels
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file],
+        "files": [{"path": file, **start, **span}],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
+    (folder / "metadata.yaml").write_text(text, encoding="utf-8")
+    return counts
+
+
+def _write_sqlite(bag: McapBag, folder: Path, name: str) -> dict[str, int]:
+    counts = {c.topic: 0 for c in bag.channels}
+    with TemporaryDirectory(dir=folder) as temporary:
+        inner = Path(temporary) / name  # the library makes the folder itself, and names the file after it
+        with Writer(inner, version=_VERSION, storage_plugin=StoragePlugin.SQLITE3) as writer:
+            connections = {
+                c.topic: writer.add_connection(c.topic, c.typename, typestore=typestore()) for c in bag.channels
+            }
+            for topic, t_ns, payload, _ in bag.messages(set(counts)):
+                writer.write(connections[topic], t_ns, payload)
+                counts[topic] += 1
+        for file in inner.iterdir():
+            shutil.move(file, folder / file.name)
+    return counts

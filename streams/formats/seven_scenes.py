@@ -1,0 +1,143 @@
+"""RGB-D folders in the 7-Scenes layout: `frame-000000.color.png`, `.depth.png` (mm), `.pose.txt` (camera to world).
+
+Shotton et al., Scene coordinate regression forests, CVPR 2013. The layout carries no time: frames are taken to follow
+each other at 30 Hz. `camera-intrinsics.txt`, a 3 x 3 matrix, is read where it is there.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.calibrations import BODY, picture_size
+from stridetwin.streams.formats.picture_lists import picture_stream
+from stridetwin.streams.formats.poses import odometry
+from stridetwin.streams.formats.text_rows import read_text_rows
+from stridetwin.streams.imported import Notes, Pictures, Source
+from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from stridetwin.streams.samples import Array, Block
+
+RATE_HZ = 30.0
+PER_METRE = 1000.0
+COLOR, DEPTH, TRUTH = "/head/color", "/head/depth", "/truth/head/color/odometry"
+_FRAME = re.compile(r"frame-(\d{1,9})\.(color\.(?:png|jpg|jpeg)|depth\.png|pose\.txt)")
+_PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the published scenes, 640 x 480
+
+
+def frames_folder(path: Path) -> Path | None:
+    """The folder with the frames: `path`, or its first `seq-..`."""
+    for folder in (path, *sorted(path.glob("seq-*"))):
+        if folder.is_dir() and any(_FRAME.fullmatch(p.name) for p in folder.iterdir()):
+            return folder
+    return None
+
+
+def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Source:
+    """Reads a folder in the 7-Scenes layout.
+
+    Args:
+        path: The folder.
+        notes: Where problems go.
+        per_metre: Units of the depth pictures in a metre.
+
+    Raises:
+        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+    """
+    folder = frames_folder(path)
+    if folder is None:
+        raise ConfigError(path, "", "no frame-*.depth.png", "a folder in the 7-Scenes layout")
+    found: dict[str, dict[int, Path]] = {"color": {}, "depth": {}, "pose": {}}
+    for file in sorted(folder.iterdir()):
+        if name := _FRAME.fullmatch(file.name):
+            found[name[2].partition(".")[0]][int(name[1])] = file
+    notes.warn(f"the 7-Scenes layout carries no time: {RATE_HZ:g} Hz assumed")
+    _tell_missing(found, notes)
+    pictures = {
+        topic: picture_stream([_stamp(f) for f in sorted(files)], [files[f] for f in sorted(files)], scale)
+        for topic, files, scale in ((COLOR, found["color"], None), (DEPTH, found["depth"], per_metre))
+        if files
+    }
+    blocks: dict[str, Block[Any]] = {}
+    if found["pose"]:
+        blocks[TRUTH] = _poses(found["pose"], notes)
+    return Source(kind="7scenes", blocks=blocks, pictures=pictures, rig=_rig(path, folder, pictures), unread={})
+
+
+def _tell_missing(found: dict[str, dict[int, Path]], notes: Notes) -> None:
+    frames = sorted({f for files in found.values() for f in files})
+    for what, files in found.items():
+        missing = [f for f in range(frames[0], frames[-1] + 1) if f not in files] if files else []
+        if missing:
+            notes.warn(f"{what}: {len(missing)} frames are missing, the first of them frame-{missing[0]:06d}")
+
+
+def _stamp(frame: int) -> int:
+    return round(frame * 1e9 / RATE_HZ)
+
+
+def _poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
+    stamps: list[int] = []
+    poses: list[Array] = []
+    for frame, file in sorted(files.items()):
+        try:
+            poses.append(_pose(file))
+            stamps.append(_stamp(frame))
+        except StrideTwinError as error:
+            notes.invalid(error)
+    T = np.array(poses).reshape(-1, 4, 4)
+    q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True) if len(T) else np.zeros((0, 4))
+    return odometry(TRUTH, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
+
+
+def _pose(file: Path) -> Array:
+    T = _matrix(file, 4)
+    R = T[:3, :3]
+    if not (np.allclose(R @ R.T, np.eye(3), atol=1e-2) and np.linalg.det(R) > 0 and np.allclose(T[3], (0, 0, 0, 1))):
+        raise ConfigError(file, "pose", np.round(T, 4).tolist(), "a rigid transform, camera to world")
+    return T
+
+
+def _matrix(file: Path, size: int) -> Array:
+    _, rows = read_text_rows(file, None)
+    try:
+        table = np.array([[float(w) for w in row.words] for row in rows])
+    except ValueError:
+        table = np.zeros(0)
+    if table.shape != (size, size) or not np.isfinite(table).all():
+        raise ConfigError(file, "matrix", f"{len(rows)} rows", f"{size} rows of {size} finite numbers")
+    return table
+
+
+def _rig(path: Path, folder: Path, pictures: dict[str, Pictures]) -> Rig:
+    depth_size = picture_size(pictures[DEPTH]) if DEPTH in pictures else None
+    color_size = picture_size(pictures[COLOR]) if COLOR in pictures else None
+    size = depth_size or color_size
+    file = next((f for p in (folder, path) if (f := p / "camera-intrinsics.txt").is_file()), None)
+    if size is None:
+        return Rig()
+    if file is not None:
+        K = _matrix(file, 3)
+        intrinsics = tuple(float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+        if min(intrinsics[:2]) <= 0:
+            raise ConfigError(file, "matrix", list(intrinsics), "fx 0 cx / 0 fy cy / 0 0 1, focal lengths above 0")
+    elif size == (640, 480):
+        intrinsics = _PUBLISHED
+    else:
+        return Rig()
+    topic = COLOR if size == color_size else DEPTH
+    camera = CameraCalibration(
+        topic=topic,
+        part="",
+        rate_hz=RATE_HZ,
+        mount=Mount(body=BODY),
+        width=size[0],
+        height=size[1],
+        intrinsics=intrinsics,  # type: ignore[arg-type]
+        depth_topic=DEPTH if DEPTH in pictures else "",
+    )
+    return Rig(cameras={topic: camera})

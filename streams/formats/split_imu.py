@@ -1,0 +1,50 @@
+"""IMUs that a driver publishes as two streams, one for each sensor (RealSense: `gyro/sample` and `accel/sample`)."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from stridetwin.streams.imported import Notes
+from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.topic_reader import increasing
+
+_GYRO = re.compile(r"gyro(?:/sample)?", re.IGNORECASE)
+_JOINED = "imu"
+
+
+def joined(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]:
+    """The streams with such pairs made one: the force is interpolated to the stamps of the rate.
+
+    Args:
+        blocks: Streams by topic.
+        notes: Told of every pair.
+    """
+    result = dict(blocks)
+    for topic, gyro in blocks.items():
+        other = _GYRO.sub(lambda m: m[0].replace("gyro", "accel").replace("Gyro", "Accel"), topic)
+        accel = blocks.get(other)
+        if other == topic or accel is None or gyro.kind is not Imu or accel.kind is not Imu:
+            continue
+        if gyro.columns["specific_force"].any() or accel.columns["angular_rate"].any() or len(accel) < 2:
+            continue
+        name = _GYRO.sub(_JOINED, topic)
+        del result[topic], result[other]
+        result[name] = _one(name, gyro, accel)
+        notes.warn(f"{topic} and {other} are joined as {name}, the force interpolated to the stamps of the rate")
+    return result
+
+
+def _one(name: str, gyro: Block[Imu], accel: Block[Imu]) -> Block[Imu]:
+    order = increasing(accel.t_ns, -1)
+    t, force = accel.t_ns[order], accel.columns["specific_force"][order]
+    within = (gyro.t_ns >= t[0]) & (gyro.t_ns <= t[-1])
+    since: Array = (gyro.t_ns[within] - t[0]) * 1e-9
+    known: Array = (t - t[0]) * 1e-9
+    columns = {
+        "angular_rate": gyro.columns["angular_rate"][within],
+        "specific_force": np.column_stack([np.interp(since, known, force[:, k]) for k in range(3)]),
+    }
+    return Block(topic=name, kind=Imu, t_ns=gyro.t_ns[within], columns=columns)

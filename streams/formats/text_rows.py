@@ -1,0 +1,117 @@
+"""Rows of words in a text file, turned into numbers with an error that says where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.imported import Notes, unreadable
+from stridetwin.streams.samples import Array
+
+LONGEST_STAMP = 19
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line: its number in the file and its words."""
+
+    line: int
+    words: list[str]
+
+
+def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[Row]]:
+    """The words of the last comment above the data (column names, if any), and the rows.
+
+    Args:
+        path: File; `#` begins a comment.
+        separator: Between words; None is any white space.
+
+    Raises:
+        StrideTwinError: The file cannot be read.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise unreadable(path, error) from error
+    header: list[str] = []
+    rows: list[Row] = []
+    for number, line in enumerate(lines, 1):
+        text, mark, comment = line.partition("#")
+        if text.strip():
+            rows.append(Row(number, [w.strip() for w in text.strip().split(separator)]))
+        elif mark and not rows:
+            header = [w.strip() for w in comment.strip().split(separator)]
+    return header, rows
+
+
+def numbers(
+    path: Path, rows: list[Row], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
+) -> tuple[NDArray[np.int64], Array]:
+    """Stamps (N,) ns from the first word of each row, and the columns (N, K).
+
+    Args:
+        path: What errors call the file.
+        rows: The rows.
+        columns: Name and place of each column.
+        stamp: Word to nanoseconds; ValueError if it is none.
+        notes: Where rows that are not valid go, which are left out when lenient.
+
+    Raises:
+        ConfigError: A word is no number, or there is no row, unless lenient.
+    """
+    places = [at for _, at in columns]
+    try:
+        whole = np.array([[row.words[at] for at in places] for row in rows], dtype=np.str_).astype(np.float64)
+        if rows and np.isfinite(whole).all():
+            return np.array([stamp(row.words[0]) for row in rows], np.int64), whole
+    except (ValueError, IndexError):
+        pass  # something is wrong: row by row the error says where
+    stamps: list[int] = []
+    table: list[list[float]] = []
+    for row in rows:
+        try:
+            values = [_number(path, row, name, at) for name, at in columns]
+            stamps.append(row_stamp(path, row, stamp))
+            table.append(values)
+        except ConfigError as error:
+            notes.invalid(error)
+    if not table:
+        notes.invalid(ConfigError(path, "rows", 0, "at least one that is valid"))
+    return np.array(stamps, np.int64), np.array(table, np.float64).reshape(-1, len(columns))
+
+
+def row_stamp(path: Path, row: Row, stamp: Callable[[str], int]) -> int:
+    """Stamp of a row, ns.
+
+    Raises:
+        ConfigError: Its first word is none.
+    """
+    try:
+        return stamp(row.words[0])
+    except ValueError as error:
+        raise ConfigError(path, f"line {row.line}, time stamp", row.words[0], str(error)) from None
+
+
+def integer_nanoseconds(word: str) -> int:
+    """A stamp in whole nanoseconds."""
+    value = int(word) if word.isascii() and word.isdecimal() and len(word) <= LONGEST_STAMP else -1
+    if not 0 <= value < 2**63:
+        raise ValueError("whole nanoseconds")
+    return value
+
+
+def _number(path: Path, row: Row, name: str, at: int) -> float:
+    word = row.words[at] if at < len(row.words) else None
+    try:
+        value = float(word) if word is not None else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(path, f"line {row.line}, {name}", word, "a finite number")
+    return value

@@ -1,0 +1,107 @@
+"""RGB-D folders in the TUM layout: `rgb.txt`, `depth.txt`, `groundtruth.txt`, `accelerometer.txt` and the pictures.
+
+Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012. Depth PNGs hold 5000 units a metre. Poses
+are those of the colour camera's optical frame. `calibration.txt` (fx fy cx cy) is that of the ETH3D sets.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.calibrations import BODY, picture_size
+from stridetwin.streams.formats.picture_lists import read_picture_list
+from stridetwin.streams.formats.poses import odometry
+from stridetwin.streams.formats.text_rows import numbers, read_text_rows
+from stridetwin.streams.imported import Notes, Pictures, Source
+from stridetwin.streams.plausible import mean_rate
+from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from stridetwin.streams.samples import Accelerometer, Block, Depth
+from stridetwin.streams.tum import decimal_seconds
+
+PER_METRE = 5000.0
+COLOR, DEPTH, ACCELEROMETER = "/head/color", "/head/depth", "/head/accelerometer"
+TRUTH = "/truth/head/color/odometry"
+_POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_PLAUSIBLE_M = (0.25, 15.0)
+
+
+def is_tum_rgbd(path: Path) -> bool:
+    """Whether a folder has the layout."""
+    return any((path / name).is_file() for name in ("rgb.txt", "depth.txt"))
+
+
+def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Source:
+    """Reads a folder in the TUM layout.
+
+    Args:
+        path: The folder.
+        notes: Where problems go.
+        per_metre: Units of the depth pictures in a metre.
+
+    Raises:
+        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+    """
+    pictures: dict[str, Pictures] = {}
+    blocks: dict[str, Block[Any]] = {}
+    if (path / "rgb.txt").is_file():
+        pictures[COLOR] = read_picture_list(path / "rgb.txt", path, None, decimal_seconds, notes)
+    if (path / "depth.txt").is_file():
+        pictures[DEPTH] = read_picture_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
+        _check_depth(pictures[DEPTH], per_metre, notes)
+    file = path / "accelerometer.txt"
+    if file.is_file():
+        _, rows = read_text_rows(file, None)
+        t_ns, table = numbers(file, rows, [("ax", 1), ("ay", 2), ("az", 3)], decimal_seconds, notes)
+        columns = {"specific_force": table}
+        blocks[ACCELEROMETER] = Block(topic=ACCELEROMETER, kind=Accelerometer, t_ns=t_ns, columns=columns)
+    file = path / "groundtruth.txt"
+    if file.is_file():
+        _, rows = read_text_rows(file, None)
+        t_ns, table = numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], decimal_seconds, notes)
+        blocks[TRUTH] = odometry(TRUTH, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
+    return Source(kind="tum", blocks=blocks, pictures=pictures, rig=_rig(path, pictures), unread={})
+
+
+def _check_depth(pictures: Pictures, per_metre: float, notes: Notes) -> None:
+    """A wrong scale shows in a distance that no such camera measures."""
+    try:
+        first = pictures.load(DEPTH, 0)
+    except (StrideTwinError, IndexError):
+        return  # met again, and told, when the picture is read
+    seen = first.depth[first.depth > 0] if isinstance(first, Depth) else np.zeros(0)
+    if len(seen) and not _PLAUSIBLE_M[0] < (median := float(np.median(seen))) < _PLAUSIBLE_M[1]:
+        notes.warn(
+            f"depth: {median:.3g} m in the median of the first picture at {per_metre:g} units a metre; "
+            "if the pictures hold another unit, give it with --depth-scale"
+        )
+
+
+def _rig(path: Path, pictures: dict[str, Pictures]) -> Rig:
+    file = path / "calibration.txt"
+    topic = COLOR if COLOR in pictures else DEPTH
+    if not file.is_file() or topic not in pictures or (size := picture_size(pictures[topic])) is None:
+        return Rig()
+    _, rows = read_text_rows(file, None)
+    words = [w for row in rows for w in row.words]
+    try:
+        fu, fv, pu, pv = (float(w) for w in words[:4])
+        sound = bool(np.isfinite([fu, fv, pu, pv]).all() and fu > 0 and fv > 0)
+    except ValueError:
+        sound = False
+    if not sound:
+        raise ConfigError(file, "calibration", " ".join(words[:8]), "fx fy cx cy, focal lengths above 0")
+    camera = CameraCalibration(
+        topic=topic,
+        part="",
+        rate_hz=mean_rate(pictures[topic].t_ns),
+        mount=Mount(body=BODY),
+        width=size[0],
+        height=size[1],
+        intrinsics=(fu, fv, pu, pv),
+        depth_topic=DEPTH if DEPTH in pictures else "",
+    )
+    return Rig(cameras={topic: camera})

@@ -1,0 +1,129 @@
+"""The samples of one MCAP file, streamed chunk by chunk: any file with standard ROS 2 messages, not only ours."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.mcap_scan import Messages, chunk_contents, read_chunk
+from stridetwin.streams.recording_index import ChunkInfo, Part, Problem, RecordingIndex
+from stridetwin.streams.samples import Block, Depth, Image, Sample
+from stridetwin.streams.topic_reader import TopicReader, concatenated, finite, increasing, selected
+
+
+class McapContents:
+    """What `Recording` reads from an MCAP file.
+
+    Args:
+        path: The file.
+        lenient: Keep problems in mind instead of refusing the file at the first.
+
+    Raises:
+        RecordingError: The file cannot be read, or (unless `lenient`) would spoil an estimate.
+    """
+
+    def __init__(self, path: Path, lenient: bool) -> None:
+        self.path = path
+        self._index = RecordingIndex(path, lenient)
+        self.topics = self._index.topics
+        self.metadata = self._index.metadata
+        self.problems = self._index.problems
+        self.warnings: list[str] = []
+        self.unread = self._index.unread
+        self.rig = self._index.rig
+
+    def samples(self, topics: list[str]) -> Iterator[Sample]:
+        """Samples of the topics in time order, pictures last at equal stamps."""
+        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self._index.readers[t].is_picture, t)))}
+        parts = [
+            (min(c.parts[t].first for t in here), i, here, c)
+            for i, c in enumerate(self._index.chunks)
+            if (here := [t for t in topics if t in c.parts])
+        ]
+        heap: list[tuple[int, int, int, Sample, Iterator[Sample]]] = []
+        for start, i, here, chunk in sorted(parts, key=lambda p: p[:2]):
+            yield from _until(heap, start)
+            for topic, samples in self._chunk_samples(chunk, here):
+                if (first := next(samples, None)) is not None:
+                    heapq.heappush(heap, (first.t_ns, order[topic], i, first, samples))
+        yield from _until(heap, None)
+
+    def block(self, topic: str) -> Block[Any]:
+        """All samples of a topic that carries no pictures."""
+        reader = self._index.readers[topic]
+        blocks = [
+            self._kept_block(reader, messages, chunk.parts[topic])
+            for chunk in self._index.chunks
+            if topic in chunk.parts
+            for messages in self._messages(chunk, [topic]).values()
+        ]
+        return concatenated(blocks)
+
+    def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
+        """Those of the asked pictures that there are, by number."""
+        found: dict[int, Image | Depth] = {}
+        start = 0
+        for chunk in self._index.chunks:
+            count = chunk.parts[topic].count if topic in chunk.parts else 0
+            here = sorted({i for i in indices if start <= i < start + count})
+            if here:
+                kept = self._kept_pictures(topic, self._messages(chunk, [topic])[topic], chunk.parts[topic])
+                chosen = kept.some(np.array(here) - start)
+                found |= dict(zip(here, self._pictures(topic, chosen)))
+            start += count
+        return found
+
+    def picture_times(self, topic: str) -> NDArray[np.int64] | None:
+        """(N,) ns, None where a topic carries no pictures."""
+        return np.concatenate(self._index.picture_times[topic]) if self._index.readers[topic].is_picture else None
+
+    def _messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
+        _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
+        named: dict[str, Messages] = {}
+        for channel, messages in by_channel.items():
+            named.setdefault(self._index.channels[channel], messages)
+        return {topic: named[topic] for topic in topics}
+
+    def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
+        for topic, messages in self._messages(chunk, topics).items():
+            reader = self._index.readers[topic]
+            if reader.is_picture:
+                yield topic, self._pictures(topic, self._kept_pictures(topic, messages, chunk.parts[topic]))
+            else:
+                yield topic, iter(self._kept_block(reader, messages, chunk.parts[topic]))
+
+    def _kept_block(self, reader: TopicReader, messages: Messages, part: Part) -> Block[Any]:
+        block = reader.block(messages)
+        keep = increasing(block.t_ns, part.before)
+        return selected(block, keep if reader.topic.startswith("/truth/") else keep & finite(block))
+
+    def _kept_pictures(self, topic: str, messages: Messages, part: Part) -> Messages:
+        t = self._index.readers[topic].times(messages)
+        keep = increasing(t, part.before)
+        return replace(messages, log_time=t).some(np.flatnonzero(keep))
+
+    def _pictures(self, topic: str, kept: Messages) -> Iterator[Image | Depth]:
+        """Decodes pictures one at a time, when they are asked for."""
+        for i, t in enumerate(kept.log_time.tolist()):
+            try:
+                yield self._index.readers[topic].picture(kept.payload(i), t)
+            except ValueError as error:
+                self._index.note(Problem(topic, t, str(error)))
+
+
+def _until(heap: list[tuple[int, int, int, Sample, Iterator[Sample]]], end_ns: int | None) -> Iterator[Sample]:
+    """Takes the samples before `end_ns` off a heap of (stamp, order, chunk, sample, samples that follow)."""
+    while heap and (end_ns is None or heap[0][0] < end_ns):
+        _, order, chunk, sample, following = heap[0]
+        yield sample
+        after = next(following, None)
+        if after is None:
+            heapq.heappop(heap)
+        else:
+            heapq.heapreplace(heap, (after.t_ns, order, chunk, after, following))

@@ -1,0 +1,296 @@
+"""Any source as a recording: what kind it is, by its content, and what its streams are called here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap import records
+from mcap.opcode import Opcode
+
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
+from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
+from stridetwin.streams.formats.bag import Bag, read_bag
+from stridetwin.streams.formats.bag_mcap import McapBag
+from stridetwin.streams.formats.bag_ros import RosBag, sqlite_is_sound
+from stridetwin.streams.formats.calibrations import body_of, completed
+from stridetwin.streams.imported import ImportedContents, Notes, Source, unreadable
+from stridetwin.streams.imu_table import read_imu_table
+from stridetwin.streams.kalibr import read_rig
+from stridetwin.streams.mcap_scan import DamagedError, parse, top_records
+from stridetwin.streams.mcap_writer import MAGIC
+from stridetwin.streams.plausible import IMU_RATES_HZ, PICTURE_RATES_HZ, rate_doubts, unit_doubts
+from stridetwin.streams.recorder import METADATA_NAME, RIG_NAME
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording_index import Problem
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Accelerometer, Block, Footprint, Imu, Point
+from stridetwin.streams.topic_reader import finite, increasing
+
+KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
+TABLE_TOPIC = "/foot_l/imu"
+_SQLITE = b"SQLite format 3\0"
+_EVENTS = (Footprint, Point)  # come only now and then
+_SHORT = 0.05  # of the longest stream may be missing from another without a word
+_FEWEST = 10  # samples before a rate or a unit can be judged
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """How to read a source that is not our own.
+
+    Attributes:
+        kind: One of `KINDS`; None goes by the content.
+        names: Topic to give to a stream, by its name in the source or the name it would get.
+        rig: Kalibr YAML whose calibrations replace those of the source.
+        depth_scale: Units of the depth pictures of a folder in a metre; None is what the layout says.
+    """
+
+    kind: str | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    rig: Path | None = None
+    depth_scale: float | None = None
+
+
+def recognise(path: Path) -> str:
+    """Kind of a source, by its content.
+
+    Raises:
+        StrideTwinError: It is not there or none of `KINDS`.
+    """
+    try:
+        if path.is_dir():
+            return _folder_kind(path)
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if not head:
+        raise StrideTwinError(f"{path}: the file is empty")
+    if head.startswith(MAGIC[:5]):
+        return "mcap"
+    if head.startswith(b"#ROSBAG"):
+        return "rosbag1"
+    if head == _SQLITE:
+        return "rosbag2"
+    if path.suffix in (".csv", ".npz"):
+        return "table"
+    by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
+    if path.suffix in by_name:
+        raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
+    raise ConfigError(path, "", "a file of unknown content", f"one of {', '.join(KINDS)}")
+
+
+def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | None = None) -> Recording:
+    """Opens a recording, or another tool's file or folder as one.
+
+    Args:
+        path: Recording, bag, dataset folder or IMU table.
+        lenient: Read what can be read; what was wrong stands in `problems`.
+        options: How to read what is not ours.
+
+    Returns:
+        The recording; what had to be assumed stands in its `warnings`.
+
+    Raises:
+        StrideTwinError: It cannot be read or (unless lenient) would spoil an estimate; names file, field, value
+            and what is valid.
+    """
+    path, options = Path(path), options or ImportOptions()
+    if options.kind is not None and options.kind not in KINDS:
+        raise ConfigError("import", "--as", options.kind, ", ".join(KINDS))
+    kind = options.kind or recognise(path)
+    if kind in ("mcap", "rosbag2") and not options.names and options.rig is None:
+        files = _files_of_bag(path) if path.is_dir() else [path]
+        if len(files) == 1 and files[0].suffix != ".db3" and _is_ours(files[0]):
+            return Recording(files[0], lenient)
+    notes = Notes(path, lenient)
+    try:
+        source = _read(path, kind, options, notes)
+    except OSError as error:
+        raise unreadable(Path(error.filename or path), error) from error
+    source = _renamed(source, options.names)
+    better = _better_rig(path, options, notes)
+    rig = completed(_merged(source.rig, better), source.blocks, source.pictures, notes)
+    for topic, words in source.assumed.items():
+        if topic in rig.cameras and topic not in better.cameras:
+            notes.warn(f"{topic}: {words}")
+    _check_plausible(source, notes)
+    metadata = {"imported_from": kind, "source": path.name}
+    contents = ImportedContents(source.blocks, source.pictures, rig, metadata, source.unread, notes)
+    _check_overlap(contents, notes)
+    return Recording(path, lenient, contents)
+
+
+def _folder_kind(path: Path) -> str:
+    if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
+        return "rosbag2"
+    if euroc.euroc_root(path) is not None:
+        return "euroc"
+    if tum_rgbd.is_tum_rgbd(path):
+        return "tum"
+    if seven_scenes.frames_folder(path) is not None:
+        return "7scenes"
+    raise ConfigError(path, "", "a folder of unknown layout", f"one of {', '.join(KINDS[2:6])}")
+
+
+def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
+    if kind == "table":
+        block = read_imu_table(path, topic=TABLE_TOPIC)
+        return Source(kind=kind, blocks={TABLE_TOPIC: block}, pictures={}, rig=Rig())
+    if kind == "euroc":
+        return euroc.read_euroc(path, notes)
+    if kind == "tum":
+        return tum_rgbd.read_tum_rgbd(path, notes, options.depth_scale or tum_rgbd.PER_METRE)
+    if kind == "7scenes":
+        return seven_scenes.read_seven_scenes(path, notes, options.depth_scale or seven_scenes.PER_METRE)
+    return read_bag(_bag(path, kind, notes), kind, notes)
+
+
+def _bag(path: Path, kind: str, notes: Notes) -> Bag:
+    if kind == "mcap":
+        return McapBag([path], notes)
+    if kind == "rosbag1":
+        return RosBag(path, True, notes)
+    files = _files_of_bag(path) if path.is_dir() else [path]
+    if files and all(f.suffix == ".mcap" for f in files):
+        return McapBag(files, notes)
+    for file in files:
+        if file.suffix == ".db3" and not sqlite_is_sound(file):
+            notes.problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
+    return RosBag(path, False, notes)
+
+
+def _files_of_bag(path: Path) -> list[Path]:
+    """The files of a ROS 2 bag in the order of its metadata; those there are, where it has none."""
+    metadata = path / "metadata.yaml"
+    if not metadata.is_file():
+        return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
+    try:
+        told = yaml.safe_load(metadata.read_text(encoding="utf-8"))
+        names = [str(n) for n in told["rosbag2_bagfile_information"]["relative_file_paths"]]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        words = " ".join(str(error).split())
+        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {words[:120]}") from error
+    files = [path / Path(n).name for n in names]
+    for file in files:
+        if not file.is_file():
+            raise ConfigError(metadata, "relative_file_paths", file.name, "files that are there")
+    return files
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether an MCAP file begins as our recorder writes it, with its calibration and its metadata."""
+    try:
+        for opcode, _, body in top_records(path):
+            if opcode == Opcode.ATTACHMENT and parse(records.Attachment, body).name == RIG_NAME:
+                return True
+            if opcode == Opcode.METADATA and parse(records.Metadata, body).name == METADATA_NAME:
+                return True
+            if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
+                return False
+    except (DamagedError, OSError):
+        return True  # `Recording` says best what is wrong
+    return False
+
+
+def _renamed(source: Source, given: Mapping[str, str]) -> Source:
+    """The source under our topics."""
+    there = [*source.blocks, *source.pictures]
+    defaults = {name: source.names.get(name, name) for name in there}
+    for old, new in given.items():
+        if old not in defaults and old not in defaults.values():
+            raise ConfigError("import", "--map", old, f"one of {', '.join(there)}")
+        if not new.startswith("/") or len(new) < 2:
+            raise ConfigError("import", "--map", new, "a topic that begins with /")
+    topics = {n: given.get(n, given.get(default, default)) for n, default in defaults.items()}
+    twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)
+    if twice is not None:
+        same = " and ".join(n for n, t in topics.items() if t == twice)
+        raise ConfigError("import", "--map", twice, f"a topic of its own for each of {same}")
+
+    def moved(item: Any) -> Any:
+        topic = topics.get(item.topic, item.topic)
+        changes: dict[str, Any] = {"topic": topic, "mount": replace(item.mount, body=body_of(topic))}
+        for link in ("depth_topic", "imu_topic"):
+            if hasattr(item, link):
+                changes[link] = topics.get(getattr(item, link), getattr(item, link))
+        return replace(item, **changes)
+
+    cameras = [moved(c) for c in source.rig.cameras.values()]
+    imus = [moved(i) for i in source.rig.imus.values()]
+    rig = Rig(imus={i.topic: i for i in imus}, cameras={c.topic: c for c in cameras})
+    blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
+    pictures = {topics[n]: p for n, p in source.pictures.items()}
+    assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
+    return replace(source, blocks=blocks, pictures=pictures, rig=rig, assumed=assumed)
+
+
+def _better_rig(path: Path, options: ImportOptions, notes: Notes) -> Rig:
+    """Calibrations that go before those of the source: of `--rig`, and of a `rig.yaml` in the folder."""
+    rig = Rig()
+    if (beside := path / RIG_NAME).is_file():
+        try:
+            rig = read_rig(beside)
+        except StrideTwinError as error:
+            notes.invalid(error)
+    return rig if options.rig is None else _merged(rig, read_rig(options.rig))
+
+
+def _merged(rig: Rig, better: Rig) -> Rig:
+    return Rig(
+        imus={**rig.imus, **better.imus},
+        cameras={**rig.cameras, **better.cameras},
+        boards={**rig.boards, **better.boards},
+        others={**rig.others, **better.others},
+    )
+
+
+def _check_plausible(source: Source, notes: Notes) -> None:
+    """Units and rates that cannot be are refused: they would silently spoil an estimate."""
+    for topic, block in source.blocks.items():
+        if block.kind in (Imu, Accelerometer):
+            _check_inertial(topic, block, notes)
+    for topic, pictures in source.pictures.items():
+        rising = pictures.t_ns[increasing(pictures.t_ns, -1)]
+        if len(rising) >= _FEWEST:
+            for doubt in rate_doubts(rising, PICTURE_RATES_HZ):
+                notes.problem(Problem(topic, int(rising[0]), str(doubt)))
+
+
+def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
+    keep = increasing(block.t_ns, -1) & finite(block)
+    t_ns = block.t_ns[keep]
+    if len(t_ns) < _FEWEST:
+        return
+    columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
+    for doubt in (
+        *rate_doubts(t_ns, IMU_RATES_HZ),
+        *unit_doubts(t_ns, columns["specific_force"], columns.get("angular_rate")),
+    ):
+        notes.problem(Problem(topic, int(t_ns[0]), str(doubt)))
+
+
+def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
+    """Streams of one recording run on one clock, all the time.
+
+    Where two never meet, one of them has another epoch or unit; where one is short, part of it may be missing.
+    """
+    longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
+    span = longest[1].last_ns - longest[1].first_ns
+    for topic, info in contents.topics.items():
+        late, early = info.first_ns - longest[1].first_ns, longest[1].last_ns - info.last_ns
+        slack = _SHORT * span + 2 * (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        if info.count > 1 and info.kind not in _EVENTS and max(late, early) > slack:
+            notes.warn(
+                f"{topic}: covers {info.first_ns * 1e-9:.3f} to {info.last_ns * 1e-9:.3f} s alone, "
+                f"{longest[0]} {longest[1].first_ns * 1e-9:.3f} to {longest[1].last_ns * 1e-9:.3f} s"
+            )
+        if info.last_ns < longest[1].first_ns or info.first_ns > longest[1].last_ns:
+            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest[1].first_ns else "begins only here"
+            other = f"{longest[1].first_ns * 1e-9:.6f} to {longest[1].last_ns * 1e-9:.6f} s"
+            words = f"{what}, where {longest[0]} runs from {other}; valid: stamps of one clock"
+            notes.problem(Problem(topic, info.first_ns, words))

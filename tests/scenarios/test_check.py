@@ -1,0 +1,133 @@
+"""`check`: what is sound passes, each thing that would spoil an estimate is named."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from benchmarks.foreign_files import Walk, write_euroc
+from stridetwin.scenarios.check import check_recording, check_table
+from stridetwin.scenarios.cli import main
+from stridetwin.streams.opening import open_any
+from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.samples import Block, Depth, Image, Imu
+
+SECONDS, HZ = 6, 200
+K = np.array([[200.0, 0, 79.5], [0, 200.0, 59.5], [0, 0, 1]])
+
+
+def imu_calibration(topic="/head/imu", rate=float(HZ), part="BMI055"):
+    return ImuCalibration(
+        topic=topic, part=part, rate_hz=rate, mount=Mount(body="head"), gyroscope_noise_density=1e-3,
+        gyroscope_random_walk=2e-5, accelerometer_noise_density=1e-2, accelerometer_random_walk=3e-4,
+    )  # fmt: skip
+
+
+def inertial(gyro=None, t_ns=None):
+    n = SECONDS * HZ
+    rng = np.random.default_rng(3)
+    gyro = rng.normal(0, 0.02, (n, 3)) if gyro is None else gyro
+    columns = {"angular_rate": gyro, "specific_force": rng.normal((0, 0, 9.81), 0.05, (n, 3))}
+    t_ns = np.arange(n) * (10**9 // HZ) if t_ns is None else t_ns
+    return Block(topic="/head/imu", kind=Imu, t_ns=t_ns, columns=columns)
+
+
+def checked(path, rig, *items, **options):
+    with RecordingWriter(path, rig, **options) as writer:
+        for item in items:
+            writer.write(item)
+    return check_recording(Recording(path, lenient=True))
+
+
+def spoils(check):
+    return [f.what for f in check.findings if f.spoils]
+
+
+def test_a_sound_recording_is_fit(tmp_path):
+    check = checked(tmp_path / "a.mcap", Rig(imus={"/head/imu": imu_calibration()}), inertial())
+    assert spoils(check) == []
+    row = check.data["topics"]["/head/imu"]
+    assert row["rate_hz"] == pytest.approx(HZ)
+    assert (row["gaps"], row["range_hits_pct"]) == (0, 0.0)
+    assert row["force_m_s2"] == pytest.approx(9.81, abs=0.05)
+    assert check_table(check)[-1] == "fit for use"
+
+
+def test_gaps_jitter_limits_and_rates_are_seen(tmp_path):
+    n = SECONDS * HZ
+    t = np.arange(n) * (10**9 // HZ)
+    late = np.where(t > 3 * 10**9, t + 400_000_000, t)
+    gyro = np.clip(np.random.default_rng(1).normal(0, 30, (n, 3)), -2000 * np.pi / 180, 2000 * np.pi / 180)
+    jitter = np.sort(t + np.random.default_rng(2).integers(0, 2_000_000, n))
+    rig = Rig(imus={"/head/imu": imu_calibration()})
+    gaps = checked(tmp_path / "gap.mcap", rig, inertial(t_ns=late))
+    assert any("1 gaps, the longest 0.405 s at 3.000 s" in w for w in spoils(gaps))
+    limits = checked(tmp_path / "limit.mcap", rig, inertial(gyro))
+    assert any("at the end of the range" in w for w in spoils(limits))
+    shaken = checked(tmp_path / "jitter.mcap", rig, inertial(t_ns=jitter))
+    assert 0.3 < shaken.data["topics"]["/head/imu"]["jitter_ms"] < 1.5
+    slow = checked(tmp_path / "rate.mcap", Rig(imus={"/head/imu": imu_calibration(rate=100.0)}), inertial())
+    assert any("where the rig declares 100 Hz" in w for w in spoils(slow))
+    bare = checked(tmp_path / "bare.mcap", Rig(), inertial())
+    assert any("no calibration" in w for w in spoils(bare))
+
+
+def rendered(shift_s, with_depth):
+    """Pictures of a far textured wall from a turning camera whose clock is `shift_s` behind the IMU's."""
+    rng = np.random.default_rng(8)
+    texture = cv2.GaussianBlur(rng.integers(0, 256, (400, 500), np.uint8), (0, 0), 2.0)
+    texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX)
+    n = SECONDS * HZ
+    t = np.arange(n) / HZ
+    angles = 0.12 * np.column_stack((np.sin(5 * t), np.sin(3.1 * t + 1), 0.5 * np.sin(4.3 * t)))
+    R = Rotation.from_rotvec(angles)
+    gyro = np.zeros((n, 3))
+    gyro[1:] = (R[:-1].inv() * R[1:]).as_rotvec() * HZ
+    centre = K.copy()
+    centre[:2, 2] = 249.5, 199.5
+    pictures = []
+    for i in range(40, n - 40, 7):
+        H = K @ R[i].as_matrix().T @ np.linalg.inv(centre)
+        grey = cv2.warpPerspective(texture, H, (160, 120))
+        t_ns = round((t[i] - shift_s) * 1e9)
+        pictures.append(Image(topic="/head/color", t_ns=t_ns, pixels=grey))
+        if with_depth:
+            pictures.append(Depth(topic="/head/depth", t_ns=t_ns, depth=np.full((120, 160), 4.0, np.float32)))
+    return gyro, pictures
+
+
+@pytest.mark.parametrize("with_depth", [False, True])
+@pytest.mark.parametrize(("shift", "told", "fit"), [(0.0, 0.0, True), (0.03, 0.0, False), (0.03, 0.03, True)])
+def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, told, fit):
+    gyro, pictures = rendered(shift, with_depth)
+    camera = CameraCalibration(
+        topic="/head/color", part="", rate_hz=200 / 7, mount=Mount(body="head"), width=160, height=120,
+        intrinsics=(200.0, 200.0, 79.5, 59.5), depth_topic="/head/depth" if with_depth else "", imu_topic="/head/imu",
+        timeshift_cam_imu_s=told,
+    )  # fmt: skip
+    rig = Rig(imus={"/head/imu": imu_calibration()}, cameras={camera.topic: camera})
+    check = checked(tmp_path / "a.mcap", rig, inertial(gyro), *pictures, jpeg_quality=None)
+    assert check.data["camera_clocks"]["/head/color"]["shift_s"] == pytest.approx(shift, abs=0.002)
+    assert (not spoils(check)) is fit
+    assert fit or any("ms off that of /head/imu, where the calibration says +0.0 ms" in w for w in spoils(check))
+
+
+def test_the_command_line_tells_in_a_table_and_by_its_exit_code(tmp_path, capsys):
+    source = write_euroc(tmp_path, Walk())
+    assert main(["check", str(source)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "fit for use"
+    broken = shutil.copytree(source, tmp_path / "broken") / "mav0" / "imu0" / "data.csv"
+    lines = broken.read_text().splitlines()
+    broken.write_text("\n".join([*lines[:50], lines[30], *lines[50:]]))
+    assert main(["check", str(tmp_path / "broken"), "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert not data["fit"]
+    assert any("does not lie after" in f["what"] for f in data["findings"])
+    next((source / "mav0" / "cam0" / "data").iterdir()).write_bytes(b"junk")
+    assert main(["check", str(source)]) == 1
+    assert "damaged picture" in capsys.readouterr().out
+    assert open_any(source).topics["/head/imu"].count == 200

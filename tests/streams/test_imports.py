@@ -1,0 +1,381 @@
+"""Every import format gives the samples that were put in, and says what it had to assume."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+
+from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, Walk, write_foreign_mcap
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.bag_names import bag_names
+from stridetwin.streams.formats.recorded import write_recording
+from stridetwin.streams.formats.split_imu import joined
+from stridetwin.streams.imported import Notes
+from stridetwin.streams.kalibr import write_rig
+from stridetwin.streams.opening import KINDS, ImportOptions, open_any, recognise
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import ImuCalibration, Mount, Rig
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry
+
+BAGS = ("mcap_foreign", "rosbag1", "rosbag2_sqlite", "rosbag2_mcap")
+FIRST = f"{START / 1e9:.6f}"
+KIND = {"mcap_foreign": "mcap", "rosbag2_sqlite": "rosbag2", "rosbag2_mcap": "rosbag2"}
+KIND |= {"table_csv": "table", "table_npz": "table"}
+
+
+@pytest.fixture(scope="session")
+def walk():
+    return Walk()
+
+
+@pytest.fixture(scope="session")
+def sources(tmp_path_factory, walk):
+    folder = tmp_path_factory.mktemp("foreign")
+    return {name: write(folder, walk) for name, write in FORMATS.items()}
+
+
+def copied(source, folder):
+    target = folder / source.name
+    shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+    return target
+
+
+def replaced(file, old, new):
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+
+
+def expected_depth(walk):
+    return np.where(walk.depth_mm == 65535, 0, walk.depth_mm) / 1000
+
+
+@pytest.mark.parametrize("name", list(FORMATS))
+def test_kind_is_seen_in_the_content(sources, name):
+    assert recognise(sources[name]) == KIND.get(name, name)
+
+
+@pytest.mark.parametrize("name", BAGS)
+def test_bags_give_what_was_put_in(sources, walk, name):
+    recording = open_any(sources[name])
+    imu = recording.block("/head/imu")
+    np.testing.assert_array_equal(imu.t_ns, walk.t)
+    np.testing.assert_array_equal(imu.columns["angular_rate"], walk.gyro)
+    np.testing.assert_array_equal(imu.columns["specific_force"], walk.accel)
+    truth = recording.block("/truth/head/odometry")
+    np.testing.assert_allclose(truth.columns["p_frame_in_world"], walk.p, atol=1e-12)
+    np.testing.assert_allclose(truth.columns["q_world_frame"], walk.q, atol=1e-12)
+    np.testing.assert_array_equal(recording.picture_times("/head/color"), walk.t_pictures)
+    pictures, depths = recording.images("/head/color"), recording.images("/head/depth", [7, 2])
+    np.testing.assert_array_equal([p.pixels for p in pictures], walk.colour)
+    np.testing.assert_allclose(depths[0].depth, expected_depth(walk)[7], atol=1e-6)
+    assert depths[1].topic == "/head/depth"
+    assert recording.unread == {"/rosout_like": "std_msgs/msg/String"}
+    camera = recording.rig.cameras["/head/color"]
+    assert camera.intrinsics == K
+    assert (camera.width, camera.height, camera.depth_topic) == (WIDTH, HEIGHT, "/head/depth")
+    assert any("/head/imu: no calibration" in w for w in recording.warnings)
+    assert any("/head/color: no mount in /tf_static" in w for w in recording.warnings)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize("chunked", [True, False])
+def test_any_mcap_is_read(tmp_path, walk, compression, chunked):
+    recording = open_any(write_foreign_mcap(tmp_path, walk, compression, chunked))
+    np.testing.assert_array_equal(recording.block("/head/imu").columns["angular_rate"], walk.gyro)
+    np.testing.assert_array_equal(recording.images("/head/color", [3])[0].pixels, walk.colour[3])
+
+
+def test_euroc(sources, walk):
+    recording = open_any(sources["euroc"])
+    imu = recording.block("/head/imu")
+    np.testing.assert_array_equal(imu.t_ns, walk.t)
+    np.testing.assert_array_equal(imu.columns["specific_force"], walk.accel)
+    (first,) = recording.images("/head/color", [0])
+    assert first.pixels.shape == (HEIGHT, WIDTH)
+    truth = recording.block("/truth/head/imu/odometry")
+    np.testing.assert_allclose(truth.columns["p_frame_in_world"], walk.p, atol=1e-12)
+    camera = recording.rig.cameras["/head/color"]
+    assert camera.distortion == (-0.28, 0.07, 0.0002, 1.8e-05)
+    assert camera.imu_topic == "/head/imu"
+    assert recording.rig.imu("/head/imu").gyroscope_noise_density == 1e-3
+    assert not recording.warnings
+
+
+def test_velocities_that_a_truth_lacks_are_its_differences(sources, walk):
+    truth = open_any(sources["euroc"]).block("/truth/head/imu/odometry").columns
+    expected = (walk.p[2:] - walk.p[:-2]) * IMU_HZ / 2
+    np.testing.assert_allclose(truth["v_frame_in_world"][1:-1], expected, atol=1e-9)
+    yaw_rate = 2 * 0.2 * np.cos(np.arange(len(walk.t)) / 50) * IMU_HZ / 50
+    np.testing.assert_allclose(truth["angular_rate"][1:-1, 2], yaw_rate[1:-1], atol=1e-3)
+
+
+def test_euroc_columns_go_by_their_names(sources, walk, tmp_path):
+    root = copied(sources["euroc"], tmp_path)
+    file = root / "mav0" / "imu0" / "data.csv"
+    rows = [line.split(",") for line in file.read_text().splitlines()]
+    file.write_text("\n".join(",".join([row[0], *row[4:], *row[1:4]]) for row in rows))
+    np.testing.assert_array_equal(open_any(root).block("/head/imu").columns["angular_rate"], walk.gyro)
+    file.write_text("\n".join(",".join(row) for row in rows[1:]))
+    recording = open_any(root)
+    np.testing.assert_array_equal(recording.block("/head/imu").columns["specific_force"], walk.accel)
+    assert any("no header" in w for w in recording.warnings)
+
+
+def test_tum_rgbd(sources, walk):
+    recording = open_any(sources["tum"])
+    assert recording.topics["/head/accelerometer"].kind is Accelerometer
+    np.testing.assert_array_equal(recording.block("/head/accelerometer").columns["specific_force"], walk.accel)
+    np.testing.assert_allclose([d.depth for d in recording.images("/head/depth")], expected_depth(walk), atol=2e-4)
+    np.testing.assert_array_equal([p.pixels for p in recording.images("/head/color")], walk.colour)
+    truth = recording.block("/truth/head/color/odometry")
+    np.testing.assert_allclose(truth.columns["q_world_frame"], walk.q, atol=1e-12)
+    assert recording.rig.cameras["/head/color"].intrinsics == K
+    scaled = open_any(sources["tum"], options=ImportOptions(depth_scale=1000.0))
+    np.testing.assert_allclose(scaled.images("/head/depth", [0])[0].depth, 5 * expected_depth(walk)[0], atol=1e-3)
+
+
+def test_seven_scenes(sources, walk):
+    recording = open_any(sources["7scenes"])
+    np.testing.assert_allclose([d.depth for d in recording.images("/head/depth")], expected_depth(walk), atol=1e-6)
+    truth = recording.block("/truth/head/color/odometry").columns["p_frame_in_world"]
+    np.testing.assert_allclose(truth, walk.p[: len(walk.t_pictures)], atol=1e-12)
+    assert recording.rig.cameras["/head/color"].intrinsics == K
+    assert any("30 Hz assumed" in w for w in recording.warnings)
+
+
+@pytest.mark.parametrize("name", ["table_csv", "table_npz"])
+def test_tables(sources, walk, name):
+    block = open_any(sources[name]).block("/foot_l/imu")
+    np.testing.assert_array_equal(block.t_ns, walk.t - START)
+    np.testing.assert_allclose(block.columns["specific_force"], walk.accel, rtol=1e-8)
+
+
+def test_samples_of_all_streams_come_in_order_of_time(sources):
+    samples = list(open_any(sources["rosbag1"]).samples())
+    times = [s.t_ns for s in samples]
+    assert times == sorted(times)
+    assert [type(s) for s in samples[:4]] == [Imu, Odometry, Image, Depth]
+
+
+@pytest.mark.parametrize("name", [n for n in FORMATS if n != "mcap"])
+def test_written_as_a_recording_nothing_is_lost(sources, tmp_path, name):
+    source = open_any(sources[name])
+    write_recording(source, tmp_path / "a.mcap")
+    back = Recording(tmp_path / "a.mcap")
+    assert {t: (i.kind, i.count) for t, i in back.topics.items()} == {
+        t: (i.kind, i.count) for t, i in source.topics.items()
+    }
+    assert back.metadata["imported_from"] == KIND.get(name, name)
+    for a, b in zip(source.samples(), back.samples(), strict=True):
+        assert (a.topic, a.t_ns) == (b.topic, b.t_ns)
+        for field in a.__dataclass_fields__:
+            if field not in ("topic", "t_ns"):
+                np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-12)
+    assert back.rig.cameras.keys() == source.rig.cameras.keys()
+
+
+def test_streams_can_be_given_other_topics_and_calibrations(sources, tmp_path):
+    topic = "/foot_r/imu"
+    imu = ImuCalibration(
+        topic=topic, part="mine", rate_hz=IMU_HZ, mount=Mount(body="foot_r"), gyroscope_noise_density=1e-4,
+        gyroscope_random_walk=1e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=1e-5,
+    )  # fmt: skip
+    write_rig(Rig(imus={topic: imu}), tmp_path / "rig.yaml")
+    options = ImportOptions(names={"/camera/imu": topic}, rig=tmp_path / "rig.yaml")
+    recording = open_any(sources["rosbag1"], options=options)
+    assert recording.rig.imu(topic).part == "mine"
+    assert "/head/imu" not in recording.topics
+    by_our_name = open_any(sources["rosbag1"], options=ImportOptions(names={"/head/imu": topic}))
+    assert topic in by_our_name.topics
+    for names, says in (
+        ({"/nothing": "/a"}, "--map: '/nothing' .*one of /camera/imu"),
+        ({"/camera/imu": "imu"}, "--map: 'imu' .*begins with /"),
+        ({"/camera/imu": "/a/b", "/vicon/head": "/a/b"}, "--map: '/a/b' .*of its own"),
+    ):
+        with pytest.raises(StrideTwinError, match=says):
+            open_any(sources["rosbag1"], options=ImportOptions(names=names))
+    with pytest.raises(StrideTwinError, match=r"--as: 'zip' .*valid: mcap, rosbag1"):
+        open_any(sources["rosbag1"], options=ImportOptions(kind="zip"))
+
+
+def test_names_of_common_drivers():
+    kinds = {
+        "/imu/left_foot": Imu, "/imu/right_foot": Imu, "/camera/infra1/image_rect_raw": Image,
+        "/camera/color/image_raw/compressed": Image, "/camera/depth/image_rect_raw": Depth,
+        "/camera/aligned_depth_to_color/image_raw": Depth, "/camera/imu": Imu, "/imu/data": Imu, "/odom": Odometry,
+        "/optitrack/person": Odometry, "/chest/imu": Imu,
+    }  # fmt: skip
+    assert bag_names(kinds) == {
+        "/imu/left_foot": "/foot_l/imu",
+        "/imu/right_foot": "/foot_r/imu",
+        "/camera/imu": "/head/imu",
+        "/camera/color/image_raw/compressed": "/head/color",
+        "/camera/aligned_depth_to_color/image_raw": "/head/depth",
+        "/optitrack/person": "/truth/head/odometry",
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "old", "new", "says"),
+    [
+        ("euroc", "mav0/imu0/data.csv", "w_RS_S_y", "w_RS_S_q", r"data\.csv: header: .*one column w_RS_S_y"),
+        ("euroc", "mav0/imu0/data.csv", "[rad s^-1]", "[deg/s]", r"unit of w_RS_S_x: 'deg/s' .*valid: rad s\^-1"),
+        ("euroc", "mav0/imu0/data.csv", f"\n{START + 10**7},", f"\n{START + 10**7}.5,", "line 3, time stamp: .*whole"),
+        ("euroc", "mav0/imu0/data.csv", f"\n{START + 10**7},", f"\n{START - 10**7},", "/head/imu at .*does not lie"),
+        ("euroc", "mav0/imu0/data.csv", f"\n{START + 10**7},", f"\n{'9' * 19},", "line 3, time stamp: .*whole"),
+        ("euroc", "mav0/cam0/data.csv", ".png", ".jpg", r"data\.csv: line 2, filename: .*no such file"),
+        ("euroc", "mav0/cam0/data.csv", f"{START}.png", "../../../x.png", "filename: .*a picture inside data/"),
+        ("euroc", "mav0/cam0/sensor.yaml", "pinhole", "omni", r"sensor\.yaml: camera_model: 'omni' .*pinhole"),
+        ("euroc", "mav0/cam0/sensor.yaml", "[32, 24]", "[64, 48]", "/head/color, size: '32 x 24' .*64 x 48"),
+        ("euroc", "mav0/imu0/sensor.yaml", "rate_hz: 100", "rate_hz: fast", r"sensor\.yaml: rate_hz: 'fast'"),
+        ("tum", "accelerometer.txt", FIRST, f"{FIRST} x", r"accelerometer\.txt: line 2, ax: 'x' .*a finite number"),
+        (
+            "tum",
+            "accelerometer.txt",
+            FIRST,
+            "9999999999.0",
+            r"accelerometer\.txt: line 2, time stamp: .*seconds from 0",
+        ),
+        ("tum", "calibration.txt", "26.0", "-26", r"calibration\.txt: calibration: .*focal lengths above 0"),
+        ("tum", "groundtruth.txt", "\n", "\n-", r"groundtruth\.txt: line 2, time stamp: '-.*seconds from 0 on"),
+        ("7scenes", "frame-000003.pose.txt", "1.0", "7.0", r"frame-000003\.pose\.txt: pose: .*rigid transform"),
+        (
+            "rosbag2_sqlite",
+            "metadata.yaml",
+            "- bag_sqlite.db3",
+            "- x.db3",
+            r"metadata\.yaml: relative_file_paths: 'x\.db3'",
+        ),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place(sources, tmp_path, name, file, old, new, says):
+    source = copied(sources[name], tmp_path)
+    replaced(source / file, old, new)
+    with pytest.raises(StrideTwinError, match=says) as caught:
+        list(open_any(source).samples())
+    assert "\n" not in str(caught.value)
+    assert str(source) in str(caught.value)
+
+
+def test_units_and_clocks_that_cannot_be_are_refused(sources, tmp_path):
+    root = copied(sources["euroc"], tmp_path)
+    file = root / "mav0" / "imu0" / "data.csv"
+    header, *rows = file.read_text().splitlines()
+    table = [[w for w in row.split(",")] for row in rows]
+
+    def written(change):
+        file.write_text("\n".join([header, *(",".join(change(list(row))) for row in table)]))
+
+    def scaled(row, columns, by):
+        return [repr(float(w) * by) if i in columns else w for i, w in enumerate(row)]
+
+    for change, says in (
+        (lambda r: scaled(r, (4, 5, 6), 1 / 9.81), "accel: .*is it in g"),
+        (lambda r: scaled(r, (1, 2, 3), 5 * 180 / np.pi), "gyro: .*is it in °/s"),
+        (lambda r: [str(int(r[0]) // 1000), *r[1:]], r"Hz is not valid; valid: a rate"),
+        (lambda r: [str(int(r[0]) + 10**12), *r[1:]], "valid: stamps of one clock"),
+    ):
+        written(change)
+        with pytest.raises(StrideTwinError, match=says):
+            open_any(root)
+        assert open_any(root, lenient=True).problems
+
+
+def test_lenient_leaves_out_what_cannot_be_read(sources, tmp_path):
+    root = copied(sources["euroc"], tmp_path)
+    replaced(root / "mav0" / "imu0" / "data.csv", f"\n{START + 10**7},", f"\n{START + 10**7},x")
+    (root / "mav0" / "cam0" / "data" / f"{START}.png").write_bytes(b"junk")
+    with pytest.raises(StrideTwinError, match="w_RS_S_x: 'x"):
+        open_any(root)
+    recording = open_any(root, lenient=True)
+    assert len(recording.block("/head/imu")) == 199
+    assert sum(isinstance(s, Image) for s in recording.samples()) == 9
+    assert any("damaged picture" in str(p) for p in recording.problems)
+    write_recording(recording, tmp_path / "a.mcap")
+    assert Recording(tmp_path / "a.mcap").topics["/head/color"].count == 9
+
+
+def test_a_damaged_picture_leaves_no_half_recording(sources, tmp_path):
+    root = copied(sources["7scenes"], tmp_path)
+    (root / "frame-000004.color.png").write_bytes(b"junk")
+    with pytest.raises(StrideTwinError, match="damaged picture"):
+        write_recording(open_any(root), tmp_path / "a.mcap")
+    assert {p.name for p in tmp_path.iterdir()} == {root.name}
+
+
+def test_a_short_stream_is_told(sources, tmp_path):
+    root = copied(sources["tum"], tmp_path)
+    lines = (root / "groundtruth.txt").read_text().splitlines()
+    (root / "groundtruth.txt").write_text("\n".join(lines[:50]))
+    assert any("/truth/head/color/odometry: covers" in w for w in open_any(root).warnings)
+
+
+def test_what_is_no_recording_is_said_to_be_none(tmp_path):
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "notes.txt").write_text("hello")
+    (tmp_path / "walk.bag").write_text("hello")
+    (tmp_path / "folder").mkdir()
+    for name, says in (
+        ("empty.mcap", "empty"),
+        ("notes.txt", "unknown content.*valid: one of mcap"),
+        ("walk.bag", "no ROS 1 bag"),
+        ("folder", "unknown layout.*euroc, tum, 7scenes"),
+        ("nowhere", "No such file"),
+    ):
+        with pytest.raises(StrideTwinError, match=says):
+            open_any(tmp_path / name)
+
+
+def test_a_gyro_and_an_accelerometer_apart_become_one_imu():
+    t = np.arange(50) * 10_000_000
+    zeros, rng = np.zeros((50, 3)), np.random.default_rng(0)
+    ramp = np.column_stack((t[::5], -t[::5], np.full(10, 9.81e9))) * 1e-9
+    gyro = {"angular_rate": rng.normal(size=(50, 3)), "specific_force": zeros}
+    accel = {"angular_rate": zeros[:10], "specific_force": ramp}
+    blocks = {
+        "/camera/gyro/sample": Block(topic="/camera/gyro/sample", kind=Imu, t_ns=t, columns=gyro),
+        "/camera/accel/sample": Block(topic="/camera/accel/sample", kind=Imu, t_ns=t[::5] + 1000, columns=accel),
+    }
+    notes = Notes(Path("bag"), False)
+    (imu,) = joined(blocks, notes).values()
+    assert imu.topic == "/camera/imu"
+    np.testing.assert_array_equal(imu.t_ns, t[1:46])
+    np.testing.assert_array_equal(imu.columns["angular_rate"], gyro["angular_rate"][1:46])
+    np.testing.assert_allclose(imu.columns["specific_force"][:, 0], t[1:46] * 1e-9, atol=2e-6)
+    assert "joined as /camera/imu" in notes.warnings[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_wrong_kind_is_an_error_in_one_line(sources, kind):
+    for name, source in sources.items():
+        if kind not in (KIND.get(name, name), "rosbag2" if source.suffix == ".mcap" else ""):
+            with pytest.raises(StrideTwinError) as caught:
+                list(open_any(source, options=ImportOptions(kind=kind)).samples())
+            assert "\n" not in str(caught.value)
+
+
+def test_a_bag_in_several_files_is_one_recording(tmp_path, walk):
+    later = Walk()
+    later.t, later.t_pictures = walk.t + 2 * 10**9, walk.t_pictures + 2 * 10**9
+    for name, part in (("bag_0.mcap", walk), ("bag_1.mcap", later)):
+        write_foreign_mcap(tmp_path, part).rename(tmp_path / name)
+    recording = open_any(tmp_path)
+    np.testing.assert_array_equal(recording.block("/head/imu").t_ns, np.concatenate((walk.t, later.t)))
+    last = len(walk.t_pictures) + 4
+    np.testing.assert_array_equal(recording.images("/head/color", [last])[0].pixels, walk.colour[4])
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
+def test_a_cut_off_mcap_of_anyone_is_read_up_to_its_last_chunk(sources, walk, tmp_path, share):
+    data = sources["mcap_foreign"].read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: int(share * len(data))])
+    with pytest.raises(StrideTwinError, match="cut off"):
+        open_any(tmp_path / "cut.mcap")
+    recording = open_any(tmp_path / "cut.mcap", lenient=True)
+    block = recording.block("/head/imu")
+    assert 0.5 * share < len(block) / len(walk.t) <= 1
+    np.testing.assert_array_equal(block.columns["angular_rate"], walk.gyro[: len(block)])
+    assert len(recording.problems) == 1
