@@ -40,6 +40,7 @@ from stridetwin.sim.gait.style import GRAVITY
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.samples import Array
 
 SPEEDS_MPS = (0.6, 1.4)
 _WALK_S = 16.0  # of walking on the level; standing, start and stop make it 20 s and more
@@ -136,8 +137,7 @@ def measure(case: Case) -> dict[str, float]:
     assert isinstance(walk, SimulatedWalk)
     weight = GRAVITY * float(twin.model.body_subtreemass[0])
     lift = walk.foot_force[:, :, 2].sum(1) / weight
-    help_force = 100 * np.linalg.norm(walk.torque[:, :3], axis=1) / weight
-    help_torque = 100 * np.linalg.norm(walk.torque[:, 3:6], axis=1) / weight
+    help_force, help_torque = root_help(twin, walk)
     steady = (walk.t > _STEADY_S) & (walk.t < walk.duration_s - _STEADY_S)
     figures = {
         "unplanned": 0.0,
@@ -158,6 +158,13 @@ def measure(case: Case) -> dict[str, float]:
         "penetration_mm": 1e3 * penetration(twin, walk),
     }
     return figures
+
+
+def root_help(twin: Twin, walk: SimulatedWalk) -> tuple[Array, Array]:
+    """(N,) force at the root, % of the body weight, and (N,) torque, % of the body weight x 1 m."""
+    percent = 100 / (GRAVITY * float(twin.model.body_subtreemass[0]))
+    force, torque = (np.linalg.norm(walk.torque[:, k : k + 3], axis=1) * percent for k in (0, 3))
+    return force, torque
 
 
 def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:

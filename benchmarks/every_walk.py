@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.dynamics import root_help
 from benchmarks.gait import ALLOWED, penetration, slip
 from stridetwin.scenarios.scenario_file import PHYSICS, catalogue, load_scenario
 from stridetwin.sim.config import SIDES, Dynamics, Gait, Gaze
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.gait.style import GRAVITY
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 
@@ -84,8 +84,7 @@ def _help(twin: Twin) -> dict[str, float]:
     walk = twin.walk
     if not isinstance(walk, SimulatedWalk) or not (twin.config.dynamics and twin.config.dynamics.assist):
         return {}
-    weight = GRAVITY * float(twin.model.body_subtreemass[0])
-    force = 100 * np.linalg.norm(walk.torque[:, :3], axis=1) / weight
+    force, _ = root_help(twin, walk)
     return {
         "help_mean_pct": float(force.mean()), "help_p95_pct": float(np.quantile(force, 0.95)),
         "help_max_pct": float(force.max()),

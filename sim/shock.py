@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.gait.smooth import ease, ease_rate
 from stridetwin.sim.track import Track
 from stridetwin.streams.samples import Array
 
@@ -88,8 +89,8 @@ def ring(tau: Array, hz: float, decay_s: float, phase: Array | float) -> tuple[A
         decay_s: T.
         phase: rad, φ; (..., 1) for several.
     """
-    rise, rising = _smooth_step(tau / (RISE_PERIODS / hz))
-    rising = rising / (RISE_PERIODS / hz)
+    length = RISE_PERIODS / hz
+    rise, rising = ease(tau / length), ease_rate(tau / length) / length
     omega = 2 * np.pi * hz
     decay, sine, cosine = np.exp(-tau / decay_s), np.sin(omega * tau + phase), np.cos(omega * tau + phase)
     return rise * decay * sine, decay * ((rising - rise / decay_s) * sine + rise * omega * cosine)
@@ -197,8 +198,8 @@ def _rocking(step: Footstep, rng: np.random.Generator, pivot: Array, p: ShoePara
     arm = pivot - _GROUND
 
     def motion(tau: Array) -> tuple[Array, Array]:
-        up, rising = _smooth_step(tau / _FADE_S)
-        down, falling = _smooth_step((length - tau) / _FADE_S)
+        begun, left = tau / _FADE_S, (length - tau) / _FADE_S
+        up, rising, down, falling = ease(begun), ease_rate(begun), ease(left), ease_rate(left)
         window, changing = up * down, (rising * down - up * falling) / _FADE_S
         wave = (amplitude * np.sin(omega * tau + phase)).sum(0)
         waving = (amplitude * omega * np.cos(omega * tau + phase)).sum(0)
@@ -214,9 +215,3 @@ def _slap(step: Footstep, pitch: Callable[[Array], Array]) -> float:
     t = np.arange(step.t_touch, min(step.t_off, step.t_touch + 0.4), 0.002)
     down = np.abs(pitch(t)) < _SLAP_RAD
     return float(t[down.argmax()]) if down.any() else step.t_touch
-
-
-def _smooth_step(x: Array) -> tuple[Array, Array]:
-    """0 to 1 over 0 to 1, flat beyond, with continuous second derivative; and its derivative."""
-    x = np.clip(x, 0.0, 1.0)
-    return x**3 * (10 + x * (6 * x - 15)), 30 * x**2 * (1 - x) ** 2

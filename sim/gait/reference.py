@@ -101,8 +101,7 @@ def reference(
     t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end where the fine one does
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
-    centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
-    wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
+    centres, wanted = _pressed(steps, paths, shares, size, t)
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
     pose = posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
@@ -135,8 +134,7 @@ def reference(
                 side: heel_given(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
-            centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
-            wanted = np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
+            centres, wanted = _pressed(steps, paths, shares, size, t)
     worst = max(float(leg.stretch.max()) for leg in legs_.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())
@@ -149,6 +147,14 @@ def reference(
         duration_s=duration, size=size, steps=steps, coordinates=layout, splines=splines,
         loads=make_interp_spline(t, loads, k=3), paths=paths, grid=t,
     )  # fmt: skip
+
+
+def _pressed(
+    steps: dict[str, list[Footstep]], paths: dict[str, FootPath], shares: dict[str, Array], size: Wearer, t: Array
+) -> tuple[dict[str, Array], Array]:  # fmt: skip
+    """(N, 3) centre of pressure under each foot, by side, and (N, 3) that of both, m in the world."""
+    centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
+    return centres, np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
 
 
 def _exo(

@@ -16,6 +16,12 @@ def ease(s: Array | float) -> Array:
     return s**3 * (10.0 + s * (-15.0 + 6.0 * s))
 
 
+def ease_rate(s: Array | float) -> Array:
+    """Derivative of `ease` by s."""
+    s = np.clip(s, 0.0, 1.0)
+    return np.asarray(30.0 * s**2 * (1.0 - s) ** 2)
+
+
 def soft_ease(s: Array | float) -> Array:
     """Step from 0 at s = 0 to 1 at s = 1 that starts and ends softer than `ease`, without a jump of the jerk."""
     return np.asarray(betainc(_SOFTNESS, _SOFTNESS, np.clip(s, 0.0, 1.0)))  # 3: minimum jerk, 4: minimum snap
