@@ -66,14 +66,12 @@ def wearer(person: Person, with_exo: bool = True) -> Wearer:
 
 
 def tracked(with_exo: bool) -> tuple[str, ...]:
-    """Bodies whose frames a model of the wearer tracks, with or without exoskeleton."""
+    """Bodies whose motion is told, with or without exoskeleton."""
     return _TRACKED + (_TRACKED_EXO if with_exo else ())
 
 
 def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
-    """Attaches person, shoes and exoskeleton to the world of `spec` with a free root and tracks their frames.
-
-    Adds the sensors framepos, framequat, framelinvel and frameangvel of every body in `tracked`, in that order.
+    """Attaches person, shoes and exoskeleton to the world of `spec` with a free root.
 
     Raises:
         ConfigError: A person outside what the tables cover, or an exoskeleton whose mode does not exist.
@@ -105,10 +103,6 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     _set_inertials(spec, body)
     if exo is not None and size.exo is not None:
         add_exoskeleton(spec, pelvis, size.exo, girth, modules(exo))
-    for name in tracked(size.exo is not None):
-        for kind in (mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMEQUAT,
-                     mujoco.mjtSensor.mjSENS_FRAMELINVEL, mujoco.mjtSensor.mjSENS_FRAMEANGVEL):  # fmt: skip
-            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name)
     return size
 
 

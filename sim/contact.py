@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.sim.rotation import cross
 from stridetwin.streams.samples import Array
 
 LIFTED = 1e-3  # share of the load below which a foot counts as lifted
@@ -62,15 +63,15 @@ def share_out(
     x = origin[:, 0] + (arm_z * force[:, 0] - torque[:, 1]) / lift
     y = origin[:, 1] + (arm_z * force[:, 1] + torque[:, 0]) / lift
     shift = np.column_stack([x, y, middle[:, 2]]) - middle
-    twist = torque - np.cross(middle + shift - origin, force)
+    twist = torque - cross(middle + shift - origin, force)
     loads, left_force, left_torque = {}, force.copy(), torque.copy()
     for foot, share in shares.items():
         own = share[:, None] * force
         cop = planned[foot] + shift
         free = np.column_stack([np.zeros((len(share), 2)), share * twist[:, 2]])
         loads[foot] = FootLoad(
-            force=own, torque=np.cross(cop - p_foot[foot], own) + free, cop=cop, loaded=share > 0.0
+            force=own, torque=cross(cop - p_foot[foot], own) + free, cop=cop, loaded=share > 0.0
         )  # fmt: skip
         left_force -= own
-        left_torque -= np.cross(cop - origin, own) + free
+        left_torque -= cross(cop - origin, own) + free
     return loads, left_force, left_torque

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stridetwin.sim.rotation import cross
 from stridetwin.streams.samples import Array
 
 
@@ -95,7 +96,7 @@ def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
         (..., 3) force, N, and (..., 3) torque, N m, in the common axes, and (..., 3) the point where the force acts.
     """
     displacement, turn, change, point = strain(c, exo.p, exo.R, body.p, body.R)
-    relative = body.v + np.cross(body.w, point - body.p) - exo.v - np.cross(exo.w, point - exo.p)
+    relative = body.v + cross(body.w, point - body.p) - exo.v - cross(exo.w, point - exo.p)
     rate = np.einsum("...ji,...j->...i", exo.R, relative)
     turning = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
     force = displacement @ c.stiffness.T + rate @ c.damping.T

@@ -11,15 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from stridetwin.sim import rigid_tree
 from stridetwin.sim.body import Wearer, tracked
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.contact import FootLoad, share_out
 from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.coupling import Coupling, Pose, wrench
+from stridetwin.sim.dynamics.couplings import chain_of
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.sim.rigid_tree import Tree
+from stridetwin.sim.rotation import cross, matrix_from_quat
 from stridetwin.sim.shock import UpperMotion
 from stridetwin.sim.track import Track
 from stridetwin.streams.samples import Array
@@ -139,25 +142,22 @@ class Player(Generic[AnyWalk]):
 
     def __init__(self, model: mujoco.MjModel, walk: AnyWalk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
         self._model, self._walk, self._uppers = model, walk, uppers or {}
-        self._data = mujoco.MjData(model)
+        self._tree = Tree.of(model)
         self._couplings = couplings(walk.size)
 
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
-        model, data, walk = self._model, self._data, self._walk
+        walk = self._walk
         q, v, _ = walk.state(t_ns * 1e-9)
-        read = np.empty((len(t_ns), model.nsensordata))
-        for i in range(len(t_ns)):
-            data.qpos, data.qvel = q[i], v[i]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            mujoco.mj_comVel(model, data)
-            mujoco.mj_sensorPos(model, data)
-            mujoco.mj_sensorVel(model, data)
-            read[i] = data.sensordata
+        p, quat, speed, w = rigid_tree.motion(self._tree, q, v)
         names, layout = walk.coordinates.names[6:], walk.coordinates
-        bodies = tracked(walk.size.exo is not None)
-        tracks = {body: _track(t_ns, read[:, 13 * i : 13 * i + 13]) for i, body in enumerate(bodies)}
+        tracks = {}
+        for body in tracked(walk.size.exo is not None):
+            own = self._tree.row(self._model.body(body).id)
+            tracks[body] = Track(
+                t_ns=t_ns, p_body_in_world=p[:, own], q_world_body=quat[:, own], v_body_in_world=speed[:, own],
+                w_body=w[:, own],
+            )  # fmt: skip
         return Motion(
             t_ns=t_ns,
             qpos=q,
@@ -174,25 +174,15 @@ class Playback(Player[Reference]):
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body."""
-        model, data, reference = self._model, self._data, self._walk
+        model, data, reference = self._model, mujoco.MjData(self._model), self._walk
         t = t_ns * 1e-9
         q, v, a = reference.state(t)
-        needed = np.empty((len(t), model.nv))
-        jacobians = {side: np.empty((len(t), 6, model.nv)) for side in SIDES}
-        foot_id = {side: model.body(f"foot_{side}").id for side in SIDES}
+        needed, axes, centre = np.empty((len(t), model.nv)), np.empty((len(t), model.nv, 6)), np.empty((len(t), 3))
         rows = motion.rows(t_ns)
-        held = [(c, _wrench(c, motion.tracks, rows)) for c in self._couplings]
-        coupled = np.zeros((len(t), model.nv))
         for i in range(len(t)):
             data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
             mujoco.mj_inverse(model, data)
-            needed[i] = data.qfrc_inverse
-            for c, (push, turn, point) in held:
-                mujoco.mj_applyFT(model, data, push[i], turn[i], point[i], model.body(c.exo_body).id, coupled[i])
-                mujoco.mj_applyFT(model, data, -push[i], -turn[i], point[i], model.body(c.body).id, coupled[i])
-            for side in SIDES:
-                J = jacobians[side][i]
-                mujoco.mj_jac(model, data, J[:3], J[3:], data.xpos[foot_id[side]], foot_id[side])
+            needed[i], axes[i], centre[i] = data.qfrc_inverse, data.cdof, data.subtree_com[1]
         R_root = matrix_from_quat(q[:, 3:7])
         force, torque = needed[:, :3], np.einsum("nij,nj->ni", R_root, needed[:, 3:6])
         planned = reference.loads(t)
@@ -202,13 +192,25 @@ class Playback(Player[Reference]):
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
         )  # fmt: skip
-        carried = sum(
-            np.einsum("nkj,nk->nj", jacobians[side], np.hstack([feet[side].force, feet[side].torque])) for side in SIDES
-        )
+        pushes, moved = [], []
+        for side, foot in feet.items():
+            p_foot = motion.tracks[f"foot_{side}"].p_body_in_world[rows]
+            pushes.append(_about(centre, foot.force, foot.torque, p_foot))
+            moved.append(chain_of(model, model.body(f"foot_{side}").id).astype(float))
+        for c in self._couplings:
+            pushes.append(_about(centre, *_wrench(c, motion.tracks, rows)))
+            exo, own = (chain_of(model, model.body(name).id).astype(float) for name in (c.exo_body, c.body))
+            moved.append(exo - own)
+        given = np.einsum("njc,cj->nj", axes @ np.stack(pushes, -1), np.stack(moved))
         return Loads(
-            t_ns=t_ns, feet=feet, joint_torque=(needed - carried - coupled)[:, reference.coordinates.dof],
+            t_ns=t_ns, feet=feet, joint_torque=(needed - given)[:, reference.coordinates.dof],
             residual_force=left_force, residual_torque=left_torque,
         )  # fmt: skip
+
+
+def _about(centre: Array, force: Array, torque: Array, point: Array) -> Array:
+    """(N, 6) moment about (N, 3) a centre and force, of (N, 3) a force and a torque at a point."""
+    return np.hstack([torque + cross(point - centre, force), force])
 
 
 def _wrench(c: Coupling, tracks: dict[str, Track], rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
@@ -225,9 +227,3 @@ def _push_forward(c: Coupling, tracks: dict[str, Track]) -> Array:
 def _pose(track: Track) -> Pose:
     R = matrix_from_quat(track.q_world_body)
     return Pose(p=track.p_body_in_world, R=R, v=track.v_body_in_world, w=np.einsum("nij,nj->ni", R, track.w_body))
-
-
-def _track(t_ns: NDArray[np.int64], read: Array) -> Track:
-    p, q, v, w_world = read[:, :3], read[:, 3:7], read[:, 7:10], read[:, 10:13]
-    w_body = np.einsum("nji,nj->ni", matrix_from_quat(q), w_world)
-    return Track(t_ns=t_ns, p_body_in_world=p, q_world_body=q, v_body_in_world=v, w_body=w_body)

@@ -62,6 +62,14 @@ def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, acceleratio
     return euler_rates_to_body(yaw_pitch_roll, accelerations) + of_rates
 
 
+def cross(a: Array, b: Array) -> Array:
+    """(..., 3) cross product of (..., 3) and (..., 3) vectors; on short stacks several times as fast as NumPy's."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return out
+
+
 def quat_from_matrix(R: Array) -> Array:
     """(..., 4) unit quaternions (w, x, y, z), w >= 0, of (..., 3, 3) matrices."""
     m = R

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.smooth import ease, ease_rate
+from stridetwin.sim.rotation import cross
 from stridetwin.sim.track import Track
 from stridetwin.streams.samples import Array
 
@@ -162,9 +163,9 @@ class UpperMotion:
         R_foot_upper, R_world_foot = Rotation.from_rotvec(turn), foot.rotation
         lever = R_foot_upper.apply(self.pivot)
         # right Jacobian of SO(3), to second order: turns stay below some hundredths of a radian
-        w_relative = turning - np.cross(turn, turning) / 2 + np.cross(turn, np.cross(turn, turning)) / 6
+        w_relative = turning - cross(turn, turning) / 2 + cross(turn, cross(turn, turning)) / 6
         origin = self.pivot + shift - lever
-        moving = np.cross(foot.w_body, origin) + shifting - R_foot_upper.apply(np.cross(w_relative, self.pivot))
+        moving = cross(foot.w_body, origin) + shifting - R_foot_upper.apply(cross(w_relative, self.pivot))
         return Track(
             t_ns=foot.t_ns,
             p_body_in_world=foot.p_body_in_world + R_world_foot.apply(origin),
@@ -204,7 +205,7 @@ def _rocking(step: Footstep, rng: np.random.Generator, pivot: Array, p: ShoePara
         wave = (amplitude * np.sin(omega * tau + phase)).sum(0)
         waving = (amplitude * omega * np.cos(omega * tau + phase)).sum(0)
         turn, turning = window * wave, changing * wave + window * waving
-        shift = [np.cross(x.T, arm).T for x in (turn, turning)]
+        shift = [cross(x.T, arm).T for x in (turn, turning)]
         return np.vstack([shift[0], turn]), np.vstack([shift[1], turning])
 
     return _Event(begin=step.t_touch, end=end, motion=motion)

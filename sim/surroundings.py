@@ -92,6 +92,9 @@ def _clear(box: Box, layout: Layout, others: list[Landmark]) -> bool:
 
 def _apart(a: Box, b: Box) -> bool:
     """Whether two boxes do not overlap in plan (separating axes)."""
+    reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
+    if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
+        return True
     p, q = corners(a)[:4, :2], corners(b)[:4, :2]
     for yaw in (a.yaw, a.yaw + math.pi / 2, b.yaw, b.yaw + math.pi / 2):
         axis = np.array([math.cos(yaw), math.sin(yaw)])

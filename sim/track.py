@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.rotation import matrix_from_quat, quat_from_matrix, quat_product
+from stridetwin.sim.rotation import cross, matrix_from_quat, quat_from_matrix, quat_product
 from stridetwin.streams.samples import Array
 
 
@@ -62,7 +62,7 @@ class Track:
             t_ns=self.t_ns,
             p_body_in_world=self.p_body_in_world + R_world_body @ lever,
             q_world_body=quat_product(self.q_world_body, quat_from_matrix(R_body_sensor)),
-            v_body_in_world=self.v_body_in_world + np.einsum("nij,nj->ni", R_world_body, np.cross(self.w_body, lever)),
+            v_body_in_world=self.v_body_in_world + np.einsum("nij,nj->ni", R_world_body, cross(self.w_body, lever)),
             w_body=self.w_body @ R_body_sensor,
         )
 

@@ -21,8 +21,8 @@ from stridetwin.sim.gait.pelvis import level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.rhythm import Rhythm
 from stridetwin.sim.gait.style import GRAVITY, Style, leg_length
-from stridetwin.sim.gait.whole_body import coordinates, inverse_dynamics, legs, zero_moment_point
-from stridetwin.sim.rotation import from_euler, rot_z
+from stridetwin.sim.gait.whole_body import coordinates, legs, zero_moment_point
+from stridetwin.sim.rotation import from_euler, matrix_from_quat, rot_z
 from stridetwin.sim.route import Strip
 from stridetwin.streams.samples import Array
 
@@ -111,8 +111,9 @@ def steady_cycle(
         x[:, :2] += drift
         dx[:, 0] += step_m / step_s
         q, v, a = layout.to_mujoco(x, dx, ddx)
-        needed, com_z = inverse_dynamics(walker.model, q, v, a)
-        zmp, kappa = zero_moment_point(q, needed, com_z, np.zeros(len(t)), walker.mass_kg)
+        needed, com_z = _inverse_dynamics(walker.model, q, v, a)
+        moment = np.einsum("nij,nj->ni", matrix_from_quat(q[:, 3:7]), needed[:, 3:6])
+        zmp, kappa = zero_moment_point(q[:, :3], needed[:, :3], moment, com_z, np.zeros(len(t)), walker.mass_kg)
         error = wanted - zmp
         if round_ < rounds:
             path = path + _periodic_cart_table(error[:-1], kappa[:-1], dt)
@@ -199,6 +200,17 @@ def _lowest(size: Wearer, path: FootPath) -> Array:
 def _speed(size: Wearer, path: FootPath, t: Array) -> Array:
     heel = path.p_foot_in_world + path.R_world_foot @ np.array([size.shoe.heel_back_x, 0.0, 0.05])
     return np.linalg.norm(np.gradient(heel, t, axis=0), axis=1)
+
+
+def _inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """(N, nv) generalised forces that the motion needs without contacts, and (N,) height of the centre of mass."""
+    data = mujoco.MjData(model)
+    needed, com_z = np.empty((len(q), model.nv)), np.empty(len(q))
+    for i in range(len(q)):
+        data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
+        mujoco.mj_inverse(model, data)
+        needed[i], com_z[i] = data.qfrc_inverse, data.subtree_com[0, 2]
+    return needed, com_z
 
 
 def _moments(walker: Walker, q: Array, needed: Array, force: Array, cop: Array) -> dict[str, Array]:

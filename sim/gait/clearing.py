@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.optimize import lsq_linear
+from scipy.optimize import nnls
 
 from stridetwin.streams.samples import Array
 
@@ -28,11 +29,26 @@ def smoothest_above(rise: float, least: Array) -> tuple[BSpline, float]:
         Height over the start, m, as a spline on [0, 1], and the mean square of its third derivative by that parameter.
     """
     n = len(least)
-    third = np.diff(np.eye(n), 3, axis=0) * (n - 1) ** 3
+    inner = slice(_REST, n - _REST)
+    third, Q, free = _least_jerk(n)
     z = np.zeros(n)
     z[-_REST:] = rise
-    inner = slice(_REST, n - _REST)
-    found = lsq_linear(third[:, inner], -third @ z, bounds=(least[inner], np.inf), method="bvls")
-    z[inner] = found.x
+    z[inner] = free @ (Q.T @ (-third @ z))
+    limited = np.isfinite(least[inner])
+    short = (least - z)[inner][limited]
+    if (short > 0.0).any():
+        # the least change of the residual that lifts the height by what it is short of (Lawson & Hanson 1974, ch. 23)
+        goal = np.append(np.zeros(free.shape[1]), 1.0)
+        system = np.vstack([free[limited].T, short])
+        left = system @ nnls(system, goal)[0] - goal
+        z[inner] -= free @ (left[:-1] / left[-1])
     spline = make_interp_spline(np.linspace(0.0, 1.0, n), z, k=5, bc_type=(_AT_REST, _AT_REST))
-    return spline, float(np.mean((third @ z) ** 2))
+    return spline, float(np.mean((third @ z) ** 2)) * (n - 1) ** 6
+
+
+@cache
+def _least_jerk(n: int) -> tuple[Array, Array, Array]:
+    """Third difference of n samples, and for those that are not at rest its Q and the inverse of its R."""
+    third = np.diff(np.eye(n), 3, axis=0)
+    Q, R = np.linalg.qr(third[:, _REST : n - _REST])
+    return third, Q, np.linalg.inv(R)

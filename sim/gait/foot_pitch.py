@@ -113,12 +113,12 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
     raw = PchipInterpolator(at[:, 0], at[:, 1])(grid)
     smooth = gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0)
     spline = make_interp_spline(grid, smooth, k=5)
+    first, last = np.array(flats).T
 
     def pitch(t: Array) -> Array:
-        lifted = np.ones_like(t)  # what smoothing leaves of a flat foot's pitch fades out
-        for first, last in flats:
-            lifted -= ease((t - first) / _SETTLING_S) * ease((last - t) / _SETTLING_S)
-        return spline(t) * lifted
+        i = np.searchsorted(first, t, side="right") - 1  # the one that it may lie flat in
+        lying = ease((t - first[i]) / _SETTLING_S) * ease((last[i] - t) / _SETTLING_S)
+        return spline(t) * (1.0 - lying)  # what smoothing leaves of a flat foot's pitch fades out
 
     return pitch
 

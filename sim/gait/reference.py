@@ -27,7 +27,8 @@ from stridetwin.sim.gait.pelvis import cart_table, height_near, highest, least_k
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.rhythm import Rhythm
 from stridetwin.sim.gait.style import leg_length
-from stridetwin.sim.gait.whole_body import coordinates, inverse_dynamics, legs, zero_moment_point
+from stridetwin.sim.gait.whole_body import coordinates, legs, zero_moment_point
+from stridetwin.sim.rigid_tree import Tree, root_wrench
 from stridetwin.sim.rotation import from_euler, rot_x, rot_y, rot_z
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.errors import StrideTwinError
@@ -110,7 +111,7 @@ def reference(
 
     kappa = np.full(len(t), (leg_m + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
     over_ground = cart_table(wanted[:, :2], kappa, GRID_S)
-    layout = Coordinates.of(model)
+    layout, tree = Coordinates.of(model), Tree.of(model)
     exo: dict[str, Array] = {}
     for round_ in range(_ZMP_ROUNDS):
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
@@ -124,9 +125,10 @@ def reference(
         splines = make_interp_spline(t, coordinates(layout, p_pelvis, pose, legs_, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
             coarse = t[::_STRIDE]
-            q, v, a = layout.to_mujoco(splines(coarse), splines(coarse, 1), splines(coarse, 2))
-            needed, com_z = inverse_dynamics(model, q, v, a)
-            zmp, kappa = zero_moment_point(q, needed, com_z, wanted[::_STRIDE, 2], float(model.body_subtreemass[0]))
+            q, v, a = layout.at(splines, coarse)
+            force, moment, com = root_wrench(tree, q, v, a, model.opt.gravity)
+            ground = wanted[::_STRIDE, 2]
+            zmp, kappa = zero_moment_point(q[:, :3], force, moment, com[:, 2], ground, float(tree.mass.sum()))
             error = cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import mujoco
 import numpy as np
 
 from stridetwin.sim.body import LEG_JOINTS, Wearer
@@ -15,7 +14,6 @@ from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
 from stridetwin.sim.gait.pelvis import KNEE_HARD_MIN_RAD
 from stridetwin.sim.gait.posture import Posture
-from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.streams.samples import Array
 
 
@@ -44,32 +42,22 @@ def coordinates(
     return np.column_stack([columns[name] for name in layout.names])
 
 
-def inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-    """(N, nv) generalised forces that the motion needs without contacts, and (N,) height of the centre of mass."""
-    data = mujoco.MjData(model)
-    needed, com_z = np.empty((len(q), model.nv)), np.empty(len(q))
-    for i in range(len(q)):
-        data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
-        mujoco.mj_inverse(model, data)
-        needed[i], com_z[i] = data.qfrc_inverse, data.subtree_com[0, 2]
-    return needed, com_z
-
-
-def zero_moment_point(q: Array, needed: Array, com_z: Array, z: Array, mass: float) -> tuple[Array, Array]:
+def zero_moment_point(
+    p_root: Array, force: Array, moment: Array, com_z: Array, z: Array, mass: float
+) -> tuple[Array, Array]:  # fmt: skip
     """Where the ground would carry a motion.
 
     Args:
-        q: (N, nq) in MuJoCo's layout, free root first.
-        needed: (N, nv) and `com_z` (N,) of `inverse_dynamics`.
-        com_z: Height of the centre of mass, m.
+        p_root: (N, 3) m, root in the world.
+        force: (N, 3) N, that the motion needs from outside, world axes (`rigid_tree.root_wrench`).
+        moment: (N, 3) N m, likewise, about the root.
+        com_z: (N,) height of the centre of mass, m.
         z: (N,) height of the ground, m.
         mass: Of the whole body, kg.
 
     Returns:
         (N, 2) zero-moment point at height z, m, and (N,) kappa for its correction by `pelvis.cart_table`, s².
     """
-    root, force = q[:, :3], needed[:, :3]
-    torque = np.einsum("nij,nj->ni", matrix_from_quat(q[:, 3:7]), needed[:, 3:6])
-    x = root[:, 0] + ((z - root[:, 2]) * force[:, 0] - torque[:, 1]) / force[:, 2]
-    y = root[:, 1] + ((z - root[:, 2]) * force[:, 1] + torque[:, 0]) / force[:, 2]
+    x = p_root[:, 0] + ((z - p_root[:, 2]) * force[:, 0] - moment[:, 1]) / force[:, 2]
+    y = p_root[:, 1] + ((z - p_root[:, 2]) * force[:, 1] + moment[:, 0]) / force[:, 2]
     return np.stack([x, y], -1), mass * (com_z - z) / force[:, 2]

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.rotation import cross
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
@@ -89,8 +90,8 @@ def _left_jacobian_inverse_times(phi: Array, v: Array) -> Array:
     theta = np.linalg.norm(phi, axis=-1, keepdims=True)
     half = np.maximum(theta, 1e-4) / 2
     c = np.where(theta < 1e-4, 1 / 12, (1 - half / np.tan(half)) / (4 * half**2))
-    cross = np.cross(phi, v)
-    return v - cross / 2 + c * np.cross(phi, cross)
+    across = cross(phi, v)
+    return v - across / 2 + c * cross(phi, across)
 
 
 def _steadily_before(sensor: Track, dt: float) -> Track:

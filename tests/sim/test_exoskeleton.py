@@ -29,6 +29,7 @@ from stridetwin.sim.exoskeleton import (
     forward_kinematics,
     frame_0_in_pelvis,
 )
+from stridetwin.sim.gait import exo_kernel
 from stridetwin.sim.gait.exo_fit import ExoLeg, Limbs, fit_leg, limbs, stops
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.people import PEOPLE
@@ -230,8 +231,43 @@ def test_strains_agree_with_their_jacobian_and_the_fit_has_no_gradient_left(side
         np.testing.assert_allclose(jacobian[:, :, j], slope, atol=1e-8)
     q = fit_leg(leg, on)
     value, jacobian = leg.strains(q, on)
-    gradient = np.einsum("nki,nk->ni", jacobian, value @ leg.stiffness) + stops(q)[0]
+    gradient, hessian = exo_kernel.project(leg.kernel, leg.kernel.stiffness, jacobian, value)
+    weighted = np.swapaxes(jacobian, 1, 2) @ leg.stiffness
+    np.testing.assert_allclose(gradient, np.einsum("nik,nk->ni", weighted, value), atol=1e-9)
+    np.testing.assert_allclose(hessian, weighted @ jacobian, atol=1e-9)
+    gradient += stops(q)[0]
     assert np.abs(gradient).max() < 0.05
+
+
+def strained(c: Coupling, data: mujoco.MjData) -> Array:
+    exo, own = data.body(c.exo_body), data.body(c.body)
+    moved, turned, _, _ = strain(c, exo.xpos, exo.xmat.reshape(3, 3), own.xpos, own.xmat.reshape(3, 3))
+    return np.concatenate([moved, turned])
+
+
+@pytest.mark.parametrize("side", ["l", "r"])
+def test_compiled_strains_are_those_of_the_couplings_on_the_model(side: str) -> None:
+    rng, size, model = np.random.default_rng(8), wearer(Person()), MODELS[0]
+    data, leg, pelvis = mujoco.MjData(model), ExoLeg(size, side), model.body("pelvis").id
+    for _ in range(5):
+        data.qpos[7:] = rng.uniform(-0.4, 0.4, model.nq - 7)
+        mujoco.mj_kinematics(model, data)
+        R = data.xmat[pelvis].reshape(3, 3)
+        body = {part: data.body(f"{part}_{side}") for part in ("thigh", "shank", "foot")}
+        held = Limbs(
+            p={part: ((b.xpos - data.xpos[pelvis]) @ R)[None] for part, b in body.items()},
+            R={part: (R.T @ b.xmat.reshape(3, 3))[None] for part, b in body.items()},
+        )
+        q = np.array([data.joint(f"{joint}_{side}").qpos for joint in EXO_LEG_JOINTS]).T
+        wanted = np.concatenate([strained(c, data) for c in couplings(size) if c.name.endswith(f"_{side}")])
+        np.testing.assert_allclose(leg.strains(q, held)[0][0], wanted, atol=1e-9)
+
+
+def test_compiled_stops_are_the_stops() -> None:
+    leg = ExoLeg(wearer(Person()), "l").kernel
+    for q in np.linspace(RANGE_RAD[:, 0] - 0.05, RANGE_RAD[:, 1] + 0.05, 40):
+        compiled = np.array([exo_kernel.stop_torque(leg, j, angle) for j, angle in enumerate(q)]).T
+        np.testing.assert_allclose(compiled, stops(q), rtol=1e-9, atol=1e-9)
 
 
 def moving(rng: np.random.Generator) -> Pose:

@@ -1,0 +1,317 @@
+"""A wearer's bodies as a rigid tree: poses, velocities and inertial loads of many instants at once, compiled.
+
+What MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb` give, without a call into the engine for every
+instant: the recursive Newton-Euler method and the composite-rigid-body method (Featherstone 2008, chapters 5 and 6), in
+world axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.triples import Rows, Triple, cross, dot, minus, plus, put, rows, times, transposed, triple, turned
+from stridetwin.streams.samples import Array
+
+Indices = NDArray[np.int64]
+Quaternion = tuple[float, float, float, float]
+
+
+class Tree(NamedTuple):
+    """Bodies on a free root, parents first; `qpos` and `dof` address the model's own layout, the free root first.
+
+    Attributes:
+        ids: (B,) the bodies in the model.
+        parent: (B,) index in the tree, -1 of the root.
+        offset: (B, 3) m, origin in the parent's frame.
+        turn: (B, 4) rotation in the parent's frame where the hinges are at zero.
+        mass: (B,) kg.
+        com: (B, 3) m, in the body's frame.
+        inertia: (B, 3, 3) kg m² about the centre of mass, body axes.
+        hinges: (B, 2) first of the body's hinges and the one after its last.
+        axis: (J, 3) of each hinge, in the frame that the hinge before it leaves.
+        anchor: (J, 3) m, a point on it, in the body's frame.
+        qpos: (J,) address of each hinge in qpos.
+        dof: (J,) address of each hinge in qvel.
+    """
+
+    ids: Indices
+    parent: Indices
+    offset: Array
+    turn: Array
+    mass: Array
+    com: Array
+    inertia: Array
+    hinges: Indices
+    axis: Array
+    anchor: Array
+    qpos: Indices
+    dof: Indices
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> Tree:
+        """The wearer of a model: everything on its first joint that has mass or carries some."""
+        root = int(model.jnt_bodyid[0])
+        ids = np.flatnonzero((model.body_rootid == root) & (model.body_subtreemass > 0.0))
+        index = {int(body): i for i, body in enumerate(ids)}
+        joints = [list(range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])) for b in ids[1:]]
+        ends = np.cumsum([0, 0, *map(len, joints)])
+        flat = np.array([j for own in joints for j in own], dtype=np.int64)
+        R = np.empty((len(ids), 9))
+        for row, quat in zip(R, model.body_iquat[ids]):
+            mujoco.mju_quat2Mat(row, quat)
+        axes = R.reshape(-1, 3, 3)
+        return cls(
+            ids=ids, parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
+            offset=model.body_pos[ids], turn=model.body_quat[ids], mass=model.body_mass[ids],
+            com=model.body_ipos[ids], inertia=(axes * model.body_inertia[ids][:, None]) @ np.swapaxes(axes, 1, 2),
+            hinges=np.column_stack([ends[:-1], ends[1:]]), axis=model.jnt_axis[flat], anchor=model.jnt_pos[flat],
+            qpos=model.jnt_qposadr[flat].astype(np.int64), dof=model.jnt_dofadr[flat].astype(np.int64),
+        )  # fmt: skip
+
+    def row(self, body: int) -> int:
+        """Where a body of the model is in the tree."""
+        return int(np.searchsorted(self.ids, body))
+
+    def only(self, bodies: Sequence[int]) -> Tree:
+        """The part of the tree that carries these bodies (indices in the tree) and that they carry."""
+        kept = set(bodies)
+        for body, up in enumerate(self.parent):
+            if up in kept:
+                kept.add(body)
+        for body in sorted(kept, reverse=True):
+            while body >= 0:
+                kept.add(body)
+                body = int(self.parent[body])
+        rows = np.array(sorted(kept))
+        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in rows]).astype(np.int64)
+        ends = np.cumsum([0, *np.diff(self.hinges[rows])[:, 0]])
+        return Tree(
+            ids=self.ids[rows], parent=np.where(self.parent[rows] < 0, -1, np.searchsorted(rows, self.parent[rows])),
+            offset=self.offset[rows], turn=self.turn[rows], mass=self.mass[rows], com=self.com[rows],
+            inertia=self.inertia[rows], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
+            anchor=self.anchor[hinges], qpos=self.qpos[hinges], dof=self.dof[hinges],
+        )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+    """Poses and velocities of all bodies at N instants.
+
+    Args:
+        tree: The bodies.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+
+    Returns:
+        (N, B, 3) m, origins in the world; (N, B, 4) unit quaternions (w, x, y, z), body to world; (N, B, 3) m/s of the
+        origins, world axes; (N, B, 3) rad/s, the bodies' own axes.
+    """
+    n, bodies = len(q), len(tree.parent)
+    p, quat = np.empty((n, bodies, 3)), np.empty((n, bodies, 4))
+    speed, w = np.empty((n, bodies, 3)), np.empty((n, bodies, 3))
+    R, dv, dw, axes = np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty_like(tree.axis)
+    still = np.zeros(v.shape[1])
+    for i in range(n):
+        _forward(tree, q[i], v[i], still, p[i], quat[i], R, speed[i], w[i], dv, dw, axes)
+        for b in range(bodies):
+            put(turned(transposed(rows(R[b])), triple(w[i, b])), w[i, b])
+    return p, quat, speed, w
+
+
+@numba.njit(cache=True)
+def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
+    """What has to push the whole tree from outside for it to move so: the rate of its momentum less its weight.
+
+    Args:
+        tree: The bodies.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+        a: (N, nv).
+        gravity: (3,) m/s².
+
+    Returns:
+        (N, 3) force, N, and (N, 3) its moment about the root's origin, N m, world axes; (N, 3) centre of mass, m.
+    """
+    n, bodies = len(q), len(tree.parent)
+    p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
+    speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
+    axes, force, moment, com = np.empty_like(tree.axis), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    g, whole = triple(gravity), tree.mass.sum()
+    for i in range(n):
+        _forward(tree, q[i], v[i], a[i], p, quat, R, speed, w, dv, dw, axes)
+        sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        for b in range(bodies):
+            own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
+            away = minus(triple(p[b]), triple(p[0]))
+            sum_force = plus(sum_force, own_force)
+            sum_moment = plus(sum_moment, plus(own_moment, cross(away, own_force)))
+            first = plus(first, times(tree.mass[b], plus(triple(p[b]), arm)))
+        put(sum_force, force[i])
+        put(sum_moment, moment[i])
+        put(times(1.0 / whole, first), com[i])
+    return force, moment, com
+
+
+@numba.njit(cache=True)
+def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
+    """Mass matrices of chains of bodies that hang on the tree, and the torques that their motion and weight take.
+
+    Args:
+        tree: The bodies.
+        chains: (C, L) bodies from the first to the tip, each on one hinge through its own origin.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+        a: (N, nv).
+        gravity: (3,) m/s².
+
+    Returns:
+        (N, C, L, L) kg m² and (N, C, L) N m, without what rotors and friction of the joints add.
+    """
+    n, bodies = len(q), len(tree.parent)
+    count, length = chains.shape
+    p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
+    speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
+    axes, mass, load = np.empty_like(tree.axis), np.empty((n, count, length, length)), np.empty((n, count, length))
+    # of each body and all that it carries: force, moment, mass, first moment and inertia, about its origin
+    force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
+    heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), triple(gravity)
+    for i in range(n):
+        _forward(tree, q[i], v[i], a[i], p, quat, R, speed, w, dv, dw, axes)
+        for b in range(bodies):
+            own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
+            put(own_force, force[b])
+            put(own_moment, moment[b])
+            put(times(tree.mass[b], arm), first[b])
+            heavy[b] = tree.mass[b]
+            _inertia(tree, b, R, arm, inertia[b])
+        for b in range(bodies - 1, 0, -1):
+            up = tree.parent[b]
+            d = minus(triple(p[b]), triple(p[up]))
+            own_force = triple(force[b])
+            put(plus(triple(moment[up]), plus(triple(moment[b]), cross(d, own_force))), moment[up])
+            put(plus(triple(force[up]), own_force), force[up])
+            _join(inertia[b], triple(first[b]), heavy[b], d, inertia[up], first[up])
+            heavy[up] += heavy[b]
+        for k in range(count):
+            for j in range(length):
+                b = chains[k, j]
+                axis = triple(axes[tree.hinges[b, 0]])
+                load[i, k, j] = dot(axis, triple(moment[b]))
+                push, turn = cross(axis, triple(first[b])), turned(rows(inertia[b]), axis)  # for its own 1 rad/s²
+                for o in range(j + 1):
+                    d = minus(triple(p[b]), triple(p[chains[k, o]]))
+                    other = triple(axes[tree.hinges[chains[k, o], 0]])
+                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(turn, cross(d, push)))
+    return mass, load
+
+
+@numba.njit(cache=True)
+def _forward(
+    tree: Tree, q: Array, v: Array, a: Array, p: Array, quat: Array, R: Array, speed: Array, w: Array, dv: Array,
+    dw: Array, axes: Array,
+) -> None:  # fmt: skip
+    """Fills, by body, origin, rotation, velocity, rate and both accelerations, and by hinge the axis; world axes."""
+    for b in range(len(tree.parent)):
+        up = tree.parent[b]
+        if up < 0:
+            at, goes, gains = triple(q[:3]), triple(v[:3]), triple(a[:3])
+            pose = (q[3], q[4], q[5], q[6])
+            M = _matrix(pose)
+            turns, twists = turned(M, triple(v[3:6])), turned(M, triple(a[3:6]))
+        else:
+            turns, twists = triple(w[up]), triple(dw[up])
+            r = turned(rows(R[up]), triple(tree.offset[b]))
+            at, goes = plus(triple(p[up]), r), plus(triple(speed[up]), cross(turns, r))
+            gains = _gained(r, turns, triple(dv[up]), twists)
+            pose = _product(
+                (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
+                (tree.turn[b, 0], tree.turn[b, 1], tree.turn[b, 2], tree.turn[b, 3]),
+            )
+            M = _matrix(pose)
+        for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
+            r, own = turned(M, triple(tree.anchor[j])), triple(tree.axis[j])
+            axis, rate, half = turned(M, own), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
+            at, goes, gains = plus(at, r), plus(goes, cross(turns, r)), _gained(r, turns, gains, twists)
+            twists = plus(twists, plus(times(a[tree.dof[j]], axis), times(rate, cross(turns, axis))))
+            turns = plus(turns, times(rate, axis))
+            sine = np.sin(half)
+            pose = _product(pose, (np.cos(half), sine * own[0], sine * own[1], sine * own[2]))
+            M = _matrix(pose)
+            r = times(-1.0, turned(M, triple(tree.anchor[j])))
+            at, goes, gains = plus(at, r), plus(goes, cross(turns, r)), _gained(r, turns, gains, twists)
+            put(axis, axes[j])
+        put(at, p[b])
+        put(goes, speed[b])
+        put(gains, dv[b])
+        put(turns, w[b])
+        put(twists, dw[b])
+        quat[b, 0], quat[b, 1], quat[b, 2], quat[b, 3] = pose
+        for k in range(3):
+            put(M[k], R[b, k])
+
+
+@numba.njit(cache=True)
+def _gained(r: Triple, w: Triple, dv: Triple, dw: Triple) -> Triple:
+    """Acceleration of a point at r from one that gains dv, on a body that turns with w and dw."""
+    return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
+
+
+@numba.njit(cache=True)
+def _inertial(
+    tree: Tree, b: int, R: Array, w: Array, dv: Array, dw: Array, gravity: Triple
+) -> tuple[Triple, Triple, Triple]:
+    """Force and moment about a body's origin that move it against its weight, and the arm to its centre of mass."""
+    M, inertia, turns, twists = rows(R[b]), rows(tree.inertia[b]), triple(w[b]), triple(dw[b])
+    arm = turned(M, triple(tree.com[b]))
+    force = times(tree.mass[b], minus(_gained(arm, turns, triple(dv[b]), twists), gravity))
+    back = transposed(M)
+    own = turned(back, turns)
+    spin = plus(turned(inertia, turned(back, twists)), cross(own, turned(inertia, own)))
+    return force, plus(cross(arm, force), turned(M, spin)), arm
+
+
+@numba.njit(cache=True)
+def _inertia(tree: Tree, b: int, R: Array, arm: Triple, out: Array) -> None:
+    """Fills a body's inertia about its own origin, world axes."""
+    M, inertia, mass = rows(R[b]), rows(tree.inertia[b]), tree.mass[b]
+    for k in range(3):
+        put(minus(turned(M, turned(inertia, triple(R[b, k]))), times(mass * arm[k], arm)), out[k])
+        out[k, k] += mass * dot(arm, arm)
+
+
+@numba.njit(cache=True)
+def _join(inertia: Array, first: Triple, mass: float, d: Triple, to_inertia: Array, to_first: Array) -> None:
+    """Adds inertia and first moment of mass of what lies at d to those of what carries it."""
+    there = plus(first, times(mass, d))  # its first moment about the carrier
+    for k in range(3):
+        cut = plus(times(d[k], there), times(first[k], d))
+        put(plus(triple(to_inertia[k]), minus(triple(inertia[k]), cut)), to_inertia[k])
+        to_inertia[k, k] += dot(d, there) + dot(d, first)
+    put(plus(triple(to_first), there), to_first)
+
+
+@numba.njit(cache=True)
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product of two quaternions (w, x, y, z)."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@numba.njit(cache=True)
+def _matrix(q: Quaternion) -> Rows:
+    w, x, y, z = q
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
