@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ from stridetwin.streams.errors import StrideTwinError
 
 FORMATS = ("euroc", "tum", "rosbag2", "opensim", "table")
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
+_PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
 
 
 class _Parser(argparse.ArgumentParser):
@@ -133,9 +135,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(console, "stopped") + 128
     console.close()
     if arguments.json:
-        print(json.dumps(outcome.data, indent=2, sort_keys=True, allow_nan=False))
+        result = json.dumps(outcome.data, indent=2, sort_keys=True, allow_nan=False)
     else:
-        print("\n".join(outcome.lines))
+        result = "\n".join(outcome.lines)
+    try:
+        print(result, flush=True)
+    except BrokenPipeError:  # who reads, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter fails at its own flush
+        return _PIPE_CLOSED
     return outcome.code
 
 

@@ -210,7 +210,7 @@ def couplings(size: Wearer) -> list[Coupling]:
                 name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}",
                 p_in_exo=p_heel - p_holder, p_in_body=p_heel,
                 stiffness=np.diag([15e3, 15e3, 15e3]), damping=np.diag([80.0, 80.0, 80.0]),
-                turn_stiffness=np.diag([60.0, 40.0, 60.0]), turn_damping=np.diag([0.3, 0.3, 0.3]),
+                turn_stiffness=np.diag([60.0, 40.0, 60.0]), turn_damping=np.diag([0.3, 0.6, 0.3]),
             )
         )  # fmt: skip
     return made

@@ -84,7 +84,7 @@ class Twin:
     def _crowd(self) -> Crowd:
         plan = self.reference
         s = (plan.paths["l"].s + plan.paths["r"].s) / 2
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(3,)))
         return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, plan.splines(plan.grid)[:, :2], rng)
 
     @property

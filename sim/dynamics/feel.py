@@ -17,6 +17,7 @@ from stridetwin.streams.samples import Array
 _FLOOR_M = 0.015  # what is felt further from its plan is no floor but an edge
 _UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least
 _PUSHES_M = 0.0003  # a point pushes from here on: counting on force that is not there yet lets the foot slap
+_LIFTS_M = 0.0015  # and until it is this far off: a foot that trembles keeps its footing
 _EARLY_S = 0.08  # before its planned landing a foot that feels the floor may already push
 
 
@@ -39,13 +40,16 @@ class Soles:
                 point[model.geom(f"sole_{side}_{i}").id] = k * PER_FOOT + i
         return cls(point=point)
 
-    def feel(self, data: mujoco.MjData, plan: Plan, i: int) -> tuple[NDArray[np.bool_], Array]:
+    def feel(
+        self, data: mujoco.MjData, plan: Plan, i: int, before: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
         """Which points may push, and where the floor is.
 
         Args:
             data: State after `mj_step1`.
             plan: What is wanted.
             i: Row of the plan.
+            before: (2, points) which might push a control step ago.
 
         Returns:
             (2, points) whether a point may push; (2,) m, height of the floor above the plane of the planned footprint,
@@ -54,7 +58,7 @@ class Soles:
         contact = data.contact
         return _feel(
             self.point, contact.geom, contact.pos, contact.dist, contact.frame, plan.R_sole[i], plan.p_sole[i],
-            plan.swinging[i], plan.until_landing[i], plan.touching[i],
+            plan.swinging[i], plan.until_landing[i], plan.touching[i], before,
         )  # fmt: skip
 
 
@@ -62,6 +66,7 @@ class Soles:
 def _feel(
     point: NDArray[np.int64], geoms: NDArray[np.int32], pos: Array, dist: Array, frame: Array, R_sole: Array,
     p_sole: Array, swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_],
+    before: NDArray[np.bool_],
 ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
     may_push = np.zeros((2, PER_FOOT), dtype=np.bool_)
     total, count = np.zeros(2), np.zeros(2)
@@ -85,7 +90,9 @@ def _feel(
         above -= 0.5 * dist[c] / R_sole[side, 2, 2]
         if abs(above) > _FLOOR_M:
             continue
-        may_push[side, n % PER_FOOT] = dist[c] < _PUSHES_M and (early or touching[side, n % PER_FOOT])
+        i = n % PER_FOOT
+        near = _LIFTS_M if before[side, i] else _PUSHES_M
+        may_push[side, i] = dist[c] < near and (early or touching[side, i])
         total[side] += above
         count[side] += 1.0
     for side in range(2):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.dynamics.replan import Planned
 from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.streams.samples import Array
@@ -61,6 +62,13 @@ class Plan:
     R_foot: Array
     w_foot: Array
     dw_foot: Array
+
+    def feet(self, i: int) -> Planned:
+        """What row i says of the feet."""
+        return Planned(
+            swinging=self.swinging[i], until_landing=self.until_landing[i], share=self.share[i], R_way=self.R_way[i],
+            near_edge=self.near_edge[i], normal=self.R_sole[i, :, :, 2],
+        )  # fmt: skip
 
 
 def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> Plan:

@@ -6,12 +6,13 @@ place where that foot lands; the planned path of the pelvis then passes over to 
 would by itself, so that no force is spent on going back at once.
 
 A shifted footprint stays on the plane of the planned one. How far the floor really is from that plane is felt under
-the foot that stands, and expected under the next; a foot that finds no floor at its time goes on down.
+the foot that stands, and expected under the next; a foot that does not press on the floor at its time goes on down.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -27,6 +28,40 @@ _FORWARD_M, _OUTWARD_M, _INWARD_M = 0.15, 0.12, 0.035
 _ON_EDGES_M = 0.0  # along the way where a riser is near: toes already reach to the edge
 _COMMITTED_S = 0.05  # before landing the foot's place is settled
 _SEARCH_MPS = 0.3  # how fast a late foot goes on down
+
+
+class Planned(NamedTuple):
+    """What the plan says of the feet at one instant; rows left, right.
+
+    Attributes:
+        swinging: (2,) whether a foot is in the air.
+        until_landing: (2,) s.
+        share: (2,) of the load.
+        R_way: (2, 2) columns forward and left of the way.
+        near_edge: (2,) whether the footprint to come lies before or behind a riser.
+        normal: (2, 3) of the ground under each foot, or under its footprint to come.
+    """
+
+    swinging: NDArray[np.bool_]
+    until_landing: Array
+    share: Array
+    R_way: Array
+    near_edge: NDArray[np.bool_]
+    normal: Array
+
+
+class Sensed(NamedTuple):
+    """What body and feet are found to do at one instant.
+
+    Attributes:
+        com: (2, 2) m and m/s, horizontal centre of mass less its plan, and the rate of that.
+        floor: (2,) m, height of the floor above the plane of each footprint; NaN where the foot touches nothing.
+        pressing: (2,) whether a foot presses on the floor.
+    """
+
+    com: Array
+    floor: Array
+    pressing: NDArray[np.bool_]
 
 
 @dataclass(eq=False)
@@ -48,43 +83,30 @@ class StepReplan:
         """No shift."""
         return cls(foot=np.zeros((2, 3, 3)), root=np.zeros((3, 3)), floor=np.zeros(2))
 
-    def update(
-        self, dt: float, c_error: Array, dc_error: Array, swinging: NDArray[np.bool_], until_landing: Array,
-        share: Array, R_way: Array, near_edge: NDArray[np.bool_], normal: Array, misplaced: Array, felt: Array,
-    ) -> None:  # fmt: skip
+    def update(self, dt: float, planned: Planned, sensed: Sensed, misplaced: Array) -> None:
         """Moves on by one control step.
 
         Args:
             dt: Its length, s.
-            c_error: (2,) m, centre of mass less its plan.
-            dc_error: (2,) m/s, its rate.
-            swinging: (2,) whether a foot is in the air by plan.
-            until_landing: (2,) s.
-            share: (2,) of the load, planned.
-            R_way: (2, 2) columns forward and left of the way.
-            near_edge: (2,) whether the footprint to come lies before or behind a riser.
-            normal: (2, 3) of the ground under each foot, or under its footprint to come.
+            planned: Feet as planned.
+            sensed: Body and feet as they are.
             misplaced: (2, 2) m, how far from where it should each foot will land.
-            felt: (2,) m, height of the floor above the plane of the footprint; NaN where the foot touches nothing.
         """
-        _update(
-            self.foot, self.root, self.floor, dt, c_error, dc_error, swinging, until_landing, share, R_way, near_edge,
-            normal, misplaced, felt,
-        )  # fmt: skip
+        _update(self.foot, self.root, self.floor, dt, planned, sensed, misplaced)
 
 
 @numba.njit(cache=True)
 def _update(
-    foot: Array, root: Array, floor: Array, dt: float, c_error: Array, dc_error: Array, swinging: NDArray[np.bool_],
-    until_landing: Array, share: Array, R_way: Array, near_edge: NDArray[np.bool_], normal: Array, misplaced: Array,
-    felt: Array,
+    foot: Array, root: Array, floor: Array, dt: float, planned: Planned, sensed: Sensed, misplaced: Array
 ) -> None:  # fmt: skip
+    swinging, until_landing, share, R_way, near_edge, normal = planned
+    com, felt, pressing = sensed
     for k in range(2):
         if not np.isnan(felt[k]):
             floor[k] = felt[k]
         elif swinging[k]:
             floor[k] = floor[1 - k]
-    xi = c_error - root[0, :2] + (dc_error - root[1, :2]) / OMEGA
+    xi = com[0] - root[0, :2] + (com[1] - root[1, :2]) / OMEGA
     wanted = np.empty(3)
     for k in range(2):
         shift, rate, pull = foot[k]
@@ -103,7 +125,7 @@ def _update(
             pull[:] = _FOLLOW * _FOLLOW * (wanted - shift)
         pull -= 2.0 * _FOLLOW * rate
         rate += dt * pull
-        if not swinging[k] and np.isnan(felt[k]):
+        if not swinging[k] and not pressing[k]:
             rate[2], pull[2] = -_SEARCH_MPS, 0.0
         shift += dt * rate
     under = share[0] * foot[0, 0] + share[1] * foot[1, 0]

@@ -16,9 +16,9 @@ from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
-from stridetwin.sim.dynamics.replan import StepReplan
+from stridetwin.sim.dynamics.replan import Sensed, StepReplan
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.dynamics.soles import TOE_DAMPING
+from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import cross
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.reference import Reference
@@ -56,6 +56,7 @@ def simulate(
     data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
     pushed = data.xfrc_applied[model.body("pelvis").id]
     torque, shift = np.zeros(model.nv), StepReplan.none()
+    touching = np.zeros((len(SIDES), PER_FOOT), dtype=bool)
     fell_at = None
     for step in range(n):
         mujoco.mj_step1(model, data)
@@ -65,13 +66,11 @@ def simulate(
         )  # fmt: skip
         i = min(step // every, len(plan.t) - 1)
         if step % every == 0:
-            touching, felt = soles.feel(data, plan, i)
+            touching, floor = soles.feel(data, plan, i, touching)
             mujoco.mj_subtreeVel(model, data)
-            error = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
-            shift.update(
-                CONTROL_S, error[0], error[1], plan.swinging[i], plan.until_landing[i], plan.share[i], plan.R_way[i],
-                plan.near_edge[i], plan.R_sole[i, :, :, 2], misplace[i], felt,
-            )  # fmt: skip
+            com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
+            sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(touching, axis=1))
+            shift.update(CONTROL_S, plan.feet(i), sensed, misplace[i])
             torque = control.torques(data, plan, i, shift, touching, known)
             if dynamics.torque_noise:
                 torque[6:] *= 1.0 + dynamics.torque_noise * rng.standard_normal(model.nv - 6)

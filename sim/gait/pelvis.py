@@ -17,7 +17,9 @@ from stridetwin.streams.samples import Array
 
 KNEE_MIN_RAD = np.radians(7.0)  # the pelvis keeps this low; the legs may straighten to KNEE_HARD_MIN_RAD
 KNEE_HARD_MIN_RAD = np.radians(1.5)
-_KNEE_DOWN_RAD = np.radians(16.0)  # and so much lower down stairs, where people land on a bent knee
+# and so much lower on stairs: down, people land on a bent knee; up, a leg behind that is as good as straight would
+# have to bend at hundreds of rad/s² as soon as its foot leaves the tread, and the other foot slips under that
+_KNEE_OF_MODE_RAD = {"SD": np.radians(16.0), "SA": np.radians(12.0)}
 _SMOOTHNESS = 2e-3
 _STANDING_HEIGHT = 0.99  # in legs
 _ABOVE_REACH = 5e3  # how much more a height beyond the legs' reach counts than one off the goal
@@ -60,8 +62,11 @@ def highest(
 
 def least_knee(rhythm: Rhythm, t: Array) -> Array:
     """(N,) rad at (N,) uniform s: the pelvis keeps so low that neither knee is straighter."""
-    down = np.array([float(step.mode == "SD") for step in rhythm.steps])
-    return KNEE_MIN_RAD + (_KNEE_DOWN_RAD - KNEE_MIN_RAD) * rhythm.blend(t, down, 0.0, 0.0)
+    bent = np.array([_KNEE_OF_MODE_RAD.get(step.mode, KNEE_MIN_RAD) for step in rhythm.steps])
+    climbed = np.array([step.mode == "SA" for step in rhythm.steps[:-1]])
+    # the foot behind leaves its tread when the next step has begun
+    bent[1:] = np.where(climbed, np.maximum(bent[1:], bent[:-1]), bent[1:])
+    return rhythm.blend(t, bent, KNEE_MIN_RAD, KNEE_MIN_RAD)
 
 
 def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:

@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 
@@ -272,3 +273,13 @@ def test_the_hardware_commands_do_without_the_simulator_and_the_viewer(walk, tmp
     assert "pip install 'stridetwin[view]'" in done.stderr
     assert "pip install 'stridetwin[twin]'" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("words", [["list"], ["list", "--json"]])
+def test_a_reader_that_leaves_early_ends_a_command_quietly(words):
+    read, write = os.pipe()
+    os.close(read)  # as `head` does once it has its lines
+    code = f"from stridetwin.scenarios.cli import main; raise SystemExit(main({words}))"
+    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, "")

@@ -14,14 +14,16 @@ from stridetwin.sim.coupling import Pose, wrench
 from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
+from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import plan_control
-from stridetwin.sim.dynamics.replan import StepReplan
+from stridetwin.sim.dynamics.replan import Planned, Sensed, StepReplan
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
 from stridetwin.sim.dynamics.whole_body import contact_forces, eliminate, solve
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.samples import Array
 
 STAIRS: tuple[Segment, ...] = (
     Level(length_m=2.5), Stairs(risers=3), Level(length_m=2.0), Stairs(risers=3, down=True), Level(length_m=2.0),
@@ -214,39 +216,63 @@ def test_simulated_state_agrees_with_its_own_derivatives(walk: SimulatedWalk) ->
     assert np.allclose((v1 - v0) / (2 * h), a, rtol=1e-3, atol=1e-2)
 
 
+IN_PLACE = np.zeros((2, 2))
+RIGHT_STANDS = np.array([np.nan, 0.0])
+
+
+def replanned(
+    shift: StepReplan, until: float, normal: Array, off: Array = IN_PLACE, floor: Array = RIGHT_STANDS,
+    misplaced: Array = IN_PLACE, pressing: tuple[bool, bool] = (False, True),
+) -> None:  # fmt: skip
+    """One control step on the right foot; the left one lands in `until` s, or should have landed."""
+    planned = Planned(
+        swinging=np.array([until > 0.0, False]), until_landing=np.array([until, 0.0]),
+        share=np.array([0.0, 1.0] if until > 0.0 else [0.5, 0.5]), R_way=np.eye(2),
+        near_edge=np.zeros(2, dtype=bool), normal=np.tile(normal, (2, 1)),
+    )  # fmt: skip
+    shift.update(0.002, planned, Sensed(com=off, floor=floor, pressing=np.array(pressing)), misplaced)
+
+
 def test_feet_are_moved_only_where_the_body_is_off_its_plan() -> None:
-    still, falling = StepReplan.none(), StepReplan.none()
-    swinging, share = np.array([True, False]), np.array([0.0, 1.0])
-    up, in_place, felt = np.tile([0.0, 0.0, 1.0], (2, 1)), np.zeros((2, 2)), np.array([np.nan, 0.0])
+    still, falling, up = StepReplan.none(), StepReplan.none(), np.array([0.0, 0.0, 1.0])
     for until in np.arange(0.35, 0.0, -0.002):
-        for replan, off in ((still, 0.0), (falling, 0.08)):
-            replan.update(
-                0.002, np.array([0.0, off]), np.zeros(2), swinging, np.array([until, 0.0]), share, np.eye(2),
-                np.zeros(2, dtype=bool), up, in_place, felt,
-            )  # fmt: skip
+        replanned(still, until, up)
+        replanned(falling, until, up, off=np.array([[0.0, 0.08], [0.0, 0.0]]))
     assert np.abs(still.foot).max() == 0.0
     assert falling.foot[0, 0, 1] > 0.02  # the left foot lands further left
     assert np.abs(falling.foot[1]).max() == 0.0
 
 
-def test_a_foot_expects_the_floor_that_the_other_feels_and_searches_where_it_finds_none() -> None:
-    shift = StepReplan.none()
-    slope = np.tile([-np.sin(0.2), 0.0, np.cos(0.2)], (2, 1))
-    still = np.zeros(2), np.zeros(2)
+@pytest.mark.parametrize("felt", [np.nan, -0.008])
+def test_a_foot_expects_the_floor_that_the_other_feels_and_goes_on_down_until_it_presses(felt: float) -> None:
+    shift, slope = StepReplan.none(), np.array([-np.sin(0.2), 0.0, np.cos(0.2)])
     for until in np.arange(0.35, 0.0, -0.002):
-        shift.update(
-            0.002, *still, np.array([True, False]), np.array([until, 0.0]), np.array([0.0, 1.0]), np.eye(2),
-            np.zeros(2, dtype=bool), slope, np.array([[0.05, 0.0], [0.0, 0.0]]), np.array([np.nan, -0.008]),
-        )  # fmt: skip
+        replanned(shift, until, slope, floor=np.array([np.nan, -0.008]), misplaced=np.array([[0.05, 0.0], [0.0, 0.0]]))
     # 50 mm further up the slope, on a floor that lies 8 mm lower than planned
     assert shift.foot[0, 0] == pytest.approx([0.05, 0.0, 0.05 * np.tan(0.2) - 0.008], abs=2e-3)
     before = shift.foot[0, 0, 2]
-    for _ in range(25):
-        shift.update(
-            0.002, *still, np.array([False, False]), np.zeros(2), np.array([0.5, 0.5]), np.eye(2),
-            np.zeros(2, dtype=bool), slope, np.zeros((2, 2)), np.array([np.nan, -0.008]),
-        )  # fmt: skip
+    for _ in range(25):  # it hovers, near enough to feel the floor or not
+        replanned(shift, 0.0, slope, floor=np.array([felt, -0.008]))
     assert shift.foot[0, 0, 2] < before - 0.01
+    landed = shift.foot[0, 0, 2]
+    for _ in range(200):
+        replanned(shift, 0.0, slope, floor=np.array([-0.008, -0.008]), pressing=(True, True))
+    assert shift.foot[0, 0, 2] == pytest.approx(landed, abs=0.01)
+
+
+def test_a_point_that_has_pressed_keeps_its_footing_until_it_is_well_off_the_floor(twin: Twin) -> None:
+    plan = plan_control(twin.reference, twin.model, twin.size)
+    model = copy.copy(twin.model)
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    data, soles = mujoco.MjData(model), Soles.of(model)
+    none, every = np.zeros((2, 8), dtype=bool), np.ones((2, 8), dtype=bool)
+    found = {}
+    for height in (-0.0005, 0.001, 0.003):
+        data.qpos = plan.q[0]
+        data.qpos[2] += height
+        mujoco.mj_step1(model, data)
+        found[height] = [soles.feel(data, plan, 0, before)[0].any() for before in (none, every)]
+    assert found == {-0.0005: [True, True], 0.001: [False, True], 0.003: [False, False]}
 
 
 def test_same_seed_same_simulation() -> None:

@@ -352,7 +352,7 @@ def test_couplings_carry_the_legs_of_the_exoskeleton() -> None:
     torque = playback.loads(t_ns, playback.motion(t_ns)).joint_torque
     names = twin.reference.coordinates.names[6:]
     own = [i for i, name in enumerate(names) if name.startswith("exo_") and "dorsiflexion" not in name]  # has its stop
-    assert np.sqrt((torque[:, own] ** 2).mean(axis=0)).max() < 0.75  # N m; the hip, of some 10
+    assert np.sqrt((torque[:, own] ** 2).mean(axis=0)).max() < 0.7  # N m; the hip, of some 10
 
 
 def test_forward_simulation_of_the_legs_follows_the_plan() -> None:
@@ -388,8 +388,8 @@ def test_forward_simulation_of_the_legs_follows_the_plan() -> None:
         speed = speed + dt * np.linalg.solve(full[np.ix_(own, own)], push)
         angle = angle + dt * speed
     # the ankle, when the foot leaves: its stop gives way later than the plan, which knows no speeds, has it
-    assert np.degrees(np.abs(away).max()) < 2.0
-    assert np.degrees(np.std(away, axis=0).max()) < 0.33
+    assert np.degrees(np.abs(away).max()) < 1.5
+    assert np.degrees(np.std(away, axis=0).max()) < 0.30
 
 
 def test_idle_modules_load_the_cuffs() -> None:
