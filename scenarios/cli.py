@@ -64,7 +64,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for the files (default runs/SCENARIO)")
     p.add_argument("--no-film", action="store_true", help="leave the film out of the report")
 
-    command("list", "list scenarios, sensors and estimators", list_command)
+    command("list", "list scenarios, sensors, parts and estimators", list_command)
 
     p = command("generate", "make a recording of a walk, without estimates", generate_command)
     walk(p)

@@ -7,6 +7,7 @@ import os
 import shlex
 import subprocess
 import sys
+import textwrap
 from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -78,14 +79,19 @@ def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`list`."""
+    from stridetwin.scenarios.fault_fields import KINDS
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
+    from stridetwin.sim.parts.library import kind_of, library, part
     from stridetwin.sim.people import PEOPLE
 
+    parts = {name: part(name) for name in library()}
     scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
     data = {
         "scenarios": scenarios,
         "sensors": list(SENSORS),
         "estimators": ESTIMATORS,
+        "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
+        "faults": sorted(KINDS),
         "physics": list(PHYSICS),
         "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
@@ -95,6 +101,12 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         "",
         "Sensors",
         f"  {', '.join(SENSORS)}",
+        "",
+        "Parts (each has an ideal twin: its name with -ideal)",
+        *(f"  {n:<16} {kind_of(p):<11} {p.description}" for n, p in parts.items()),
+        "",
+        "Faults",
+        *textwrap.wrap(", ".join(sorted(KINDS)), 110, initial_indent="  ", subsequent_indent="  "),
         "",
         "People",
         *(f"  {n:<16} {p.sex}, {p.height_m:.3g} m, {p.mass_kg:.3g} kg" for n, p in PEOPLE.items()),

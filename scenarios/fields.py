@@ -144,6 +144,17 @@ def mapping(fields: Mapping[str, Field], build: Callable[..., Any]) -> Reader:
     return read
 
 
+def triple(item: Reader) -> Reader:
+    """A list of three items that `item` reads."""
+
+    def read(node: object, where: Where) -> tuple[Any, ...]:
+        if not isinstance(node, list) or len(node) != 3:
+            raise where.error(node, "a list of three items")
+        return tuple(item(v, where.item(i)) for i, v in enumerate(node))
+
+    return read
+
+
 def one_of(kinds: Mapping[str, Reader]) -> Reader:
     """A mapping of exactly one key, which says how to read its value."""
 

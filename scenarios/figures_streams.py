@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.scenarios.injected import Injected, from_metadata
 from stridetwin.scenarios.svg import Plot, data_range
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import (
@@ -25,6 +26,7 @@ from stridetwin.streams.samples import (
 )
 
 _COLORS = ("#0b6bcb", "#d9480f", "#2b8a3e", "#7048a8")
+_SPOILED = "#dc354526"
 _DEG = 180.0 / np.pi
 WINDOW_S = 6.0
 
@@ -72,8 +74,8 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
 
 
 def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[str]:
-    """One small plot for each curve of each topic, over the same window, s."""
-    figures = []
+    """One small plot for each curve of each topic, over the same window, s; injected faults are shaded."""
+    figures, faults = [], from_metadata(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
         t = block.t_ns * 1e-9
@@ -83,10 +85,24 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
         for curves in curves_of(block):
             values = curves.values[inside]
             plot = Plot(width=380, height=180, x=window, y=data_range(values), title=curves.title)
+            _shade(plot, [f for f in faults if f.topic == topic])
             for k, label in enumerate(curves.labels):
                 plot.line(t[inside], values[:, k], _COLORS[k], label=label, stroke=1.2)
             figures.append(f"<figure><figcaption>{curves.title}</figcaption>{plot.svg()}</figure>")
     return figures
+
+
+def _shade(plot: Plot, faults: list[Injected]) -> None:
+    """Shades the times of faults, and names each kind where it first shows."""
+    (left, right), (low, high) = plot.x, plot.y
+    least, first = 0.004 * (right - left), dict[str, float]()
+    for fault in faults:
+        begin, end = max(fault.from_s, left), min(max(fault.until_s, fault.from_s + least), right)
+        if begin < end:
+            plot.band([begin, end], [low, low], [high, high], _SPOILED)
+            first.setdefault(fault.kind, begin)
+    for i, (kind, begin) in enumerate(first.items()):
+        plot.note(begin, high - (0.08 + 0.1 * i) * (high - low), f" {kind}", anchor="start")
 
 
 def scalar_topics(recording: Recording) -> list[str]:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from stridetwin.streams.errors import StrideTwinError
+
+_PREFIX = ".unfinished-"
 
 
 @contextmanager
@@ -21,12 +25,34 @@ def staged(folder: Path) -> Iterator[Path]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder) as temporary:
+        _sweep(folder)
+        with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as temporary, _held(Path(temporary)):
             yield Path(temporary)
             for path in sorted(Path(temporary).iterdir()):
                 os.replace(path, folder / path.name)
     except OSError as error:
         raise StrideTwinError(f"{folder}: cannot be written: {error.strerror or error}") from error
+
+
+def _sweep(folder: Path) -> None:
+    """Removes what killed processes have left; what a living one works on is locked."""
+    for left in folder.glob(f"{_PREFIX}*"):
+        try:
+            with _held(left):
+                shutil.rmtree(left)
+        except BlockingIOError:
+            continue
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Locks a folder; the lock goes with the process, however that ends."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(handle)
 
 
 def json_text(value: object) -> str:

@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.sim.parts.full_scale import full_scales
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
 _G, _DEG = 9.80665, math.pi / 180
-# Data sheets: full scales that the parts' names stand for, rad/s and m/s². Further parts are judged by their data.
-PARTS = {
-    "ADIS16485": (450 * _DEG, 5 * _G),
-    "ADIS16448": (1000 * _DEG, 18 * _G),
-    "BMI055": (2000 * _DEG, 16 * _G),
-    "BMI160": (2000 * _DEG, 16 * _G),
+# Data sheets: full scales of parts of public recordings that the library does not have, rad/s and m/s².
+_FURTHER = {
+    "ADIS16448": {"angular_rate": 1000 * _DEG, "specific_force": 18 * _G},
+    "BMI160": {"angular_rate": 2000 * _DEG, "specific_force": 16 * _G},
 }
 _NEAR = 0.999
 _PLATEAU = 5
@@ -27,16 +26,16 @@ def range_hits(block: Block[Any], rig: Rig | None) -> float | None:
 
     Args:
         block: The stream.
-        rig: Names the part; its full scale is looked up in `PARTS`. A part that is not there counts as at its
-            limit where the largest magnitude of an axis is met by `_PLATEAU` samples or more.
+        rig: Names the part; its full scale is looked up in the library of parts. A part that is not known counts as
+            at its limit where the largest magnitude of an axis is met by `_PLATEAU` samples or more.
     """
     if block.kind is not Imu or not len(block):
         return None
     part = rig.imus[block.topic].part if rig is not None and block.topic in rig.imus else ""
-    limits = next((scale for name, scale in PARTS.items() if name in part), (None, None))
+    limits = full_scales(part) or next((scales for name, scales in _FURTHER.items() if name in part), {})
     hit = np.zeros(len(block), bool)
-    for values, limit in zip((block.columns["angular_rate"], block.columns["specific_force"]), limits):
-        hit |= _at_limit(np.abs(values), limit)
+    for field in ("angular_rate", "specific_force"):
+        hit |= _at_limit(np.abs(block.columns[field]), limits.get(field))
     return 100.0 * float(hit.mean())
 
 

@@ -16,6 +16,7 @@ from stridetwin.scenarios.figures_path import error_over_time, foot_of, plan_vie
 from stridetwin.scenarios.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.scenarios.film import Film, data_uri, jpeg_uri
 from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.injected import from_metadata as injected_faults
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.pictures import CameraView, camera_views
 from stridetwin.sim.config import TwinConfig
@@ -101,6 +102,7 @@ def render_report(story: Story) -> str:
         _paths(story),
         _gait(story),
         _streams(story),
+        _faults(story),
         _score_table(story.results),
         _sensors(story),
         _reproduce(story),
@@ -221,6 +223,20 @@ def _streams(story: Story) -> str:
         return ""
     lead = f"The same {WINDOW_S:g} seconds of every stream, as the recording holds them; time in s."
     return _section("Every stream", lead, f'<div class="multiples">{"".join(figures)}</div>')
+
+
+def _faults(story: Story) -> str:
+    times: dict[tuple[str, str], list[str]] = {}
+    for fault in injected_faults(story.recording.metadata):
+        times.setdefault((fault.kind, fault.topic), []).append(f"{fault.from_s:.2f}\N{EN DASH}{fault.until_s:.2f}")
+    rows = ""
+    for (kind, topic), spans in times.items():
+        more = f" and {len(spans) - 6} more" if len(spans) > 6 else ""
+        when = f"{', '.join(spans[:6])}{more}"
+        rows += f"<tr><td>{escape(kind)}</td><td><code>{escape(topic)}</code></td><td>{when}</td></tr>"
+    head = "<tr><th>Fault</th><th>Stream</th><th>Time, s</th></tr>"
+    lead = "What was made to go wrong between sensor and recorder; shaded in the streams above."
+    return _section("Injected faults", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
 
 
 def _score_table(results: Sequence[Result]) -> str:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios import ground
+from stridetwin.scenarios import ground, injected
 from stridetwin.scenarios.evaluate import Result, estimates, evaluate
 from stridetwin.scenarios.files import json_text, staged
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.scenarios.scoring import Scores
+from stridetwin.sim.fault_plan import check_times, plan_faults
+from stridetwin.sim.faults import arrivals
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.samples import Block, Sample
 from stridetwin.streams.tum import write_tum
 
 if TYPE_CHECKING:
@@ -65,7 +68,11 @@ def without_cameras(scenario: Scenario) -> Scenario:
 
 
 def record(twin: Twin, path: Path, progress: Progress) -> None:
-    """Lets the twin walk and writes what its sensors say, and the truth, as one recording."""
+    """Lets the twin walk and writes what arrives of what its sensors say, and the truth, as one recording.
+
+    Raises:
+        ConfigError: A fault that begins after the walk's end.
+    """
     config = twin.config
     metadata = {
         "scenario": config.name,
@@ -75,16 +82,26 @@ def record(twin: Twin, path: Path, progress: Progress) -> None:
         "person_mass_kg": f"{config.person.mass_kg:g}",
         ground.KEY: ground.to_text(twin.terrain.layout),
     }
-    if twin.fell_at is not None:
+    if twin.fell_at is None:
+        check_times(config.name, config.faults, twin.duration_s)
+    else:
         metadata["fell_at_s"] = f"{twin.fell_at:g}"
-    t_ns = 0
+    planned = plan_faults(config.faults, twin.rig, twin.seed, twin.duration_s)
+    if planned:
+        metadata[injected.KEY] = injected.to_text(planned)
     with RecordingWriter(path, twin.rig, metadata) as writer:
-        for blocks in twin.blocks():
-            for item in blocks:
-                writer.write(item)
-                last = item.t_ns if isinstance(item.t_ns, int) else item.t_ns[-1:].max(initial=0)
-                t_ns = max(t_ns, int(last))
-            progress("walk", t_ns / 1e9 / twin.duration_s)
+        for arrival in arrivals(_sensed(twin, progress), planned):
+            writer.write(arrival.item, arrival.log_ns)
+
+
+def _sensed(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
+    t_ns = 0
+    for blocks in twin.blocks():
+        for item in blocks:
+            last = item.t_ns if isinstance(item.t_ns, int) else item.t_ns[-1:].max(initial=0)
+            t_ns = max(t_ns, int(last))
+            yield item
+        progress("walk", t_ns / 1e9 / twin.duration_s)
 
 
 def run_scenario(
@@ -111,13 +128,14 @@ def run_scenario(
     twin = make_twin(scenario, seed)
     with staged(folder) as out:
         record(twin, out / "recording.mcap", progress)
-        recording = Recording(out / "recording.mcap")
+        recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
         results = evaluate(recording, estimates(recording))
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
         scores = {r.estimate.name: r.scores for r in results}
-        document = scores_document(scenario, seed, results, twin.fell_at)
+        faults = injected.from_metadata(recording.metadata)
+        document = scores_document(scenario, seed, results, twin.fell_at, faults)
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         film = None
         if pictures:
@@ -142,12 +160,20 @@ def run_scenario(
 
 
 def scores_document(
-    scenario: Scenario, seed: int, results: list[Result], fell_at: float | None = None
+    scenario: Scenario,
+    seed: int,
+    results: list[Result],
+    fell_at: float | None = None,
+    faults: Sequence[injected.Injected] = (),
 ) -> dict[str, object]:
     """What `scores.json` holds: no times of day, no paths, so that equal runs give equal bytes."""
-    walk = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}
+    walk: dict[str, object] = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}
+    if fell_at is not None:
+        walk["fell_at_s"] = fell_at
+    if faults:
+        walk["faults"] = [vars(f) for f in faults]
     return {
-        "recordings": [walk if fell_at is None else walk | {"fell_at_s": fell_at}],
+        "recordings": [walk],
         "estimators": {r.estimate.name: r.scores for r in results},
     }
 

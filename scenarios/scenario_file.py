@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from stridetwin.scenarios.fault_fields import fault
 from stridetwin.scenarios.fields import (
     Field,
     Where,
@@ -28,6 +29,7 @@ from stridetwin.scenarios.fields import (
     suggest,
     text,
 )
+from stridetwin.scenarios.sensor_fields import Sensors, sensors
 from stridetwin.sim.actuation import JOINTS, modules
 from stridetwin.sim.config import (
     PATTERNS,
@@ -47,11 +49,12 @@ from stridetwin.sim.config import (
     Turn,
     TwinConfig,
 )
+from stridetwin.sim.fault_plan import check_faults
 from stridetwin.sim.gait_checks import ASYMMETRY_MAX, GAZES, SPEED_RANGE_MPS, STAIRS
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
 from stridetwin.sim.route_checks import BYSTANDERS_MAX, LANES_MAX, LIGHT_RANGE, SCENERIES, TEXTURES
-from stridetwin.sim.standard_rig import EXO_GROUPS
+from stridetwin.sim.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 SENSORS: tuple[str, ...] = TwinConfig.sensors
@@ -76,6 +79,9 @@ class Scenario:
 
 def _scenario(description: str, terrain: tuple[Segment, ...], **rest: Any) -> dict[str, Any]:
     of_route = {key: rest.pop(key) for key in _OF_ROUTE if key in rest}
+    if "sensors" in rest:
+        asked: Sensors = rest.pop("sensors")
+        rest |= {"sensors": asked.groups, "fittings": asked.fittings, "asked": asked.asked}
     return {"description": description, "route": Route(segments=terrain, **of_route), **rest}
 
 
@@ -278,10 +284,11 @@ _FILE = mapping(
         "gait": Field(attribute="gait", read=_GAIT),
         "physics": Field(attribute="physics", read=one_word(PHYSICS)),
         "dynamics": Field(attribute="dynamics", read=_DYNAMICS),
-        "sensors": Field(attribute="sensors", read=names_of(SENSORS)),
+        "sensors": Field(attribute="sensors", read=sensors),
         "camera_mount": Field(attribute="rig_mount", read=choice({"head": "head", "chest": "chest"})),
         "ideal_sensors": Field(attribute="ideal", read=flag),
         "shock": Field(attribute="shock", read=flag),
+        "faults": Field(attribute="faults", read=sequence(fault)),
     },
     _scenario,
 )
@@ -347,14 +354,17 @@ def read_scenario(path: Path) -> Scenario:
     _check_order(path, values["route"].segments)
     if "dynamics" in values and values.get("physics") != "dynamic":
         raise where.key("physics").error(values.get("physics", TwinConfig.physics), "dynamic (as there is dynamics)")
+    asked = values.pop("asked", {})
     if values.get("exo", Exo()) is None:
-        _check_worn(path, values.get("sensors", ()))
+        _check_worn(path, asked)
     try:
         lay_out(values["route"])
     except ConfigError as error:
         at = error.field.replace("segments", "terrain")
         raise ConfigError(path, at, error.value, error.valid) from error
-    return Scenario(description=values.pop("description"), config=TwinConfig(name=path.stem, **values))
+    scenario = Scenario(description=values.pop("description"), config=TwinConfig(name=path.stem, **values))
+    check_faults(path, scenario.config.faults, standard_rig(scenario.config))
+    return scenario
 
 
 def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
@@ -367,8 +377,8 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
             raise ConfigError(path, f"terrain[{i}]", kind, valid)
 
 
-def _check_worn(path: Path, sensors: tuple[str, ...]) -> None:
-    for i, name in enumerate(sensors):
+def _check_worn(path: Path, asked: dict[str, str]) -> None:
+    for name, at in asked.items():
         if name in EXO_GROUPS:
             valid = ", ".join(n for n in SENSORS if n not in EXO_GROUPS) + " (exo: none)"
-            raise ConfigError(path, f"sensors[{i}]", name, valid)
+            raise ConfigError(path, at, name, valid)

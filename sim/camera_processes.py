@@ -1,8 +1,9 @@
 """Cameras rendered by two processes beside the twin's own, so that both cores draw.
 
 Software rendering is what a walk with cameras spends its time on. Each process is this module run by the same Python:
-it reads the model and its cameras, then chunks of poses, and answers with the finished pictures in order. A picture's
-noise depends on seed, topic and time alone, so the number of processes changes no byte.
+it reads the model and its sensors, then chunks of poses, and answers with the finished pictures in order. A picture's
+noise depends on seed, topic and time alone, and a camera whose gain follows from the picture before keeps to one
+process, so the number of processes changes no byte.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -23,17 +25,21 @@ import mujoco
 import numpy as np
 
 from stridetwin.sim.bystanders import Crowd
-from stridetwin.sim.cameras import Cameras
+from stridetwin.sim.cameras import Cameras, Due, Patch, board_seen_by
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.sensor_suite import instants
+from stridetwin.sim.sensors.stamps import Stamps
+from stridetwin.sim.standard_rig import Outfit
+from stridetwin.sim.straps import Straps
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Depth, Image
 
 PROCESSES = 2
 _PIPE_BYTES = 1 << 20
 _AHEAD = 12  # pictures that a process may be ahead of those that are asked for
-Due = list[tuple[int, str]]
+_COST_BOARD, _COST_WHOLE = 1.0, 4.0  # of a picture with nothing but the board's surroundings, and of a whole one
 
 
 class CameraProcesses:
@@ -41,18 +47,33 @@ class CameraProcesses:
 
     Args:
         model: Compiled model.
-        cameras: The cameras as they really are; without any no process is started.
+        outfit: The sensors as they really are; without any camera no process is started.
         crowd: Bystanders.
         seed: Seed of the walk.
-        ideal: No noise.
+        straps: What holds the cameras.
+        processes: How many.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], crowd: Crowd, seed: int, ideal: bool
-    ) -> None:  # fmt: skip
-        self._cameras = list(cameras)
-        self._workers = [_Worker(model, cameras, crowd, seed, ideal) for _ in range(PROCESSES if cameras else 0)]
-        self._order: list[tuple[_Worker, int]] = []
+        self,
+        model: mujoco.MjModel,
+        outfit: Outfit,
+        crowd: Crowd,
+        seed: int,
+        straps: Straps | None = None,
+        processes: int = PROCESSES,
+    ) -> None:
+        self._cameras = list(outfit.rig.cameras.values())
+        self._seen = {c.topic: board_seen_by(outfit, c.topic) for c in self._cameras}
+        self._workers = [
+            _Worker((model, outfit, crowd, seed, straps)) for _ in range(processes if self._cameras else 0)
+        ]
+        self._dealer = _Dealer(outfit, len(self._workers))
+        self._stamps = {
+            c.topic: Stamps(outfit.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
+            for c in self._cameras
+        }
+        self._order: list[tuple[_Worker, int, int]] = []
 
     @property
     def pids(self) -> list[int]:
@@ -61,22 +82,37 @@ class CameraProcesses:
 
     def ask(self, motion: Motion, after_ns: int, until_ns: int) -> None:
         """Starts on the pictures after `after_ns` and up to `until_ns`."""
-        due: Due = [
-            (t, camera.topic) for camera in self._cameras for t in instants(camera.rate_hz, after_ns, until_ns).tolist()
-        ]
-        due.sort(key=lambda item: item[0])
-        shared = [due[i :: len(self._workers)] for i in range(len(self._workers))]
-        for worker, own in zip(self._workers, shared):
-            rows = motion.rows(np.array([t for t, _ in own], np.int64))
+        due: list[Due] = []
+        stamps: dict[tuple[str, int], int] = {}
+        for camera in self._cameras:
+            t_ns = instants(camera.rate_hz, after_ns, until_ns)
+            stamps |= {
+                (camera.topic, t): s for t, s in zip(t_ns.tolist(), self._stamps[camera.topic].of(t_ns).tolist())
+            }
+            board = self._seen[camera.topic]
+            twist = np.zeros((len(t_ns), 2, 6))
+            for i, body in enumerate([camera.mount.body, *([board.mount.body] if board else [])]):
+                track = motion.carrier(body)[motion.rows(t_ns)]
+                twist[:, i] = np.hstack([track.v_body_in_world, track.w_body])
+            due += [Due(t_ns=t, topic=camera.topic, twist=w) for t, w in zip(t_ns.tolist(), twist)]
+        due.sort(key=lambda item: item.t_ns)
+        whose = [self._dealer.worker_for(item.topic) for item in due]
+        for i, worker in enumerate(self._workers):
+            own = [item for item, at in zip(due, whose) if at == i]
+            rows = motion.rows(np.array([item.t_ns for item in own], np.int64))
             worker.ask((own, motion.qpos[rows], motion.upper_poses(rows)))
         pictures = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}
-        self._order = [(self._workers[i % len(self._workers)], pictures[topic]) for i, (_, topic) in enumerate(due)]
+        self._order = [
+            (self._workers[i], pictures[item.topic], stamps[item.topic, item.t_ns]) for i, item in zip(whose, due)
+        ]
 
     def pictures(self) -> Iterator[Image | Depth]:
-        """The pictures asked for, in order of time."""
-        for worker, count in self._order:
+        """The pictures asked for, in order of time, with their clocks' stamps."""
+        for worker, count, stamp in self._order:
             for _ in range(count):
-                yield worker.answer()
+                picture = worker.answer()
+                if stamp >= 0:
+                    yield picture if stamp == picture.t_ns else replace(picture, t_ns=stamp)
 
     def __enter__(self) -> Self:
         return self
@@ -88,12 +124,28 @@ class CameraProcesses:
             worker.stop()
 
 
+class _Dealer:
+    """Deals pictures out so that the processes have as much to do as each other."""
+
+    def __init__(self, outfit: Outfit, workers: int) -> None:
+        self._load = np.zeros(max(workers, 1))
+        self._cost, self._home = {}, {}
+        for i, (topic, camera) in enumerate(outfit.rig.cameras.items()):
+            part, board_alone = outfit.sensors[topic].part, outfit.sensors[topic].fitting.frames == "board"
+            self._cost[topic] = _COST_WHOLE if camera.depth_topic or not board_alone else _COST_BOARD
+            if isinstance(part, CameraPart | RgbdPart) and part.imager.auto_exposure_s:
+                self._home[topic] = i % max(workers, 1)
+
+    def worker_for(self, topic: str) -> int:
+        chosen = self._home.get(topic, int(np.argmin(self._load)))
+        self._load[chosen] += self._cost[topic]
+        return chosen
+
+
 class _Worker:
     """The near end of one process."""
 
-    def __init__(
-        self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], crowd: Crowd, seed: int, ideal: bool
-    ) -> None:  # fmt: skip
+    def __init__(self, what: Any) -> None:
         self._stopped = False
         environment = os.environ | {"LP_NUM_THREADS": "0"}  # llvmpipe draws in the process's own thread
         self._process = subprocess.Popen(
@@ -101,10 +153,10 @@ class _Worker:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
         )  # fmt: skip
         _widen(self._ends[1])
-        self._answers: queue.Queue[Image | Depth | None] = queue.Queue(_AHEAD)
+        self._answers: queue.Queue[Image | Depth | Patch | None] = queue.Queue(_AHEAD)
         self._collecting = threading.Thread(target=self._collect, daemon=True)
         self._collecting.start()
-        self.ask((model, list(cameras), crowd, seed, ideal))
+        self.ask(what)
 
     @property
     def pid(self) -> int:
@@ -127,7 +179,7 @@ class _Worker:
         picture = self._answers.get()
         if picture is None:
             raise self._gone()
-        return picture
+        return picture.image() if isinstance(picture, Patch) else picture
 
     def _collect(self) -> None:
         """Takes pictures as they come, so that one process need not wait for the other's turn."""
@@ -163,8 +215,7 @@ def _widen(pipe: IO[bytes]) -> None:
 
 
 def _serve(asked: IO[bytes], answers: IO[bytes]) -> None:
-    model, cameras, crowd, seed, ideal = pickle.load(asked)
-    with Cameras(model, cameras, crowd, seed, ideal) as rendering:
+    with Cameras(*pickle.load(asked)) as rendering:
         while True:
             try:
                 due, qpos, uppers = pickle.load(asked)

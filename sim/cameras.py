@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
+import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -14,72 +16,116 @@ from numpy.typing import NDArray
 from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.crowd_bodies import pose as pose_crowd
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
 from stridetwin.sim.render import SensorView, camera_pose
 from stridetwin.sim.rig_bodies import UPPERS
-from stridetwin.sim.sensors.picture import CameraModel, DepthModel
-from stridetwin.streams.rig import CameraCalibration
+from stridetwin.sim.sensors.imager import BLANK, Pixels, Sensor
+from stridetwin.sim.sensors.lens import Lens
+from stridetwin.sim.sensors.stereo_depth import DepthModel
+from stridetwin.sim.sensors.sweep import Sweep
+from stridetwin.sim.standard_rig import Outfit
+from stridetwin.sim.straps import Straps
+from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
+
+_AROUND_BOARD = np.array([[x, y, z] for x in (-0.024, 0.024) for y in (-0.032, 0.032) for z in (-0.003, 0.0)])
+_MARGIN_PX = 16
+_EDGE_ON = 0.2
+_LEAST_M = 0.03  # of a board that counts as before the camera
+_FAR_M = 10.0
+_NOTHING, _AHEAD = np.zeros(3), np.array([0.0, 0.0, 1.0])
+_SURROUNDINGS_M = 0.5  # how far from a shoe's camera what is not the board is taken to be, for its blur
+
+
+@dataclass(frozen=True, kw_only=True)
+class Due:
+    """One picture to take.
+
+    Attributes:
+        t_ns: When.
+        topic: By which camera.
+        twist: (2, 6) velocity of the origin (world axes, m/s) and angular rate (own axes, rad/s) of the body that
+            carries the camera (a shoe's upper, where it is on a foot), then of the one that carries the board that it
+            sees.
+    """
+
+    t_ns: int
+    topic: str
+    twist: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Patch:
+    """A picture of which no more than a piece is drawn; a hundredth of it has to travel between processes.
+
+    Attributes:
+        topic: Stream of the picture.
+        t_ns: When.
+        whole: (H, W).
+        pixels: (h, w) grey.
+        row: Of the piece's upper left pixel.
+        column: Of it.
+    """
+
+    topic: str
+    t_ns: int
+    whole: tuple[int, int]
+    pixels: Pixels
+    row: int
+    column: int
+
+    def image(self) -> Image:
+        """The whole picture."""
+        picture, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
+        picture[self.row : self.row + height, self.column : self.column + width] = self.pixels
+        return Image(topic=self.topic, t_ns=self.t_ns, pixels=picture)
 
 
 class Cameras:
-    """Renders some cameras; a context manager, because it holds graphics memory.
+    """Renders cameras; a context manager, because it holds graphics memory.
 
     Args:
         model: Compiled model.
-        cameras: The cameras as they really are.
+        outfit: The sensors as they really are.
         crowd: Bystanders.
         seed: Seed of the walk.
-        ideal: No noise.
+        straps: What holds the cameras.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, cameras: Sequence[CameraCalibration], crowd: Crowd, seed: int, ideal: bool
-    ) -> None:  # fmt: skip
+        self, model: mujoco.MjModel, outfit: Outfit, crowd: Crowd, seed: int, straps: Straps | None = None
+    ) -> None:
         self._model = model = copy.copy(model)  # the uppers of the shoes are moved in it
-        self._data, self._crowd = mujoco.MjData(model), crowd
-        self._cameras = {c.topic: c for c in cameras}
-        sizes = {(c.width, c.height) for c in cameras}
+        self._data, self._crowd, self._straps = mujoco.MjData(model), crowd, straps or Straps()
+        self._cameras = {t: _Camera(outfit, t, seed) for t in outfit.rig.cameras}
+        sizes = {(c.lens.width, c.lens.height) for c in self._cameras.values()}
         self._views = {size: SensorView(model, *size) for size in sorted(sizes)}
-        self._colour = {c.topic: CameraModel(c.topic, _shape(c), Noise.of_topic(seed, c.topic, ideal)) for c in cameras}
-        self._depth = {
-            c.topic: DepthModel(c.depth_topic, (c.height, c.width), Noise.of_topic(seed, c.depth_topic, ideal))
-            for c in cameras
-            if c.depth_topic
-        }
 
     def frames(
-        self, due: Sequence[tuple[int, str]], qpos: Array, uppers: Mapping[str, Array] | None = None
-    ) -> Iterator[Image | Depth]:
+        self, due: Sequence[Due], qpos: Array, uppers: Mapping[str, Array] | None = None
+    ) -> Iterator[Image | Depth | Patch]:
         """Pictures in the order asked for.
 
         Args:
-            due: Time in ns and topic of every frame, in order of time.
+            due: In order of time.
             qpos: (len(due), nq) generalised position at each.
             uppers: (len(due), 7) pose of the shoes' uppers by foot; where none, they lie on the feet.
         """
         posed = None
-        for i, ((t_ns, topic), pose) in enumerate(zip(due, qpos)):
-            if posed != t_ns:
+        for i, (item, pose) in enumerate(zip(due, qpos)):
+            if posed != item.t_ns:
                 for foot, on_foot in (uppers or {}).items():
                     body = self._model.body(UPPERS[foot])
                     body.pos, body.quat = on_foot[i, :3], on_foot[i, 3:]
                 self._data.qpos = pose
-                pose_crowd(self._model, self._data, self._crowd, 1e-9 * t_ns)
+                pose_crowd(self._model, self._data, self._crowd, 1e-9 * item.t_ns)
+                self._straps.place(self._model, item.t_ns)
                 mujoco.mj_kinematics(self._model, self._data)
                 mujoco.mj_camlight(self._model, self._data)
-                posed = t_ns
-            yield from self._frame(t_ns, self._cameras[topic])
-
-    def _frame(self, t_ns: int, camera: CameraCalibration) -> Iterator[Image | Depth]:
-        view, T_world_camera = self._views[camera.width, camera.height], camera_pose(self._data, camera)
-        rgb: NDArray[np.uint8]
-        if camera.depth_topic:
-            rgb, depth = view.frame(self._data, T_world_camera, camera.intrinsics)
-            yield self._colour[camera.topic].picture(t_ns, rgb)
-            yield self._depth[camera.topic].picture(t_ns, depth)
-        else:
-            rgb = view.color(self._data, T_world_camera, camera.intrinsics)
-            yield self._colour[camera.topic].picture(t_ns, rgb)
+                posed = item.t_ns
+            camera = self._cameras[item.topic]
+            view = self._views[camera.lens.width, camera.lens.height]
+            yield from camera.take(view, self._data, item, self._straps.T_body_frame(item.topic, item.t_ns))
 
     def __enter__(self) -> Self:
         return self
@@ -91,6 +137,146 @@ class Cameras:
             view.close()
 
 
-def _shape(camera: CameraCalibration) -> tuple[int, ...]:
-    """Grey for a shoe's camera, colour where depth goes with it."""
-    return (camera.height, camera.width, 3) if camera.depth_topic else (camera.height, camera.width)
+def board_seen_by(outfit: Outfit, topic: str) -> Board | None:
+    """The board of the other shoe, for a shoe's camera."""
+    seen = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
+    return outfit.rig.boards.get(seen) if seen else None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seen:
+    """A board in a picture: rows and columns about it, and how it moves before the camera."""
+
+    box: tuple[slice, slice]
+    sweep: Sweep
+
+
+class _Camera:
+    """One camera of the rig."""
+
+    def __init__(self, outfit: Outfit, topic: str, seed: int) -> None:
+        worn = outfit.sensors[topic]
+        assert isinstance(worn.told, CameraCalibration)
+        assert isinstance(worn.part, CameraPart | RgbdPart)
+        told, part = worn.told, worn.part
+        self._told, self._imager = told, part.imager
+        self._board = board_seen_by(outfit, topic)
+        self._grey = self._imager.colour == "grey"
+        shape = (told.height, told.width) if self._grey else (told.height, told.width, 3)
+        self._sensor = Sensor(shape, self._imager, worn.fitting.light, Noise.of_topic(seed, topic))
+        self.lens = Lens(told)
+        self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
+                            [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
+        self._around_board = (
+            worn.fitting.frames == "board" and self._board is not None and self._grey and self.lens.straight
+        )
+        self._depth: DepthModel | None = None
+        if isinstance(part, RgbdPart):
+            fu, _, pu, pv = told.intrinsics
+            noise = Noise.of_topic(seed, told.depth_topic)
+            self._depth = DepthModel((told.height, told.width), fu, (pu, pv), part.depth, noise)
+
+    def take(
+        self, view: SensorView, data: mujoco.MjData, due: Due, T_body_frame: Array
+    ) -> Iterator[Image | Depth | Patch]:
+        """The picture, and the depth with it; `T_body_frame` (4, 4) as of `render.camera_pose`."""
+        T_world_camera = camera_pose(data, self._told, T_body_frame)
+        board = self._board_before(data, due, T_world_camera)
+        if self._around_board:
+            yield self._board_alone(view, data, due, T_world_camera, board)
+            return
+        if self._depth is None:
+            rgb, away = view.color(data, T_world_camera, self.lens.intrinsics), _SURROUNDINGS_M
+        else:
+            rgb, depth = view.frame(data, T_world_camera, self.lens.intrinsics)
+            away = _middle(depth)
+        clean = self._clean(rgb)
+        swept = self._swept(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
+        if board is not None:  # it moves otherwise than the ground
+            rows, columns = board.box
+            piece = np.ascontiguousarray(clean[board.box])
+            swept = swept.copy() if swept is clean else swept
+            swept[board.box] = self._swept(piece, board.sweep.of_piece(rows.start, columns.start))
+        pixels = self._sensor.exposed(due.t_ns, self.lens.bent(swept))
+        yield Image(topic=due.topic, t_ns=due.t_ns, pixels=pixels)
+        if self._depth is not None:
+            grey = rgb[..., 1] if self.lens.straight else self.lens.bent(np.ascontiguousarray(rgb[..., 1]))
+            told = self._depth.picture(due.t_ns, self.lens.bent(depth, cv2.INTER_NEAREST), grey)
+            yield Depth(topic=self._told.depth_topic, t_ns=due.t_ns, depth=told)
+
+    def _clean(self, rgb: Pixels) -> Pixels:
+        return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8) if self._grey else rgb
+
+    def _board_alone(
+        self, view: SensorView, data: mujoco.MjData, due: Due, T_world_camera: Array, board: _Seen | None
+    ) -> Patch:
+        """A picture with nothing drawn but the surroundings of the board."""
+        pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
+        if board is not None:
+            row, column = board.box[0].start, board.box[1].start
+            clean = self._clean(view.piece(data, T_world_camera, self.lens.intrinsics, *board.box))
+            swept = self._swept(clean, board.sweep.of_piece(row, column))
+            pixels = self._sensor.exposed(due.t_ns, swept, row, column)
+        whole = (self._told.height, self._told.width)
+        return Patch(topic=due.topic, t_ns=due.t_ns, whole=whole, pixels=pixels, row=row, column=column)
+
+    def _swept(self, clean: Pixels, sweep: Sweep) -> Pixels:
+        if self._imager.shutter == "rolling" and self._imager.readout_s:
+            clean = sweep.rolled(clean, self._imager.readout_s)
+        return sweep.blurred(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
+
+    def _board_before(self, data: mujoco.MjData, due: Due, T_world_camera: Array) -> _Seen | None:
+        """The board in the middle of the exposure; None where it is out of view."""
+        if self._board is None:
+            return None
+        body = self._board.mount.body
+        T_world_board = _body_pose(data, body) @ self._board.mount.T_body_sensor
+        R = T_world_camera[:3, :3].T
+        normal, centre = R @ T_world_board[:3, 2], R @ (T_world_board[:3, 3] - T_world_camera[:3, 3])
+        points = _AROUND_BOARD @ (R @ T_world_board[:3, :3]).T + centre
+        if points[:, 2].min() < _LEAST_M:
+            return None
+        pixels = points @ self._K.T
+        uv = pixels[:, :2] / pixels[:, 2:]
+        low, high = uv.min(axis=0), uv.max(axis=0)
+        size = np.array([self.lens.width, self.lens.height])
+        if np.any(high < 0) or np.any(low > size):
+            return None
+        away = float(normal @ centre)
+        if abs(away) < _EDGE_ON * centre[2]:  # its plane runs through the camera: no more than its place matters
+            normal, away = _AHEAD, float(centre[2])
+        v, w = _at(data, body, due.twist[1], T_world_camera[:3, 3])
+        sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
+        margin = _MARGIN_PX + sweep.way_px(self._imager.exposure_s, *((low + high) / 2))
+        left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
+        right, bottom = np.minimum(np.ceil(high + margin), size).astype(int).tolist()
+        if right - left < 2 or bottom - top < 2:
+            return None
+        return _Seen(box=(slice(top, bottom), slice(left, right)), sweep=sweep)
+
+    def _sweep(
+        self, data: mujoco.MjData, due: Due, T_world_camera: Array, v: Array, w: Array, normal: Array, away_m: float
+    ) -> Sweep:
+        own_v, own_w = _at(data, self._told.mount.body, due.twist[0], T_world_camera[:3, 3])
+        R = T_world_camera[:3, :3].T
+        return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - own_v), rate=R @ (w - own_w))
+
+
+def _body_pose(data: mujoco.MjData, name: str) -> Array:
+    T, body = np.eye(4), data.body(UPPERS.get(name, name))
+    T[:3, :3], T[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+    return T
+
+
+def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Array, Array]:
+    """Velocity of a point that moves with a body, and the body's rate, both in the world."""
+    body = data.body(UPPERS.get(name, name))
+    w = body.xmat.reshape(3, 3) @ twist[3:]
+    x, y, z = point - body.xpos
+    return twist[:3] + [w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x], w
+
+
+def _middle(depth: NDArray[np.float32]) -> float:
+    """Distance of the middle of what is seen, m."""
+    some = depth[::16, ::16]
+    return float(np.median(some[some > 0])) if np.any(some > 0) else _FAR_M

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+from stridetwin.sim.faults import Fault
+from stridetwin.sim.fitting import Fitting
 
 SIDES = ("l", "r")
 
@@ -241,10 +245,12 @@ class TwinConfig:
         exo: The exoskeleton; None for a person without it, and then without its sensors.
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
             actuator, head_imu, head_camera.
+        fittings: Which groups have another part, rate or clock than the standard one.
         rig_mount: `head` or `chest`: where the RGB-D camera sits.
         ideal: Noise-free sensors on rigid shoes.
         shock: The shoes' uppers ring when the feet strike and rock in stance; never with ideal sensors.
         dynamics: How `physics: dynamic` simulates; None for its defaults.
+        faults: What goes wrong between sensors and recorder, and with what holds the sensors.
     """
 
     name: str
@@ -265,7 +271,9 @@ class TwinConfig:
         "head_imu",
         "head_camera",
     )
+    fittings: Mapping[str, Fitting] = field(default_factory=dict)
     rig_mount: str = "head"
     ideal: bool = False
     shock: bool = True
     dynamics: Dynamics | None = None
+    faults: tuple[Fault, ...] = ()

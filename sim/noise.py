@@ -11,7 +11,7 @@ from stridetwin.streams.samples import Array
 
 
 class Noise:
-    """Source of normal deviates for one sensor, silent where sensors are ideal.
+    """Source of normal deviates for one sensor, or a silent one.
 
     Args:
         seeds: Child sequence of this sensor, or None for no noise at all.
@@ -22,32 +22,29 @@ class Noise:
         self._rng = None if seeds is None else np.random.default_rng(seeds)
 
     @classmethod
-    def of_topic(cls, seed: int, topic: str, ideal: bool = False) -> Self:
+    def of_topic(cls, seed: int, topic: str) -> Self:
         """Noise of one topic: its key is a checksum of the name, never its place in a list.
 
         Args:
             seed: Seed of the walk.
             topic: Name of the stream.
-            ideal: No noise at all.
         """
-        key = zlib.crc32(topic.encode())
-        return cls(None if ideal else np.random.SeedSequence(seed, spawn_key=(key,)))
-
-    @property
-    def ideal(self) -> bool:
-        """Whether the sensor is free of noise."""
-        return self._seeds is None
+        return cls(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(topic.encode()),)))
 
     def normal(self, sd: float | Array, shape: int | tuple[int, ...]) -> Array:
-        """Normal deviates of standard deviation `sd`, drawn row by row; zeros where ideal."""
+        """Normal deviates of standard deviation `sd`, drawn row by row; zeros where silent."""
         return np.zeros(shape) if self._rng is None else sd * self._rng.standard_normal(shape)
 
+    def uniform(self, shape: int | tuple[int, ...]) -> Array:
+        """Even deviates between 0 and 1, drawn row by row; ones where silent, so that nothing rare happens."""
+        return np.ones(shape) if self._rng is None else self._rng.random(shape)
+
     def at(self, t_ns: int) -> Noise:
-        """Noise of one picture, whichever pictures were drawn before it."""
+        """Noise of one picture, or of one number of whatever else, however much was drawn before it."""
         if self._seeds is None:
             return self
         return Noise(np.random.SeedSequence(self._seeds.entropy, spawn_key=(*self._seeds.spawn_key, t_ns)))
 
     def integers(self, high: tuple[int, ...]) -> tuple[int, ...]:
-        """One whole number below each of `high`; zeros where ideal."""
+        """One whole number below each of `high`; zeros where silent."""
         return tuple(int(i) for i in self._rng.integers(high)) if self._rng is not None else (0,) * len(high)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -144,20 +144,14 @@ class Player(Generic[AnyWalk]):
         self._model, self._walk, self._uppers = model, walk, uppers or {}
         self._tree = Tree.of(model)
         self._couplings = couplings(walk.size)
+        self._state: tuple[NDArray[np.int64], Array, Array] | None = None  # of the last `track`: both feet share it
 
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
         walk = self._walk
         q, v, _ = walk.state(t_ns * 1e-9)
-        p, quat, speed, w = rigid_tree.motion(self._tree, q, v)
         names, layout = walk.coordinates.names[6:], walk.coordinates
-        tracks = {}
-        for body in tracked(walk.size.exo is not None):
-            own = self._tree.row(self._model.body(body).id)
-            tracks[body] = Track(
-                t_ns=t_ns, p_body_in_world=p[:, own], q_world_body=quat[:, own], v_body_in_world=speed[:, own],
-                w_body=w[:, own],
-            )  # fmt: skip
+        tracks = self._tracks(tracked(walk.size.exo is not None), self._tree, t_ns, q, v)
         return Motion(
             t_ns=t_ns,
             qpos=q,
@@ -167,6 +161,27 @@ class Player(Generic[AnyWalk]):
             speed={name: v[:, layout.dof[i]] for i, name in enumerate(names)},
             cuff_force={c.name: _push_forward(c, tracks) for c in self._couplings if not c.name.startswith("heel")},
         )
+
+    def _tracks(
+        self, bodies: Iterable[str], tree: Tree, t_ns: NDArray[np.int64], q: Array, v: Array
+    ) -> dict[str, Track]:  # fmt: skip
+        """Tracks of bodies of the tree at (N,) instants with these (N, nq) positions and (N, nv) velocities."""
+        p, quat, speed, w = rigid_tree.motion(tree, q, v)
+        rows = {body: tree.row(self._model.body(body).id) for body in bodies}
+        return {
+            body: Track(
+                t_ns=t_ns, p_body_in_world=p[:, i], q_world_body=quat[:, i], v_body_in_world=speed[:, i], w_body=w[:, i]
+            )
+            for body, i in rows.items()
+        }  # fmt: skip
+
+    def track(self, body: str, t_ns: NDArray[np.int64]) -> Track:
+        """Track of what carries the sensors of a body (`Motion.carrier`) at (N,) instants, many times faster."""
+        if self._state is None or not np.array_equal(self._state[0], t_ns):
+            self._state = (t_ns, *self._walk.state(t_ns * 1e-9)[:2])
+        chain = self._tree.only([self._tree.row(self._model.body(body).id)])
+        track = self._tracks([body], chain, *self._state)[body]
+        return self._uppers[body].carried(track) if body in self._uppers else track
 
 
 class Playback(Player[Reference]):

@@ -27,6 +27,7 @@ NEAR_M = 0.02
 FAR_M = 200.0
 SEEN_M = 50.0  # what is farther may be the sky, which is drawn on a dome well inside the far plane
 _MAX_GEOMS = 2000
+_HIDDEN_GROUP = 5  # of geoms; not drawn unless asked for
 _OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
 
 Rgb = NDArray[np.uint8]
@@ -92,11 +93,12 @@ class _OffScreen:
             self.model, data, self._option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, self.scene
         )
 
-    def draw(self, rgb: Rgb | None, depth: DepthImage | None) -> None:
-        """Draws the scene into upside-down pictures of this size."""
+    def draw(self, rgb: Rgb | None, depth: DepthImage | None, rect: mujoco.MjrRect | None = None) -> None:
+        """Draws the scene into upside-down pictures of this size, or of a smaller one."""
+        rect = rect or self._rect
         self._gl.make_current()
-        mujoco.mjr_render(self._rect, self.scene, self._context)
-        mujoco.mjr_readPixels(rgb, depth, self._rect, self._context)
+        mujoco.mjr_render(rect, self.scene, self._context)
+        mujoco.mjr_readPixels(rgb, depth, rect, self._context)
 
     def close(self) -> None:
         """Frees the context; closing twice does no harm."""
@@ -152,6 +154,22 @@ class SensorView(_OffScreen):
         """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as `frame`."""
         return self._look(data, T_world_camera, intrinsics, None)
 
+    def piece(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        rows: slice,
+        columns: slice,
+    ) -> Rgb:
+        """Some rows and columns of `color` alone, (h, w, 3), the same pixels in less time."""
+        fu, fv, pu, pv = intrinsics
+        width, height = columns.stop - columns.start, rows.stop - rows.start
+        self._aim(data, T_world_camera, (fu, fv, pu - columns.start, pv - rows.start), width, height)
+        rgb = np.empty((height, width, 3), np.uint8)
+        self.draw(rgb, None, mujoco.MjrRect(0, 0, width, height))
+        return np.ascontiguousarray(rgb[::-1])
+
     def _look(
         self,
         data: mujoco.MjData,
@@ -159,22 +177,35 @@ class SensorView(_OffScreen):
         intrinsics: tuple[float, float, float, float],
         depth: DepthImage | None,
     ) -> Rgb:
-        self.update(data, self._anywhere)
-        self._aim(swap_camera_convention(T_world_camera), intrinsics)
+        self._aim(data, T_world_camera, intrinsics, self.width, self.height)
         rgb = np.empty((self.height, self.width, 3), np.uint8)
         self.draw(rgb, depth)
         return np.ascontiguousarray(rgb[::-1])
 
-    def _aim(self, T_world_mujoco: Array, intrinsics: tuple[float, float, float, float]) -> None:
+    def _aim(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        width: int,
+        height: int,
+    ) -> None:
+        """Takes over the poses of what can be seen, and points the camera."""
+        shown = self.model.geom_group.copy()
+        seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
+        self.model.geom_group[~seen] = _HIDDEN_GROUP
+        self.update(data, self._anywhere)
+        self.model.geom_group[:] = shown
+        T_world_mujoco = swap_camera_convention(T_world_camera)
         fu, fv, pu, pv = intrinsics
         for camera in self.scene.camera:  # the left and the right eye, which a mono view averages
             camera.pos = T_world_mujoco[:3, 3]
             camera.forward, camera.up = -T_world_mujoco[:3, 2], T_world_mujoco[:3, 1]
             # Picture borders lie half a pixel outside the outermost pixel centres.
             camera.frustum_top = NEAR_M * (pv + 0.5) / fv
-            camera.frustum_bottom = NEAR_M * (pv + 0.5 - self.height) / fv
-            camera.frustum_center = NEAR_M * (self.width / 2 - pu - 0.5) / fu
-            camera.frustum_width = NEAR_M * self.width / 2 / fu
+            camera.frustum_bottom = NEAR_M * (pv + 0.5 - height) / fv
+            camera.frustum_center = NEAR_M * (width / 2 - pu - 0.5) / fu
+            camera.frustum_width = NEAR_M * width / 2 / fu
             camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
 
 
@@ -212,12 +243,39 @@ class FilmCamera(_OffScreen):
         return np.ascontiguousarray(rgb[::-1])
 
 
-def camera_pose(data: mujoco.MjData, camera: CameraCalibration) -> Array:
-    """(4, 4) pose of a camera's optical frame in the world, from the body that carries it."""
+def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: ArrayLike | None = None) -> Array:
+    """(4, 4) pose of a camera's optical frame in the world, from the body that carries it.
+
+    Args:
+        data: State of the model, kinematics up to date.
+        camera: Its calibration.
+        T_body_frame: (4, 4) where the frame that holds its mount has slipped to on the body.
+    """
     body = data.body(UPPERS.get(camera.mount.body, camera.mount.body))
     T_world_body = np.eye(4)
     T_world_body[:3, :3], T_world_body[:3, 3] = body.xmat.reshape(3, 3), body.xpos
-    return T_world_body @ camera.mount.T_body_sensor
+    T_world_frame = T_world_body if T_body_frame is None else T_world_body @ np.asarray(T_body_frame)
+    return T_world_frame @ camera.mount.T_body_sensor
+
+
+def _in_view(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    T_world_camera: Array,
+    intrinsics: tuple[float, float, float, float],
+    width: int,
+    height: int,
+) -> NDArray[np.bool_]:
+    """Geoms whose bounding sphere reaches into a picture's pyramid; drawing the others would cost as much as them."""
+    fu, fv, pu, pv = intrinsics
+    inward = np.array([
+        [fu, 0.0, pu + 0.5], [-fu, 0.0, width - 0.5 - pu], [0.0, fv, pv + 0.5], [0.0, -fv, height - 0.5 - pv],
+        [0.0, 0.0, 1.0],
+    ])  # fmt: skip
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    centre = (data.geom_xpos - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+    reach = np.where(model.geom_rbound > 0, model.geom_rbound, np.inf)  # 0: a plane, which has no end
+    return np.asarray(np.all(centre @ inward.T >= -reach[:, None], axis=1))
 
 
 def _metric_depth(z: DepthImage) -> DepthImage:

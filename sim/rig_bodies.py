@@ -26,22 +26,21 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
     """
     for foot, upper in UPPERS.items():
         spec.body(foot).add_body(name=upper)
-    for i, (leaf, mount) in enumerate(_visible(rig)):
+    for name, leaf, _, mount in visible(rig):
         text = resources.files("stridetwin.assets").joinpath("mjcf", f"{leaf}.xml").read_text()
         T = mount.T_body_sensor
         frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
-        frame.attach_body(mujoco.MjSpec.from_string(text).body(leaf), f"rig_{i}_", "")
+        frame.attach_body(mujoco.MjSpec.from_string(text).body(leaf), name.removesuffix(leaf), "")
 
 
-def _visible(rig: Rig) -> Iterator[tuple[str, Mount]]:
-    for camera in rig.cameras.values():
-        yield ("rgbd_camera" if camera.depth_topic else "shoe_camera"), camera.mount
-    for board in rig.boards.values():
-        yield "checkerboard", board.mount
+def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
+    """Name of the body, leaf file, stream (none of a board) and mount of what can be seen."""
+    shown: list[tuple[str, str, Mount]] = []
+    for topic, camera in rig.cameras.items():
+        shown.append(("rgbd_camera" if camera.depth_topic else "shoe_camera", topic, camera.mount))
+    shown += [("checkerboard", "", board.mount) for board in rig.boards.values()]
     depth_imus = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
-    for imu in rig.imus.values():
-        if imu.topic not in depth_imus:
-            yield "imu_pod", imu.mount
-    for sensor in rig.others.values():
-        if sensor.kind == "range":
-            yield "sonar_pod", sensor.mount
+    shown += [("imu_pod", topic, imu.mount) for topic, imu in rig.imus.items() if topic not in depth_imus]
+    shown += [("sonar_pod", topic, s.mount) for topic, s in rig.others.items() if s.kind == "range"]
+    for i, (leaf, topic, mount) in enumerate(shown):
+        yield f"rig_{i}_{leaf}", leaf, topic, mount

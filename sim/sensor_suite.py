@@ -10,15 +10,20 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.playback import Loads, Motion
+from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart, ForceCellPart, ImuPart, SonarPart
+from stridetwin.sim.playback import Loads, Motion, Player
 from stridetwin.sim.sensors.ahrs import AhrsModel
 from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.sim.sensors.insole import InsoleModel
 from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
 from stridetwin.sim.sensors.sonar import SonarModel
+from stridetwin.sim.sensors.stamps import Stamps
+from stridetwin.sim.standard_rig import Outfit, WornSensor
+from stridetwin.sim.straps import Straps
 from stridetwin.sim.terrain import Terrain
-from stridetwin.streams.rig import OtherSensor, Rig
-from stridetwin.streams.samples import Block
+from stridetwin.sim.track import Track
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
+from stridetwin.streams.samples import Array, Block
 
 Instants = NDArray[np.int64]
 
@@ -31,73 +36,103 @@ def instants(rate_hz: float, after_ns: int, until_ns: int) -> Instants:
     return t[(t > after_ns) & (t <= until_ns)]
 
 
+def step_ends(rate_hz: float, steps: int, t_ns: Instants) -> Instants:
+    """Ends of the steps of consecutive samples at (N,) whole sample times: `steps` a sample, one for the one at 0."""
+    samples = np.round(t_ns * (rate_hz * 1e-9)).astype(np.int64)
+    first = max(steps * (int(samples[0]) - 1) + 1, 0)
+    return np.round(np.arange(first, steps * int(samples[-1]) + 1) * (1e9 / (rate_hz * steps))).astype(np.int64)
+
+
 class SensorSuite:
     """Every sensor of the rig but the cameras.
 
     Args:
-        rig: The sensors as they really are.
+        outfit: The sensors as they really are.
         terrain: Ground, for the sonars.
         crowd: Bystanders, for the sonars.
         seed: Seed of the walk.
-        ideal: No noise.
+        straps: What holds the sensors.
     """
 
-    def __init__(self, rig: Rig, terrain: Terrain, crowd: Crowd, seed: int, ideal: bool) -> None:
-        def noise(topic: str) -> Noise:
-            return Noise.of_topic(seed, topic, ideal)
-
-        self._imus = [(c, ImuModel(c, noise(t))) for t, c in rig.imus.items()]
-        self._others = [(c, _model(c, terrain, crowd, noise(t))) for t, c in rig.others.items()]
+    def __init__(self, outfit: Outfit, terrain: Terrain, crowd: Crowd, seed: int, straps: Straps | None = None) -> None:
+        self._straps = straps or Straps()
+        self._models: list[tuple[WornSensor, Any, Stamps]] = []
+        for topic, sensor in outfit.sensors.items():
+            if not isinstance(sensor.told, CameraCalibration):
+                stamps = Stamps(sensor.clock, sensor.told.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
+                self._models.append((sensor, _model(sensor, terrain, crowd, Noise.of_topic(seed, topic)), stamps))
 
     @property
     def rates(self) -> set[float]:
-        """Sample rates, Hz."""
-        return {c.rate_hz for c, _ in self._imus} | {c.rate_hz for c, _ in self._others}
+        """Sample rates at which the whole body's motion is wanted, Hz."""
+        return {s.told.rate_hz for s, _, _ in self._models if not isinstance(s.told, ImuCalibration)}
 
-    def read(self, motion: Motion, loads: Loads, after_ns: int, until_ns: int) -> Iterator[Block[Any]]:
-        """One block a topic, with the samples after `after_ns` and up to `until_ns`."""
-        for imu, model in self._imus:
-            rows = motion.rows(instants(imu.rate_hz, after_ns, until_ns))
-            yield model.read(motion.carrier(imu.mount.body)[rows])
-        for other, model in self._others:
-            t_ns = instants(other.rate_hz, after_ns, until_ns)
-            if len(t_ns):
-                yield _read(other, model, motion, loads, t_ns)
+    def read(self, player: Player, motion: Motion, loads: Loads, after_ns: int, until_ns: int) -> Iterator[Block[Any]]:
+        """One block a topic, with the samples after `after_ns` and up to `until_ns`.
 
-
-def _model(sensor: OtherSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
-    match sensor.kind:
-        case "range":
-            return SonarModel(sensor, terrain, crowd, noise)
-        case "insole":
-            return InsoleModel(sensor, noise)
-        case "ahrs":
-            return AhrsModel(sensor, noise)
-        case "encoder":
-            return EncoderModel(sensor, noise)
-        case "interaction":
-            return InteractionModel(sensor, noise)
-        case "actuator":
-            return ActuatorModel(sensor, noise)
-    raise ValueError(f"no model for a sensor of kind {sensor.kind!r}")
+        Args:
+            player: Of the walk, for inertial sensors.
+            motion: At the instants of all `rates`.
+            loads: At evenly spaced instants up to `until_ns`.
+            after_ns: True time.
+            until_ns: True time.
+        """
+        for sensor, model, stamps in self._models:
+            t_ns = instants(sensor.told.rate_hz, after_ns, until_ns)
+            if not len(t_ns):
+                continue
+            if isinstance(sensor.told, ImuCalibration):
+                ends = step_ends(sensor.told.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
+                carrier = player.track(sensor.told.mount.body, ends)
+                block = model.read(self._straps.carried(sensor.told.topic, carrier), t_ns)
+            elif isinstance(sensor.told, OtherSensor):
+                carrier = motion.carrier(sensor.told.mount.body)[motion.rows(t_ns)]
+                carrier = self._straps.carried(sensor.told.topic, carrier)
+                block = _read(sensor.told, model, carrier, motion, loads, t_ns)
+            yield stamps.on(block)
 
 
-def _read(sensor: OtherSensor, model: Any, motion: Motion, loads: Loads, t_ns: Instants) -> Block[Any]:
-    rows, body = motion.rows(t_ns), sensor.mount.body
+def _model(sensor: WornSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
+    told, part = sensor.told, sensor.part
+    match told, part:
+        case ImuCalibration(), ImuPart():
+            return ImuModel(told, part, noise)
+        case OtherSensor(kind="range"), SonarPart():
+            return SonarModel(told, part, terrain, crowd, noise)
+        case OtherSensor(kind="insole"), ForceCellPart():
+            return InsoleModel(told, part, noise)
+        case OtherSensor(kind="ahrs"), AhrsPart():
+            return AhrsModel(told, part, noise)
+        case OtherSensor(kind="encoder"), EncoderPart():
+            return EncoderModel(told, part, noise)
+        case OtherSensor(kind="interaction"), ForceCellPart():
+            return InteractionModel(told, part, noise)
+        case OtherSensor(kind="actuator"), ActuatorPart():
+            return ActuatorModel(told, part, noise)
+    raise ValueError(f"no model for {told.topic} of {part.name}")
+
+
+def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants) -> Block[Any]:
+    rows = motion.rows(t_ns)
     place, _, side = sensor.topic.split("/")[-2].rpartition("_")  # foot_l, thigh_r, knee_l; the back has no side
     match sensor.kind:
         case "range":
             other = "foot_r" if side == "l" else "foot_l"
-            return model.read(motion.tracks[body][rows], motion.tracks[other][rows])
+            return model.read(carrier, motion.tracks[other][rows])
         case "insole":
-            at = np.searchsorted(loads.t_ns, t_ns)
             load = loads.feet[side]
-            return model.read(motion.tracks[body][rows], load.force[at], load.torque[at])
+            force, torque = (_between(loads.t_ns, x, t_ns) for x in (load.force, load.torque))
+            return model.read(carrier, force, torque)
         case "ahrs":
-            return model.read(motion.tracks[body][rows])
+            return model.read(carrier)
         case "encoder":
             return model.read(t_ns, motion.angle[f"exo_{place}_flexion_{side}"][rows])
         case "interaction":
             return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # a push forward is felt behind
         case _:  # nothing commands the modules: their motors give no torque
             return model.read(t_ns, 0.0, np.zeros(len(t_ns)), motion.speed[f"exo_{place}_flexion_{side}"][rows])
+
+
+def _between(at_ns: Instants, values: Array, t_ns: Instants) -> Array:
+    """(N, 3) values at (N,) instants, on straight lines between those at known ones."""
+    return np.column_stack([np.interp(t_ns, at_ns, column) for column in values.T])

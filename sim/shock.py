@@ -73,9 +73,10 @@ SUPPORT = 10.0
 _STRENGTH = (0.15, 2.0)  # softest and hardest strike over the reference
 _FADE_S = 0.10  # rocking begins and ends within this
 _ROCK_S = 0.9  # who stands on stands still after this
+_UP = 2  # of displacement (forward, left, up) and turn
+_BLOW_S = 0.007  # after the strike all modes push up together
 _JITTER_RAD = 0.5  # of a mode's phase from strike to strike: a foot strikes much like itself
 _SLAP_RAD = 0.02  # pitch of the sole against the ground at which the ball slaps down
-_SENSORS = (-0.030, 0.042, 0.060)  # m, left foot: what a ring turns about
 _GROUND = (0.060, 0.0, 0.0)  # m: what rocking turns about
 
 
@@ -120,7 +121,7 @@ class UpperMotion:
     @classmethod
     def of(
         cls, steps: Sequence[Footstep], pitch: Callable[[Array], Array], speed: Callable[[Array], Array],
-        rng: np.random.Generator, parameters: ShoeParameters,
+        pivot: Array, rng: np.random.Generator, parameters: ShoeParameters,
     ) -> Self:  # fmt: skip
         """The motion that a walk makes.
 
@@ -128,13 +129,14 @@ class UpperMotion:
             steps: Footsteps of one foot.
             pitch: (N,) s -> (N,) rad, pitch of its sole against the ground.
             speed: (N,) s -> (N,) m/s, how fast it goes.
+            pivot: (3,) m in the foot's frame: where the sensors sit. What they were recorded to do, they do there.
             rng: Source of what differs from strike to strike.
             parameters: Of the shoe.
         """
-        pivot = np.array(_SENSORS) * [1.0, 1.0 if steps[0].foot == "l" else -1.0, 1.0]
         landed = [step for step in steps if np.isfinite(step.t_touch)]
         speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)
         shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.ring_hz), 6))
+        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.ring_hz * _BLOW_S  # the ground pushes up at first
         events = []
         for step, impact in zip(landed, speeds):
             strength = np.clip(impact / parameters.impact_mps, *_STRENGTH) * np.exp(

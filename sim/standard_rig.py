@@ -1,49 +1,87 @@
-"""The standard rig: every sensor of the wearer, where it sits and what its data sheet says.
+"""The standard rig: every sensor of the wearer, where it sits, and what its part's data sheet tells an estimator.
 
-Noise figures are those of the parts' data sheets; where a sheet is silent the comment says what stands in.
-Random walks are not on data sheets: ours let a bias wander by its in-run instability in 100 s.
+Random walks are not on data sheets: what is told lets a bias wander by its in-run instability in 100 s.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.actuation import modules
-from stridetwin.sim.config import SIDES, Exo, TwinConfig
+from stridetwin.sim.config import SIDES, TwinConfig
+from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, Clock, Fitting, part_of
+from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
+from stridetwin.sim.parts.told import TOLD
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
 
-GROUPS = (
-    "foot_imu", "foot_camera", "sonar", "insole", "ahrs", "encoder", "interaction", "actuator", "head_imu",
-    "head_camera",
-)  # fmt: skip
+GROUPS = tuple(KIND)
 EXO_GROUPS = ("ahrs", "encoder", "interaction", "actuator")
-_G = 9.80665
 _DEG = math.pi / 180
 _WALK_S = 100.0
 
-# RGB-D camera: 640 x 480 is cut to 4:3 from the 1280 x 800 picture of 90 deg and scaled by 0.6, so 0.6 * 640
-# px.
-RGBD_FOCAL_PX = 384.0
+_FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
 RGBD_PITCH_RAD = 25 * _DEG
 _RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
 # D455 data sheet: the IMU relative to the imagers, optical axes.
 _P_IMU_IN_RGBD = (-0.0302, 0.0074, 0.0160)
 
+Calibration = ImuCalibration | CameraCalibration | OtherSensor
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WornSensor:
+    """One sensor.
+
+    Attributes:
+        group: That it belongs to.
+        told: What the rig tells about it.
+        part: What it really is.
+        fitting: What it has that the standard one has not.
+    """
+
+    group: str
+    told: Calibration
+    part: Part
+    fitting: Fitting
+
+    @property
+    def clock(self) -> Clock:
+        """How its stamps run."""
+        return self.fitting.clock
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outfit:
+    """Everything that a walk carries.
+
+    Attributes:
+        rig: What estimators are told.
+        sensors: What there really is, by topic.
+    """
+
+    rig: Rig
+    sensors: dict[str, WornSensor]
+
 
 def standard_rig(config: TwinConfig) -> Rig:
-    """The rig that a walk carries.
+    """What estimators are told of the rig that a walk carries; arguments and errors as `outfit`."""
+    return outfit(config).rig
+
+
+def outfit(config: TwinConfig) -> Outfit:
+    """The sensors that a walk carries.
 
     Args:
-        config: Which groups of sensors are on, and where the RGB-D camera sits. Without exoskeleton the groups that sit
-            on it are left out.
-
-    Returns:
-        Rig with the sensors of the chosen groups.
+        config: Which groups of sensors are on, of which parts, and where the RGB-D camera sits. Without exoskeleton the
+            groups that sit on it are left out.
 
     Raises:
         ConfigError: An unknown group of sensors or an unknown place for the RGB-D camera.
@@ -54,63 +92,111 @@ def standard_rig(config: TwinConfig) -> Rig:
     if config.rig_mount not in _RGBD_MOUNT:
         raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(_RGBD_MOUNT))
     on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
-    imus: list[ImuCalibration] = []
-    cameras: list[CameraCalibration] = []
-    boards: list[Board] = []
-    for side in SIDES:
-        if "foot_imu" in on:
-            imus.append(_foot_imu(side))
-        if "foot_camera" in on:
-            cameras.append(_foot_camera(side))
-            boards.append(_board(side))
-    if "head_camera" in on:
-        cameras.append(_rgbd_camera(config.rig_mount))
-    if "head_imu" in on:
-        imus.append(_rgbd_imu(config.rig_mount))
-    others = [s for group, sensors in _OTHERS.items() if group in on for s in sensors()]
-    if config.exo is not None and "actuator" in on:
-        others += _actuators(config.exo)
-    return Rig(
-        imus={s.topic: s for s in imus},
-        cameras={s.topic: s for s in cameras},
-        boards={b.name: b for b in boards},
-        others={s.topic: s for s in others},
+    sensors = {s.told.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
+    told = [s.told for s in sensors.values()]
+    rig = Rig(
+        imus={s.topic: s for s in told if isinstance(s, ImuCalibration)},
+        cameras={s.topic: s for s in told if isinstance(s, CameraCalibration)},
+        boards={b.name: b for b in map(_board, SIDES)} if "foot_camera" in on else {},
+        others={s.topic: s for s in told if isinstance(s, OtherSensor)},
     )
+    return Outfit(rig=rig, sensors=sensors)
 
 
-def _foot_imu(side: str) -> ImuCalibration:
-    # Analog Devices ADIS16485: 0.3 deg/sqrt(h), 6.25 deg/h in run, +-0.2 deg/s repeatability; 0.023
-    # m/s/sqrt(h), 32 ug in run, +-3 mg repeatability.
+def _fit(config: TwinConfig, group: str, standard: str | None = None) -> tuple[Any, Any, Fitting]:
+    """The part of a group as it is and as it is told, and the group's fitting."""
+    real, told = part_of(config.fittings, group, config.ideal, standard)
+    return real, told, config.fittings.get(group, Fitting())
+
+
+def _imu(config: TwinConfig, group: str, topic: str, mount: Mount) -> WornSensor:
+    part, told, fitting = _fit(config, group)
+    return WornSensor(group=group, told=_told_imu(topic, told, mount), part=part, fitting=fitting)
+
+
+def _told_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
+    gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
-        topic=f"/foot_{side}/imu",
-        part="Analog Devices ADIS16485",
-        rate_hz=120.0,
-        mount=Mount(body=f"foot_{side}", T_body_sensor=_pose(np.eye(3), (-0.030, 0.042 * _outward(side), 0.060))),
-        gyroscope_noise_density=0.3 * _DEG / 60,
-        gyroscope_random_walk=6.25 * _DEG / 3600 / math.sqrt(_WALK_S),
-        accelerometer_noise_density=0.023 / 60,
-        accelerometer_random_walk=32e-6 * _G / math.sqrt(_WALK_S),
-        gyroscope_bias_sd=0.2 * _DEG,
-        accelerometer_bias_sd=3e-3 * _G,
+        topic=topic,
+        part=part.description,
+        rate_hz=part.rate_hz,
+        mount=mount,
+        gyroscope_noise_density=gyroscope.noise_density,
+        gyroscope_random_walk=gyroscope.bias_instability / math.sqrt(_WALK_S),
+        accelerometer_noise_density=accelerometer.noise_density,
+        accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
+        gyroscope_bias_sd=gyroscope.turn_on_bias,
+        accelerometer_bias_sd=accelerometer.turn_on_bias,
+        gyroscope_range=_finite(gyroscope.range),
+        accelerometer_range=_finite(accelerometer.range),
     )
 
 
-def _foot_camera(side: str) -> CameraCalibration:
-    inward = -_outward(side)
-    forward = _direction(27 * _DEG * inward, 24 * _DEG)
-    return CameraCalibration(
-        topic=f"/foot_{side}/camera",
-        part="Basler acA800-200gc",
-        rate_hz=60.0,
-        mount=Mount(
-            body=f"foot_{side}",
-            T_body_sensor=_pose(_looking(forward, roll=math.pi / 2 * inward), (-0.070, 0.045 * inward, 0.036)),
-        ),
-        width=800,
-        height=600,
-        intrinsics=_pinhole(800, 600, 400 / math.tan(36.5 * _DEG)),
-        imu_topic=f"/foot_{side}/imu",
+def _finite(range_: float) -> float:
+    return range_ if math.isfinite(range_) else 0.0
+
+
+def foot_imu_place(config: TwinConfig, side: str) -> Array:
+    """(3,) m, where a shoe's IMU sits in the foot's frame, or would sit."""
+    forward, outward, up = config.fittings.get("foot_imu", Fitting()).position_m or _FOOT_IMU
+    return np.array([forward, outward * _outward(side), up])
+
+
+def _foot_imus(config: TwinConfig) -> Iterator[WornSensor]:
+    for side in SIDES:
+        mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(np.eye(3), foot_imu_place(config, side)))
+        yield _imu(config, "foot_imu", f"/foot_{side}/imu", mount)
+
+
+def _head_imu(config: TwinConfig) -> Iterator[WornSensor]:
+    camera = _rgbd_mount(config.rig_mount)
+    mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
+    yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
+
+
+def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> WornSensor:
+    part, told, fitting = _fit(config, group)
+    imager: Imager = told.imager
+    width, height = round(imager.width), round(imager.height)
+    calibration = CameraCalibration(
+        topic=f"/{place}/color" if depth else f"/{place}/camera",
+        part=part.description,
+        rate_hz=part.rate_hz,
+        mount=mount,
+        width=width,
+        height=height,
+        intrinsics=(imager.focal, imager.focal, (width - 1) / 2, (height - 1) / 2),
+        distortion_model=imager.distortion_model,
+        distortion=imager.distortion,
+        depth_topic=f"/{place}/depth" if depth else "",
+        imu_topic=f"/{place}/imu",
+        timeshift_cam_imu_s=_told_shift(config, imu_group) - _told_shift(config, group),
     )
+    return WornSensor(group=group, told=calibration, part=part, fitting=fitting)
+
+
+def _told_shift(config: TwinConfig, group: str) -> float:
+    clock = config.fittings.get(group, Fitting()).clock
+    return clock.shift_s if clock.told else 0.0
+
+
+def _foot_cameras(config: TwinConfig) -> Iterator[WornSensor]:
+    for side in SIDES:
+        inward = -_outward(side)
+        forward = _direction(27 * _DEG * inward, 24 * _DEG)
+        pose = _pose(_looking(forward, roll=math.pi / 2 * inward), (-0.070, 0.045 * inward, 0.036))
+        mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
+        yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
+
+
+def _rgbd(config: TwinConfig) -> Iterator[WornSensor]:
+    mount = _rgbd_mount(config.rig_mount)
+    yield _camera(config, "head_camera", "head_imu", config.rig_mount, mount, depth=True)
+
+
+def _rgbd_mount(where: str) -> Mount:
+    body, position = _RGBD_MOUNT[where]
+    return Mount(body=body, T_body_sensor=_pose(_looking(_direction(0.0, -RGBD_PITCH_RAD)), position))
 
 
 def _board(side: str) -> Board:
@@ -127,176 +213,87 @@ def _board(side: str) -> Board:
     )
 
 
-def _rgbd_camera(where: str) -> CameraCalibration:
-    return CameraCalibration(
-        topic=f"/{where}/color",
-        part="Intel RealSense D455",
-        rate_hz=30.0,
-        mount=_rgbd_mount(where),
-        width=640,
-        height=480,
-        intrinsics=_pinhole(640, 480, RGBD_FOCAL_PX),
-        depth_topic=f"/{where}/depth",
-        imu_topic=f"/{where}/imu",
+def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> WornSensor:
+    part, told, fitting = _fit(config, group, more.pop("standard", None))
+    calibration = OtherSensor(
+        topic=topic,
+        kind=kind,
+        part=more.pop("named", told.description),
+        rate_hz=told.rate_hz,
+        mount=mount,
+        parameters=TOLD[kind](told) | more,
     )
+    return WornSensor(group=group, told=calibration, part=part, fitting=fitting)
 
 
-def _rgbd_imu(where: str) -> ImuCalibration:
-    # Bosch BMI055: 0.014 deg/s/sqrt(Hz), 150 ug/sqrt(Hz). Zero offsets are what the maker's calibration
-    # leaves: about 0.2 deg/s and 10 mg; in-run instability about 10 deg/h and 40 ug (not on the sheet).
-    camera = _rgbd_mount(where)
-    return ImuCalibration(
-        topic=f"/{where}/imu",
-        part="Bosch BMI055 in Intel RealSense D455",
-        rate_hz=200.0,
-        mount=Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD)),
-        gyroscope_noise_density=0.014 * _DEG,
-        gyroscope_random_walk=10 * _DEG / 3600 / math.sqrt(_WALK_S),
-        accelerometer_noise_density=150e-6 * _G,
-        accelerometer_random_walk=40e-6 * _G / math.sqrt(_WALK_S),
-        gyroscope_bias_sd=0.2 * _DEG,
-        accelerometer_bias_sd=10e-3 * _G,
-    )
+def _sonars(config: TwinConfig) -> Iterator[WornSensor]:
+    for side in SIDES:
+        out = _outward(side)
+        pose = _pose(_x_along((0.0, -out, 0.0)), (-0.030, -0.040 * out, 0.050))
+        yield _other(
+            config, "sonar", "range", f"/foot_{side}/sonar", Mount(body=f"foot_{side}", T_body_sensor=pose)
+        )  # fmt: skip
 
 
-def _rgbd_mount(where: str) -> Mount:
-    body, position = _RGBD_MOUNT[where]
-    return Mount(body=body, T_body_sensor=_pose(_looking(_direction(0.0, -RGBD_PITCH_RAD)), position))
+def _insoles(config: TwinConfig) -> Iterator[WornSensor]:
+    for side in SIDES:
+        out = _outward(side)
+        # heel, lateral ball, medial ball, toe: x and y in the foot frame
+        cells = [[0.000, 0.0], [0.125, 0.028 * out], [0.140, -0.024 * out], [0.200, -0.010 * out]]
+        yield _other(config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells)
 
 
-def _sonars() -> list[OtherSensor]:
-    return [
-        OtherSensor(
-            topic=f"/foot_{side}/sonar",
-            kind="range",
-            part="Devantech SRF08",
-            rate_hz=25.0,
-            mount=Mount(
-                body=f"foot_{side}",
-                T_body_sensor=_pose(_x_along((0.0, -_outward(side), 0.0)), (-0.030, -0.040 * _outward(side), 0.050)),
-            ),
-            # The sheet gives no noise: 1 cm stands for a third of its 43 mm of range quantum.
-            parameters={"beam_rad": 60 * _DEG, "range_max_m": 6.0, "range_sd_m": 0.01},
-        )
-        for side in SIDES
-    ]
+def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
+    places = ["back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES)]
+    for place in places:
+        standard = STANDARD_BACK_AHRS if place == "back" else None
+        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
 
 
-def _insoles() -> list[OtherSensor]:
-    return [
-        OtherSensor(
-            topic=f"/foot_{side}/insole",
-            kind="insole",
-            part="Tekscan FlexiForce A401 x 4",
-            rate_hz=100.0,
-            mount=Mount(body=f"foot_{side}"),
-            parameters={
-                # heel, lateral ball, medial ball, toe: x and y in the foot frame
-                "cells_m": [
-                    [0.000, 0.0],
-                    [0.125, 0.028 * _outward(side)],
-                    [0.140, -0.024 * _outward(side)],
-                    [0.200, -0.010 * _outward(side)],
-                ],
-                "force_sd_n": 3.0,  # linearity 3 % of a typical load of 100 N
-            },
-        )
-        for side in SIDES
-    ]
+def _encoders(config: TwinConfig) -> Iterator[WornSensor]:
+    for side in SIDES:
+        yield _other(config, "encoder", "encoder", f"/exo/knee_{side}/encoder", Mount(body=f"exo_shank_{side}"))
 
 
-def _ahrs() -> list[OtherSensor]:
-    # LORD 3DM-GX4-25 on the back: 0.5 deg dynamic pitch and roll, 2 deg heading. NTRexLAB MW-AHRS on the
-    # limbs: 0.5 deg and 2 deg as well. Half of it is taken as constant over a walk.
-    places = {"back": ("exo_back", "LORD 3DM-GX4-25")} | {
-        f"{part}_{side}": (f"exo_{part}_{side}", "NTRexLAB MW-AHRS") for part in ("thigh", "foot") for side in SIDES
-    }
-    return [
-        OtherSensor(
-            topic=f"/exo/{place}/ahrs",
-            kind="ahrs",
-            part=part,
-            rate_hz=100.0,
-            mount=Mount(body=body),
-            parameters={
-                "tilt_sd_rad": 0.25 * _DEG,
-                "tilt_bias_sd_rad": 0.25 * _DEG,
-                "heading_bias_sd_rad": 1.0 * _DEG,
-                "rate_sd_radps": 0.1 * _DEG,
-            },
-        )
-        for place, (body, part) in places.items()
-    ]
+def _interactions(config: TwinConfig) -> Iterator[WornSensor]:
+    for place in (f"{part}_{side}" for part in ("thigh", "shank") for side in SIDES):
+        yield _other(
+            config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=f"exo_{place}")
+        )  # fmt: skip
 
 
-def _encoders() -> list[OtherSensor]:
-    return [
-        OtherSensor(
-            topic=f"/exo/knee_{side}/encoder",
-            kind="encoder",
-            part="CUI AMT203",
-            rate_hz=100.0,
-            mount=Mount(body=f"exo_shank_{side}"),
-            parameters={"counts": 4096.0, "angle_sd_rad": 0.1 * _DEG},  # 12 bit; accuracy 0.2 deg
-        )
-        for side in SIDES
-    ]
+def _actuators(config: TwinConfig) -> Iterator[WornSensor]:
+    mounted = {} if config.exo is None else modules(config.exo)
+    for joint, body in (("hip", "thigh"), ("knee", "shank")):
+        for side in SIDES:
+            name, limits = f"{joint}_{side}", {}
+            if name in mounted:
+                limits = {
+                    "torque_max_nm": float(mounted[name].torque_max_nm),
+                    "speed_max_radps": float(mounted[name].speed_max_radps),
+                }
+            yield _other(
+                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=f"exo_{body}_{side}"),
+                named="actuation module" if name in mounted else "no actuation module", **limits,
+            )  # fmt: skip
 
 
-def _interactions() -> list[OtherSensor]:
-    return [
-        OtherSensor(
-            topic=f"/exo/{part}_{side}/interaction",
-            kind="interaction",
-            part="Tekscan FlexiForce A301 x 2",
-            rate_hz=100.0,
-            mount=Mount(body=f"exo_{part}_{side}"),
-            parameters={"preload_n": 5.0, "force_sd_n": 0.6},  # strap tension; 2.5 % repeatability at 25 N
-        )
-        for part in ("thigh", "shank")
-        for side in SIDES
-    ]
-
-
-def _actuators(exo: Exo) -> list[OtherSensor]:
-    mounted = modules(exo)
-    limits = {
-        joint: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
-        for joint, m in mounted.items()
-    }
-    return [
-        OtherSensor(
-            topic=f"/exo/{joint}_{side}/actuator",
-            kind="actuator",
-            part="actuation module" if f"{joint}_{side}" in mounted else "no actuation module",
-            rate_hz=100.0,
-            mount=Mount(body=f"exo_{body}_{side}"),
-            parameters={
-                "torque_sd_nm": 0.2,
-                "speed_sd_radps": 0.01,
-            }  # current sensing; differentiated encoder
-            | limits.get(f"{joint}_{side}", {}),
-        )
-        for joint, body in (("hip", "thigh"), ("knee", "shank"))
-        for side in SIDES
-    ]
-
-
-_OTHERS = {
+_SENSORS = {
+    "foot_imu": _foot_imus,
+    "foot_camera": _foot_cameras,
     "sonar": _sonars,
     "insole": _insoles,
     "ahrs": _ahrs,
     "encoder": _encoders,
     "interaction": _interactions,
+    "actuator": _actuators,
+    "head_imu": _head_imu,
+    "head_camera": _rgbd,
 }
 
 
 def _outward(side: str) -> float:
     return 1.0 if side == "l" else -1.0
-
-
-def _pinhole(width: int, height: int, focal: float) -> tuple[float, float, float, float]:
-    return focal, focal, (width - 1) / 2, (height - 1) / 2
 
 
 def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:

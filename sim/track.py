@@ -44,6 +44,16 @@ class Track:
             w_body=self.w_body[rows],
         )
 
+    def then(self, after: Track) -> Track:
+        """This track and, after its last instant, another one."""
+        return Track(
+            t_ns=np.concatenate([self.t_ns, after.t_ns]),
+            p_body_in_world=np.concatenate([self.p_body_in_world, after.p_body_in_world]),
+            q_world_body=np.concatenate([self.q_world_body, after.q_world_body]),
+            v_body_in_world=np.concatenate([self.v_body_in_world, after.v_body_in_world]),
+            w_body=np.concatenate([self.w_body, after.w_body]),
+        )
+
     @property
     def rotation(self) -> Rotation:
         """Body to world, N of them."""

@@ -12,6 +12,7 @@ from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.playback import Loads, Motion, Walk
 from stridetwin.sim.rotation import quat_from_matrix
+from stridetwin.sim.straps import Straps
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, FootPhase, Footprint, Joints, Odometry, Point, Sample, Wrench
@@ -21,15 +22,17 @@ SWING, CONTACT, FLAT, HEEL_OFF = 0, 1, 2, 3
 _FLAT_RAD = 0.01
 
 
-def truth(walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int) -> Iterator[Block[Any] | Sample]:
+def truth(
+    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, straps: Straps
+) -> Iterator[Block[Any] | Sample]:
     """Truth at the instants of `loads` and the footprints between `after_ns` and the last of them."""
     t_ns = loads.t_ns
     rows = motion.rows(t_ns)
     for body in ("pelvis", "foot_l", "foot_r"):
         yield _odometry(f"/truth/{body}/odometry", motion.tracks[body][rows])
     for topic, imu in rig.imus.items():
-        track = motion.carrier(imu.mount.body)[rows].mounted(imu.mount.T_body_sensor)
-        yield _odometry(f"/truth{topic}/odometry", track)
+        carrier = straps.carried(topic, motion.carrier(imu.mount.body)[rows])
+        yield _odometry(f"/truth{topic}/odometry", carrier.mounted(imu.mount.T_body_sensor))
     names = walk.coordinates.names[6:]
     yield Block(
         topic="/truth/joints", kind=Joints, t_ns=t_ns,

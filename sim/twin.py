@@ -22,13 +22,15 @@ from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import simulate
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
+from stridetwin.sim.fault_plan import plan_faults
 from stridetwin.sim.gait.reference import Reference, reference
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.render import FilmCamera
 from stridetwin.sim.rig_bodies import add_rig
 from stridetwin.sim.sensor_suite import SensorSuite, instants
 from stridetwin.sim.shock import SHOE, UpperMotion
-from stridetwin.sim.standard_rig import standard_rig
+from stridetwin.sim.standard_rig import foot_imu_place, outfit
+from stridetwin.sim.straps import Straps
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
@@ -49,7 +51,8 @@ class Twin:
     Attributes:
         config: As given.
         seed: As given.
-        rig: The sensors as they really are.
+        outfit: The sensors as they really are.
+        rig: The sensors as estimators are told of them.
         terrain: Ground.
         model: Compiled MuJoCo model.
         crowd: Bystanders.
@@ -66,7 +69,8 @@ class Twin:
         if config.dynamics is not None and config.physics != "dynamic":
             raise ConfigError(config.name, "dynamics", f"physics {config.physics}", "no dynamics, or physics dynamic")
         self.config, self.seed = config, seed
-        self.rig: Rig = standard_rig(config)
+        self.outfit = outfit(config)
+        self.rig: Rig = self.outfit.rig
         self.terrain = Terrain.from_route(config.route)
         spec = mujoco.MjSpec()
         self.terrain.add_to(spec)
@@ -100,6 +104,11 @@ class Twin:
         noise = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
         return simulate(self.model, self.reference, self.size, self.config.dynamics or Dynamics(), noise)
 
+    @cached_property
+    def straps(self) -> Straps:
+        """What holds the sensors, and when it slips."""
+        return Straps.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.rig)
+
     @property
     def fell_at(self) -> float | None:
         """When a simulated walker fell, s; the walk ends there."""
@@ -128,19 +137,22 @@ class Twin:
                 return np.linalg.norm(track.v_body_in_world, axis=1)
 
             uppers[foot] = UpperMotion.of(
-                self.walk.steps[side], partial(self.walk.pitch, side), speed,
+                self.walk.steps[side], partial(self.walk.pitch, side), speed, foot_imu_place(self.config, side),
                 np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(2, i))), SHOE,
             )  # fmt: skip
         return uppers
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
-        """Everything that is sensed and true, chunk by chunk of `CHUNK_S`; pictures one by one after the rest."""
+        """Everything that is sensed and true, chunk by chunk of `CHUNK_S`; pictures one by one after the rest.
+
+        Straps that slip have slipped here; the other faults act on what comes out (`sim.faults`).
+        """
         playback = self.player()
-        suite = SensorSuite(self.rig, self.terrain, self.crowd, self.seed, self.config.ideal)
+        suite = SensorSuite(self.outfit, self.terrain, self.crowd, self.seed, self.straps)
         end_ns = int(self.duration_s * 1e9)
         cameras = list(self.rig.cameras.values())
         rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
-        with CameraProcesses(self.model, cameras, self.crowd, self.seed, self.config.ideal) as rendering:
+        with CameraProcesses(self.model, self.outfit, self.crowd, self.seed, self.straps) as rendering:
             after_ns = -1
             while after_ns < end_ns:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
@@ -151,8 +163,8 @@ class Twin:
                     loads = playback.loads(truth_ns, motion)
                     rendering.ask(motion, after_ns, until_ns)
                     yield [
-                        *suite.read(motion, loads, after_ns, until_ns),
-                        *truth.truth(self.walk, self.rig, motion, loads, after_ns),
+                        *suite.read(playback, motion, loads, after_ns, until_ns),
+                        *truth.truth(self.walk, self.rig, motion, loads, after_ns, self.straps),
                         *truth.of_bystanders(self.crowd, truth_ns),
                     ]
                     for picture in rendering.pictures():
@@ -171,6 +183,7 @@ class Twin:
             for i, (t, pose) in enumerate(zip(times.tolist(), q)):
                 data.qpos = pose
                 pose_crowd(self.model, data, self.crowd, t)
+                self.straps.place(self.model, round(t * 1e9))
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)

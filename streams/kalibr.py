@@ -32,7 +32,7 @@ _NOISE = (
     "accelerometer_noise_density",
     "accelerometer_random_walk",
 )
-_BIAS = ("gyroscope_bias_sd", "accelerometer_bias_sd")
+_BEYOND_NOISE = ("gyroscope_bias_sd", "accelerometer_bias_sd", "gyroscope_range", "accelerometer_range")
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -68,7 +68,7 @@ def rig_to_yaml(rig: Rig) -> str:
         ours[f"imu{i}"] = {
             "part": imu.part,
             "mount": _mount(imu.mount),
-            **{name: float(getattr(imu, name)) for name in _BIAS},
+            **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
         }
     ours["boards"] = {
         name: {
@@ -175,14 +175,14 @@ def _by_topic(root: Node, items: list[Any]) -> dict[str, Any]:
 
 def _imu(node: Node, ours: Node | None) -> ImuCalibration:
     if ours is not None:
-        ours.only(["part", "mount", *_BIAS])
+        ours.only(["part", "mount", *_BEYOND_NOISE])
     return ImuCalibration(
         topic=node.at("rostopic", f"/{node.path}").text(),
         part=ours.at("part", "").text() if ours else "",
         rate_hz=node.at("update_rate").number(0, above=True),
         mount=_read_mount(ours.at("mount")) if ours else Mount(body=PLAIN_BODY),
         **{name: node.at(name).number(0) for name in _NOISE},
-        **{name: ours.at(name, 0.0).number(0) if ours else 0.0 for name in _BIAS},
+        **{name: ours.at(name, 0.0).number(0) if ours else 0.0 for name in _BEYOND_NOISE},
     )
 
 

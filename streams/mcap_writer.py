@@ -88,7 +88,7 @@ class McapWriter:
     Messages go into lanes (pictures into one, the rest into another): a chunk holds one lane's messages only, so
     that a reader of the small streams never touches the bulk. Chunks are compressed (zstd) and carry a CRC; the
     whole data section and the summary carry theirs. Every finished chunk is handed to the operating system at once,
-    so that a killed process loses only the open chunks.
+    so that a killed process loses only the open chunks; so are attachments and metadata.
     """
 
     def __init__(self, path: Path, library: str) -> None:
@@ -153,12 +153,14 @@ class McapWriter:
             )
         )
         self._append(body)
+        self._file.flush()
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Appends a metadata record."""
         body = _encoded(records.Metadata(name=name, metadata=values))
         self._metadata_indexes.append(records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name))
         self._append(body)
+        self._file.flush()
 
     def finish(self) -> None:
         """Writes the open chunks, the summary and the footer, and closes the file."""

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.streams.cdr import Layout
 from stridetwin.streams.errors import ConfigError, RecordingError
@@ -79,11 +79,12 @@ class RecordingWriter:
         self._cameras = _by_picture_topic(rig)
         self._queue: deque[tuple[str, Future[bytes], int]] = deque()
         self._pool = ThreadPoolExecutor(_ENCODERS)
+        told = rig_to_yaml(rig).encode()
         try:
             self._file = McapWriter(partial_path(self.path), "stridetwin")
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
-        self._file.attachment(RIG_NAME, "application/yaml", rig_to_yaml(rig).encode())
+        self._file.attachment(RIG_NAME, "application/yaml", told)
         self._file.metadata(METADATA_NAME, dict(metadata or {}))
 
     def __enter__(self) -> Self:
@@ -102,46 +103,59 @@ class RecordingWriter:
         finally:
             self._pool.shutdown(cancel_futures=True)
 
-    def write(self, item: Block[Any] | Sample) -> None:
+    def write(self, item: Block[Any] | Sample, log_ns: ArrayLike | None = None) -> None:
         """Appends a sample, or a block of samples of one topic.
 
+        Args:
+            item: What to append.
+            log_ns: When each sample arrived, (N,) ns. Stamps may then be any, as those of faulty sensors are; by
+                default samples arrive at their stamps.
+
         Raises:
-            RecordingError: A stamp of the topic does not lie after the one before, or the topic changes its
-                kind.
+            RecordingError: A stamp (or arrival) of the topic does not lie after the one before, or the topic changes
+                its kind.
         """
         if isinstance(item, (Image, Depth)):
-            self._check(item.topic, type(item), np.array([item.t_ns], np.int64))
-            self._write_picture(item)
+            stamps = np.array([item.t_ns], np.int64)
+            self._write_picture(item, int(self._checked(item.topic, type(item), stamps, log_ns)[0]))
         elif isinstance(item, Sample):
-            self.write(block_of([item]))
+            self.write(block_of([item]), log_ns)
         elif item.kind in (Image, Depth):
-            for picture in item:
-                self.write(picture)
+            times = [None] * len(item) if log_ns is None else np.atleast_1d(np.asarray(log_ns)).tolist()
+            for picture, time in zip(item, times, strict=True):
+                self.write(picture, time)
         elif len(item):
-            self._check(item.topic, item.kind, item.t_ns)
+            logged = self._checked(item.topic, item.kind, item.t_ns, log_ns)
             self._drain(0)
-            self._write_block(item)
+            self._write_block(item, logged)
 
-    def _check(self, topic: str, kind: type[Sample], t_ns: NDArray[np.int64]) -> None:
+    def _checked(
+        self, topic: str, kind: type[Sample], stamps: NDArray[np.int64], log_ns: ArrayLike | None
+    ) -> NDArray[np.int64]:
+        """The times at which samples arrived."""
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
             raise RecordingError(f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there")
+        t_ns = stamps if log_ns is None else np.broadcast_to(np.asarray(log_ns, np.int64), stamps.shape)
         before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))
-        bad = np.flatnonzero((t_ns <= before) | (t_ns >= _LATEST_NS))
+        early = t_ns <= before if log_ns is None else t_ns < np.maximum(before, 0)
+        bad = np.flatnonzero(early | (np.maximum(t_ns, abs(stamps)) >= _LATEST_NS))
         if bad.size:
             i = int(bad[0])
+            valid = "stamps from 0 on that increase strictly" if log_ns is None else "arrivals from 0 on in order"
             raise RecordingError(
-                f"{self.path}: {topic}: stamp {t_ns[i] * 1e-9:.9f} s after {before[i] * 1e-9:.9f} s "
-                "is not valid; valid: stamps from 0 on that increase strictly"
+                f"{self.path}: {topic}: {'stamp' if log_ns is None else 'arrival'} {t_ns[i] * 1e-9:.9f} s "
+                f"after {before[i] * 1e-9:.9f} s is not valid; valid: {valid}"
             )
         self._last[topic] = int(t_ns[-1])
+        return t_ns
 
     def _channel(self, topic: str, typename: str) -> int:
         if topic not in self._channels:
             self._channels[topic] = self._file.channel(topic, typename, definition(typename))
         return self._channels[topic]
 
-    def _write_block(self, block: Block[Any]) -> None:
+    def _write_block(self, block: Block[Any], log_ns: NDArray[np.int64]) -> None:
         small = SMALL[block.kind]
         if block.topic not in self._templates:
             payload, layout = small.template(block.topic, self._rig, block.constants)
@@ -149,33 +163,33 @@ class RecordingWriter:
         payload, layout, constants = self._templates[block.topic]
         if constants != dict(block.constants):
             raise RecordingError(f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}")
-        rows, payloads = message_rows(self._channel(block.topic, small.typename), payload, layout.dtype, block.t_ns)
+        rows, payloads = message_rows(self._channel(block.topic, small.typename), payload, layout.dtype, log_ns)
         fill(payloads, small, block)
         self._file.messages(rows)
 
-    def _write_picture(self, sample: Image | Depth) -> None:
+    def _write_picture(self, sample: Image | Depth, log_ns: int) -> None:
         camera = self._cameras.get(sample.topic)
         if camera and sample.t_ns >= self._next_info.get(sample.topic, 0):
             self._next_info[sample.topic] = sample.t_ns + _INFO_PERIOD_NS
             info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
-            self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, sample.t_ns)
+            self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
         if isinstance(sample, Image):
-            self._submit(sample.topic, COMPRESSED, partial(image_message, sample, self._quality), sample.t_ns)
+            self._submit(sample.topic, COMPRESSED, partial(image_message, sample, self._quality), log_ns)
         else:
-            self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), sample.t_ns)
+            self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
         self._drain(_PICTURES_IN_FLIGHT)
 
-    def _submit(self, topic: str, typename: str, encode: partial[bytes], t_ns: int) -> None:
+    def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
         self._channel(topic, typename)
-        self._queue.append((topic, self._pool.submit(encode), t_ns))
+        self._queue.append((topic, self._pool.submit(encode), log_ns))
 
     def _drain(self, leave: int) -> None:
         """Appends encoded pictures in the order in which they came, until `leave` are left in the queue."""
         while len(self._queue) > leave:
-            topic, encoded, t_ns = self._queue.popleft()
+            topic, encoded, log_ns = self._queue.popleft()
             payload = encoded.result()
             layout = np.dtype(f"V{len(payload)}")
-            rows, _ = message_rows(self._channels[topic], payload, layout, np.array([t_ns], np.int64))
+            rows, _ = message_rows(self._channels[topic], payload, layout, np.array([log_ns], np.int64))
             self._file.messages(rows, lane=_PICTURE_LANE)
 
 

@@ -46,6 +46,8 @@ class ImuCalibration:
         accelerometer_random_walk: m/s³/√Hz.
         gyroscope_bias_sd: Turn-on bias, rad/s.
         accelerometer_bias_sd: Turn-on bias, m/s².
+        gyroscope_range: Largest rate it can tell, rad/s; 0 = not known.
+        accelerometer_range: Largest specific force it can tell, m/s²; 0 = not known.
     """
 
     topic: str
@@ -58,6 +60,8 @@ class ImuCalibration:
     accelerometer_random_walk: float
     gyroscope_bias_sd: float = 0.0
     accelerometer_bias_sd: float = 0.0
+    gyroscope_range: float = 0.0
+    accelerometer_range: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

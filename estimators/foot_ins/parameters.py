@@ -22,13 +22,15 @@ class FootInsParameters:
         gyro_limit_noise: Added about an axis that is at its limit, rad/s/√Hz.
         accel_noise: Noise of the specific force at rest, m/s²/√Hz, beside the calibration's.
         accel_motion_noise: What scale, alignment and sampling errors add for 1 m/s², 1/√Hz.
-        accel_limit_noise: Added along an axis that is at its limit, m/s²/√Hz.
+        accel_limit_noise: Added along an axis that is at a known limit, m/s²/√Hz.
+        accel_extreme_noise: Added where the limit is not known, and may be none.
         gyro_bias_walk: rad/s²/√Hz, beside the calibration's.
         accel_bias_walk: m/s³/√Hz, beside the calibration's.
         gyro_bias_sd: Turn-on bias, rad/s, where the calibration has none.
         accel_bias_sd: Turn-on bias, m/s², where the calibration has none.
-        gyro_range: Limit of the gyro, rad/s; 0 = the largest magnitude met so far on the axis.
-        accel_range: Limit of the accelerometer, m/s²; 0 = the largest magnitude met so far on the axis.
+        gyro_range: Limit of the gyro, rad/s, where the calibration has none; 0 = the largest magnitude met so far on
+            the axis.
+        accel_range: Limit of the accelerometer, m/s², likewise.
         gyro_range_min: No gyro is taken to be limited below this, rad/s.
         accel_range_min: No accelerometer is taken to be limited below this, m/s².
         limit_share: Share of the range above which a sample counts as limited.
@@ -65,7 +67,8 @@ class FootInsParameters:
     gyro_limit_noise: float = 0.09
     accel_noise: float = 0.0034
     accel_motion_noise: float = 0.004
-    accel_limit_noise: float = 0.19
+    accel_limit_noise: float = 1.0
+    accel_extreme_noise: float = 0.19
     gyro_bias_walk: float = 1e-5
     accel_bias_walk: float = 1e-4
     gyro_bias_sd: float = 3.3e-4
@@ -175,4 +178,9 @@ def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None
             values[name] = math.hypot(values[name], density)
         values["gyro_bias_sd"] = calibration.gyroscope_bias_sd or values["gyro_bias_sd"]
         values["accel_bias_sd"] = calibration.accelerometer_bias_sd or values["accel_bias_sd"]
+        values["gyro_range"] = calibration.gyroscope_range or values["gyro_range"]
+        values["accel_range"] = calibration.accelerometer_range or values["accel_range"]
+    extreme_noise = values.pop("accel_extreme_noise")
+    if values["accel_range"] == 0.0:
+        values["accel_limit_noise"] = extreme_noise
     return KernelParameters(**values)

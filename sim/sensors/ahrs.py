@@ -1,41 +1,69 @@
-"""Attitude and heading reference."""
+"""Attitude and heading reference without magnetometer."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import AhrsPart
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
-from stridetwin.streams.samples import Ahrs, Block
+from stridetwin.streams.samples import Ahrs, Array, Block
+
+_TILT_S = 2.0
+"""Time in which a filter's tilt forgets an error: that of its accelerometer correction."""
+_FULL_MOTION_RADPS = 2.0
+"""Angular rate beyond which the sensor counts as in full motion, as a limb's in a walk."""
 
 
 class AhrsModel:
-    """Orientation with a constant error and white noise on tilt, a constant heading error, and a noisy rate.
+    """Orientation whose tilt error wanders, more so in motion, and whose heading drifts.
+
+    Roll and pitch have a constant error and a first-order Gauss-Markov one, whose standard deviation goes from that at
+    rest to that in motion with the share |ω| / 2 rad/s of full motion. The heading starts with an error, drifts at a
+    constant rate within the part's limits, and walks at random in motion.
 
     Args:
-        calibration: The sensor as it really is.
-        noise: Its noise.
+        calibration: Topic and mount.
+        part: The sensor as it really is.
+        noise: What its errors are drawn from.
     """
 
-    def __init__(self, calibration: OtherSensor, noise: Noise) -> None:
-        self._calibration, self._noise = calibration, noise
-        tilt, heading = calibration.number("tilt_bias_sd_rad"), calibration.number("heading_bias_sd_rad")
-        self._bias = noise.normal(1.0, 3) * [tilt, tilt, heading]  # rotation vector in the world
-        self._white_sd = np.repeat([calibration.number("tilt_sd_rad"), calibration.number("rate_sd_radps")], 3)
+    def __init__(self, calibration: OtherSensor, part: AhrsPart, noise: Noise) -> None:
+        self._calibration, self._part, self._noise = calibration, part, noise
+        self._bias = noise.normal(part.tilt_bias, 2)
+        self._tilt = noise.normal(part.tilt_still, 2)
+        self._heading = float(noise.normal(part.heading_bias, 1)[0])
+        self._drift = part.heading_drift * float(2 * noise.uniform(1)[0] - 1)
+        self._keep = math.exp(-1 / (calibration.rate_hz * _TILT_S))
 
     def read(self, body: Track) -> Block[Ahrs]:
         """Samples at the instants of the carrying body's track."""
         sensor = body.mounted(self._calibration.mount.T_body_sensor)
-        white = self._noise.normal(self._white_sd, (len(body), 6))
-        told = Rotation.from_rotvec(self._bias + white[:, :3]) * sensor.rotation
+        white = self._noise.normal(1.0, (len(body), 6))
+        error = self._error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])
         return Block(
             topic=self._calibration.topic,
             kind=Ahrs,
             t_ns=body.t_ns,
             columns={
-                "q_world_sensor": told.as_quat(scalar_first=True),
-                "angular_rate": sensor.w_body + white[:, 3:],
+                "q_world_sensor": (Rotation.from_rotvec(error) * sensor.rotation).as_quat(scalar_first=True),
+                "angular_rate": sensor.w_body + self._part.rate_noise * white[:, 3:],
             },
         )
+
+    def _error(self, rate: Array, t_ns: NDArray[np.int64], white: Array) -> Array:
+        """(N, 3) rotation vectors in the world."""
+        part, moving = self._part, np.minimum(rate / _FULL_MOTION_RADPS, 1.0)
+        step = (part.tilt_still + (part.tilt_moving - part.tilt_still) * moving) * math.sqrt(1 - self._keep**2)
+        tilt = np.empty((len(rate), 2))
+        for k in range(len(rate)):
+            tilt[k] = self._tilt = self._keep * self._tilt + step[k] * white[k, :2]
+        walked = np.cumsum(part.heading_walk * moving / math.sqrt(self._calibration.rate_hz) * white[:, 2])
+        heading = self._heading + walked + self._drift * (t_ns * 1e-9)
+        self._heading += float(walked[-1])
+        return np.column_stack([self._bias + tilt, heading])

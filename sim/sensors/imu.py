@@ -1,106 +1,131 @@
-"""Inertial measurement unit: interval means that strapdown integration turns back into the motion."""
+"""Inertial measurement unit: from the true motion of its mount to the counts of its converter."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.rotation import cross
+from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
+from stridetwin.sim.sensors.strapdown import increments, joined, steadily_before
+from stridetwin.sim.sensors.wander import Wander
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
 GRAVITY = 9.81
+INNER_HZ = 1000.0
+"""Least rate at which a part with a limited bandwidth follows the motion."""
 
 
 class ImuModel:
     """Sample k is the mean over (t_{k-1}, t_k].
 
-    The angular rate is the constant one that turns the attitude at t_{k-1} into that at t_k; the specific
-    force is the constant one, in the turning sensor frame, that makes the velocity's true change. So there is
-    no coning or sculling error at any rate: attitude and velocity come back exactly, and position, by the
-    trapezoids of the velocity, but for Δt²/12 times the change of the acceleration. Before the very first
-    sample the sensor is taken to move steadily.
+    A real part follows the motion at `INNER_HZ` or more: there it has its scale factors, misalignment, g-sensitivity,
+    turn-on bias and its bandwidth (a second-order low-pass, whose delay its stamps allow for). The steps of a sample
+    are then joined without coning or sculling error (`strapdown.joined`), biases that wander and white noise come on
+    top, and what comes out is held within the range and counted: a register saturates, the element in front of it
+    sways further. An ideal part needs no steps: attitude and velocity come back exactly from its
+    samples, and position, by the trapezoids of the velocity, but for Δt²/12 times the change of the acceleration.
+    Before the very first sample the sensor is taken to move steadily.
 
     Args:
-        calibration: The sensor as it really is.
-        noise: Its noise; white noise and a constant turn-on bias.
+        calibration: Topic and mount.
+        part: The sensor as it really is.
+        noise: What its errors are drawn from.
         gravity: m/s², along −z of the world.
     """
 
-    def __init__(self, calibration: ImuCalibration, noise: Noise, gravity: float = GRAVITY) -> None:
+    def __init__(self, calibration: ImuCalibration, part: ImuPart, noise: Noise, gravity: float = GRAVITY) -> None:
         self._calibration, self._noise = calibration, noise
         self._gravity = np.array([0.0, 0.0, -gravity])
-        self._bias = noise.normal(1.0, 6) * np.repeat(
-            [calibration.gyroscope_bias_sd, calibration.accelerometer_bias_sd], 3
-        )
-        per_sample = math.sqrt(calibration.rate_hz)
-        self._white_sd = np.repeat(
-            [calibration.gyroscope_noise_density, calibration.accelerometer_noise_density], 3
-        ) * per_sample  # fmt: skip
+        self.rate_hz = part.rate_hz
+        self._range, bandwidth = _six(part, "range"), _six(part, "bandwidth_hz")
+        self.steps = math.ceil(INNER_HZ / part.rate_hz) if np.isfinite(bandwidth).any() else 1
+        self._filters = [_LowPass(f, self.steps * part.rate_hz) for f in bandwidth]
+        self.delay_s = float(np.mean([f.delay_s for f in self._filters]))
+        self._bias = noise.normal(1.0, 6) * _six(part, "turn_on_bias")
+        self._mix = _mix(part, noise)
+        self._wander = Wander(_six(part, "bias_instability"), _six(part, "random_walk"), part.rate_hz, noise.at(0))
+        self._white = _six(part, "noise_density") * math.sqrt(part.rate_hz)
+        self._resolution = _six(part, "resolution")
         self._last: Track | None = None
 
-    def read(self, body: Track) -> Block[Imu]:
-        """Samples at the track's instants.
+    def read(self, body: Track, t_ns: NDArray[np.int64]) -> Block[Imu]:
+        """The following samples.
 
         Args:
-            body: Track of the body that carries the sensor, at the sample instants; it follows on the one
-                before.
+            body: Track of the body that carries the sensor, at the ends of the steps of every sample (`steps` of them,
+                one for the very first), `delay_s` later than they are told; it follows on the one before.
+            t_ns: (N,) instants of the samples.
         """
         sensor = body.mounted(self._calibration.mount.T_body_sensor)
-        before = self._last or _steadily_before(sensor, 1 / self._calibration.rate_hz)
-        rate, force = mean_rate_and_force(before, sensor, self._gravity)
-        error = self._bias + self._noise.normal(self._white_sd, (len(sensor), 6))
+        if self._last is None:
+            past = steadily_before(sensor, self.steps, 1 / (self.steps * self.rate_hz))
+            sensor, self._last = past[1:].then(sensor), past[:1]
+        dt, rate, force = increments(self._last, sensor, self._gravity)
         self._last = sensor[-1:]
+        if self.steps > 1:
+            sensed = self._followed(np.hstack([rate, force]))
+            rate, force = joined(dt, sensed[:, :3], sensed[:, 3:], self.steps)
+        else:
+            rate, force = np.split(np.hstack([rate, force]) @ self._mix.T + self._bias, 2, axis=1)
+        told = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
+        told += self._noise.normal(self._white, told.shape)
+        told = _counted(np.clip(told, -self._range, self._range), self._resolution)
         return Block(
             topic=self._calibration.topic,
             kind=Imu,
-            t_ns=sensor.t_ns,
-            columns={"angular_rate": rate + error[:, :3], "specific_force": force + error[:, 3:]},
+            t_ns=t_ns,
+            columns={"angular_rate": told[:, :3], "specific_force": told[:, 3:]},
         )
 
-
-def mean_rate_and_force(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Array]:
-    """Constant rate and specific force over each interval.
-
-    With φ = Log(R₀ᵀR₁) the velocity changes by R₀ Γ₁(φ) f Δt + g Δt, where Γ₁ is the left Jacobian of SO(3).
-
-    Args:
-        before: One instant, the start of the first interval.
-        sensor: N ends of intervals.
-        gravity: (3,) in the world, m/s².
-
-    Returns:
-        (N, 3) rad/s and (N, 3) m/s², in the sensor frame.
-    """
-    dt = np.diff(sensor.t_ns, prepend=before.t_ns)[:, None] * 1e-9
-    rotation = Rotation.concatenate([before.rotation, sensor.rotation])
-    velocity = np.concatenate([before.v_body_in_world, sensor.v_body_in_world])
-    start = rotation[:-1]
-    phi = (start.inv() * rotation[1:]).as_rotvec()
-    push = start.inv().apply(np.diff(velocity, axis=0) / dt - gravity)
-    return phi / dt, _left_jacobian_inverse_times(phi, push)
+    def _followed(self, true: Array) -> Array:
+        """(N, 6) rate and force as the sensing elements follow them."""
+        sensed = true @ self._mix.T + self._bias
+        for axis, low_pass in enumerate(self._filters):
+            sensed[:, axis] = low_pass(sensed[:, axis])
+        return sensed
 
 
-def _left_jacobian_inverse_times(phi: Array, v: Array) -> Array:
-    """(N, 3): Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
-    theta = np.linalg.norm(phi, axis=-1, keepdims=True)
-    half = np.maximum(theta, 1e-4) / 2
-    c = np.where(theta < 1e-4, 1 / 12, (1 - half / np.tan(half)) / (4 * half**2))
-    across = cross(phi, v)
-    return v - across / 2 + c * cross(phi, across)
+class _LowPass:
+    """Second-order Butterworth filter that goes on from piece to piece; it starts in a steady state."""
+
+    def __init__(self, cut_hz: float, rate_hz: float) -> None:
+        self._sos = butter(2, cut_hz, fs=rate_hz, output="sos") if cut_hz < 0.45 * rate_hz else None
+        self._state: Array | None = None
+        self.delay_s = 0.0 if self._sos is None else math.sqrt(2) / (2 * math.pi * cut_hz)
+
+    def __call__(self, x: Array) -> Array:
+        if self._sos is None:
+            return x
+        if self._state is None:
+            self._state = sosfilt_zi(self._sos) * x[0]
+        y, self._state = sosfilt(self._sos, x, zi=self._state)
+        return np.asarray(y)
 
 
-def _steadily_before(sensor: Track, dt: float) -> Track:
-    """One instant before the track's first, had rate and velocity been constant until then."""
-    first = sensor[:1]
-    return Track(
-        t_ns=first.t_ns - round(dt * 1e9),
-        p_body_in_world=first.p_body_in_world - dt * first.v_body_in_world,
-        q_world_body=(first.rotation * Rotation.from_rotvec(-dt * first.w_body)).as_quat(scalar_first=True),
-        v_body_in_world=first.v_body_in_world,
-        w_body=first.w_body,
-    )
+def _six(part: ImuPart, name: str) -> Array:
+    """(6,) a figure of the three gyroscopes, then of the three accelerometers."""
+    return np.repeat([getattr(part.gyroscope, name), getattr(part.accelerometer, name)], 3)
+
+
+def _mix(part: ImuPart, noise: Noise) -> Array:
+    """(6, 6) what each axis senses of each component: scale factors, misalignment, g-sensitivity."""
+    mix = np.eye(6)
+    triads: tuple[Gyroscope | Accelerometer, ...] = (part.gyroscope, part.accelerometer)
+    for i, triad in enumerate(triads):
+        own = slice(3 * i, 3 * i + 3)
+        sd = np.where(np.eye(3, dtype=bool), triad.scale_factor, triad.misalignment)
+        mix[own, own] += noise.normal(sd, (3, 3))
+    mix[:3, 3:] = noise.normal(part.gyroscope.g_sensitivity, (3, 3))
+    return mix
+
+
+def _counted(x: Array, resolution: Array) -> Array:
+    """In whole counts, where the part counts."""
+    step = np.where(resolution > 0, resolution, 1.0)
+    return np.where(resolution > 0, np.round(x / step) * step, x)

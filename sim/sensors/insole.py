@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import ForceCellPart
+from stridetwin.sim.sensors.force_cell import ForceCells
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block, Insole
@@ -17,14 +19,15 @@ class InsoleModel:
     """Forces on the cells heel, lateral ball, medial ball and toe.
 
     Args:
-        calibration: The insole as it really is, with `cells_m` and `force_sd_n`.
-        noise: White noise on every cell.
+        calibration: Topic and mount, with `cells_m`.
+        part: The cells as they really are.
+        noise: What their errors are drawn from.
     """
 
-    def __init__(self, calibration: OtherSensor, noise: Noise) -> None:
-        self._calibration, self._noise = calibration, noise
+    def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
+        self._calibration = calibration
         self._cells = np.asarray(calibration.parameters["cells_m"], dtype=float)
-        self._sd = calibration.number("force_sd_n")
+        self._force = ForceCells(part, len(self._cells), calibration.rate_hz, noise)
 
     def read(self, foot: Track, force_in_world: Array, torque_in_world: Array) -> Block[Insole]:
         """Samples at the track's instants.
@@ -43,7 +46,7 @@ class InsoleModel:
             topic=self._calibration.topic,
             kind=Insole,
             t_ns=foot.t_ns,
-            columns={"force": np.maximum(cells + self._noise.normal(self._sd, cells.shape), 0.0)},
+            columns={"force": self._force.read(cells)},
         )
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import ActuatorPart, EncoderPart, ForceCellPart
+from stridetwin.sim.sensors.force_cell import ForceCells
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Actuator, Array, Block, Encoder, Interaction
 
@@ -15,22 +17,25 @@ Instants = NDArray[np.int64]
 
 
 class EncoderModel:
-    """Joint angle in whole counts.
+    """Joint angle in whole counts, off by the setting of its zero and by an error that repeats every turn.
 
     Args:
-        calibration: The encoder, with `counts` a turn and `angle_sd_rad`.
-        noise: White noise before counting; ideal encoders do not count.
+        calibration: Topic and mount.
+        part: The encoder as it really is.
+        noise: What its errors are drawn from.
     """
 
-    def __init__(self, calibration: OtherSensor, noise: Noise) -> None:
-        self._calibration, self._noise = calibration, noise
-        self._step = 2 * math.pi / calibration.number("counts")
-        self._sd = calibration.number("angle_sd_rad")
+    def __init__(self, calibration: OtherSensor, part: EncoderPart, noise: Noise) -> None:
+        self._calibration = calibration
+        self._offset = noise.normal(part.index_offset, 1)[0]
+        self._step = 2 * math.pi / 2**part.bits if part.bits else 0.0
+        self._nonlinearity, self._phase = part.nonlinearity, 2 * math.pi * noise.normal(1.0, 1)[0]
 
     def read(self, t_ns: Instants, angle: Array) -> Block[Encoder]:
         """Samples of the true angle (N,), rad, at (N,) instants."""
-        noisy = angle + self._noise.normal(self._sd, len(t_ns))
-        told = noisy if self._noise.ideal else self._step * np.round(noisy / self._step)
+        told = angle + self._offset + self._nonlinearity * np.sin(angle + self._phase)
+        if self._step:
+            told = self._step * np.round(told / self._step)
         return Block(topic=self._calibration.topic, kind=Encoder, t_ns=t_ns, columns={"angle": told})
 
 
@@ -40,20 +45,19 @@ class InteractionModel:
     What the two differ by is the push, its sign the direction (Shim et al. 2019, figure 8).
 
     Args:
-        calibration: The pair, with `preload_n` and `force_sd_n`.
-        noise: White noise on both.
+        calibration: Topic and mount.
+        part: The cells as they really are.
+        noise: What their errors are drawn from.
     """
 
-    def __init__(self, calibration: OtherSensor, noise: Noise) -> None:
-        self._calibration, self._noise = calibration, noise
-        self._preload = calibration.number("preload_n")
-        self._sd = calibration.number("force_sd_n")
+    def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
+        self._calibration, self._preload = calibration, part.preload
+        self._cells = ForceCells(part, 2, calibration.rate_hz, noise)
 
     def read(self, t_ns: Instants, force: Array) -> Block[Interaction]:
         """Samples of the cuff's force on the limb (N,), N, positive where it presses on the limb's front."""
         push = np.stack([force, -force], axis=-1)
-        pair = np.maximum(self._preload + 0.5 * push, np.maximum(push, 0.0))
-        told = np.maximum(pair + self._noise.normal(self._sd, pair.shape), 0.0)
+        told = self._cells.read(np.maximum(self._preload + 0.5 * push, np.maximum(push, 0.0)))
         return Block(topic=self._calibration.topic, kind=Interaction, t_ns=t_ns, columns={"force": told})
 
 
@@ -61,13 +65,14 @@ class ActuatorModel:
     """Actuation module of one joint.
 
     Args:
-        calibration: The module, with `torque_sd_nm` and `speed_sd_radps`.
-        noise: White noise on torque and speed.
+        calibration: Topic and mount.
+        part: White noise on torque and speed.
+        noise: What they are drawn from.
     """
 
-    def __init__(self, calibration: OtherSensor, noise: Noise) -> None:
+    def __init__(self, calibration: OtherSensor, part: ActuatorPart, noise: Noise) -> None:
         self._calibration, self._noise = calibration, noise
-        self._sd = np.array([calibration.number(n) for n in ("torque_sd_nm", "speed_sd_radps")])
+        self._sd = np.array([part.torque_noise, part.speed_noise])
 
     def read(self, t_ns: Instants, command: ArrayLike, torque: ArrayLike, speed: ArrayLike) -> Block[Actuator]:
         """Samples of the command (N,) and the true torque (N,), N m, and the joint's true speed (N,), rad/s.

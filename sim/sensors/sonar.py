@@ -8,6 +8,7 @@ import numpy as np
 
 from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import SonarPart
 from stridetwin.sim.terrain import Terrain
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
@@ -22,20 +23,23 @@ _RINGS = ((0.0, 1), (1 / 3, 6), (2 / 3, 12), (1.0, 18))
 
 
 class SonarModel:
-    """Range of the nearest echo; 0 beyond the largest range.
+    """Range of the nearest echo in whole steps; 0 where there is none within the range.
+
+    A ghost is an echo that has come by another way: a reading anywhere between the least and the largest range.
 
     Args:
-        calibration: The sensor as it really is; its frame's x axis is the beam's axis.
+        calibration: Topic and mount; the x axis of its frame is the beam's axis.
+        part: The sensor as it really is.
         terrain: Where it is carried.
         crowd: Who else is about.
-        noise: White noise of `range_sd_m`.
+        noise: What its errors are drawn from.
     """
 
-    def __init__(self, calibration: OtherSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> None:
-        self._calibration, self._terrain, self._crowd, self._noise = calibration, terrain, crowd, noise
-        self._half_beam = calibration.number("beam_rad") / 2
-        self._max = calibration.number("range_max_m")
-        self._sd = calibration.number("range_sd_m")
+    def __init__(self, calibration: OtherSensor, part: SonarPart, terrain: Terrain, crowd: Crowd, noise: Noise) -> None:
+        self._calibration, self._part, self._noise = calibration, part, noise
+        self._terrain, self._crowd = terrain, crowd
+        self._luck = noise.at(0)
+        self._half_beam = part.beam / 2
         self._fan = _fan(self._half_beam)
 
     def read(self, body: Track, other_foot: Track) -> Block[Range]:
@@ -54,13 +58,18 @@ class SonarModel:
         for person in self._crowd.people:
             centres, radii = person.balls(body.t_ns * 1e-9)
             nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
-        heard = nearest + self._noise.normal(self._sd, len(body))
         return Block(
-            topic=self._calibration.topic,
-            kind=Range,
-            t_ns=body.t_ns,
-            columns={"distance": np.where(nearest <= self._max, np.clip(heard, 0.0, None), 0.0)},
+            topic=self._calibration.topic, kind=Range, t_ns=body.t_ns, columns={"distance": self._told(nearest)}
         )
+
+    def _told(self, nearest: Array) -> Array:
+        part = self._part
+        luck, where = self._luck.uniform((len(nearest), 2)).T
+        ghost = luck < part.ghost
+        nearest = np.where(ghost, part.range_min + where * (part.range_max - part.range_min), nearest)
+        heard = np.maximum(nearest + self._noise.normal(part.noise, len(nearest)), part.range_min)
+        heard = np.where(nearest <= part.range_max, heard, 0.0)
+        return part.step * np.round(heard / part.step) if part.step else heard
 
     def _range_of_terrain(self, T_world_sensor: Array) -> Array:
         n, m = len(T_world_sensor), len(self._fan)

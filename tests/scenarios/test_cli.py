@@ -73,7 +73,7 @@ def test_json_is_one_object_and_nothing_else_on_stdout(simulator, capsys, tmp_pa
 def test_list_names_scenarios_estimators_and_sensors(capsys):
     code, out, err = call(capsys, "list")
     assert (code, err) == (0, "")
-    assert all(word in out for word in ("stair_up_down", "foot_ins", "head_camera"))
+    assert all(word in out for word in ("stair_up_down", "foot_ins", "head_camera", "ADIS16485"))
 
 
 def test_generate_writes_a_recording_alone(simulator, capsys, tmp_path):

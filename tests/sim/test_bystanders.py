@@ -8,6 +8,7 @@ from stridetwin.sim.bystanders import PARTS
 from stridetwin.sim.config import Level, Route, Stairs, Turn, TwinConfig
 from stridetwin.sim.crowd_bodies import pose
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.render import SensorView
 from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.sim.sensors.sonar import SonarModel
@@ -113,8 +114,8 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
         _, depth = view.frame(data, T, (60.0, 60.0, 31.5, 23.5))
     seen = float(depth[22:26, 30:34].min())
     assert seen == pytest.approx(0.85, abs=0.03)
-    sonar = next(c for topic, c in make("corner", sensors=("sonar",)).rig.others.items() if topic == "/foot_l/sonar")
-    T_body_sensor = sonar.mount.T_body_sensor
+    sonar = make("corner", sensors=("sonar",)).outfit.sensors["/foot_l/sonar"]
+    T_body_sensor = sonar.told.mount.T_body_sensor
     T_world_sensor = np.eye(4)
     T_world_sensor[:3, :3] = np.column_stack([toward[:, 2], toward[:, 0], np.cross(toward[:, 2], toward[:, 0])])
     T_world_sensor[:3, 3] = eye
@@ -127,7 +128,7 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
     }
     body = Track(p_body_in_world=T_world_body[None, :3, 3], **still)
     away = Track(p_body_in_world=np.full((1, 3), 100.0), **still)
-    model = SonarModel(sonar, twin.terrain, twin.crowd, Noise.of_topic(0, "x", True))
+    model = SonarModel(sonar.told, ideal(sonar.part), twin.terrain, twin.crowd, Noise(None))
     heard = float(model.read(body, away).columns["distance"][0])
     assert 0.5 < heard <= seen + 0.03
 

@@ -15,9 +15,11 @@ from stridetwin.sim.coupling import Pose, wrench
 from stridetwin.sim.dynamics.couplings import CouplingSet
 from stridetwin.sim.exoskeleton import EXO_LEG_JOINTS, couplings
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.joint import InteractionModel
-from stridetwin.sim.standard_rig import standard_rig
+from stridetwin.sim.standard_rig import outfit
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block
 
 CONFIG = TwinConfig(
@@ -29,6 +31,13 @@ PLACES = tuple(f"{part}_{side}" for part in ("thigh", "shank") for side in "lr")
 @pytest.fixture(scope="module")
 def twin() -> Twin:
     return Twin(CONFIG, 4)
+
+
+def force_cells(place: str) -> InteractionModel:
+    sensor = outfit(CONFIG).sensors[f"/exo/{place}/interaction"]
+    assert isinstance(sensor.told, OtherSensor)
+    assert isinstance(sensor.part, ForceCellPart)
+    return InteractionModel(sensor.told, sensor.part, Noise(None))
 
 
 def settled(twin: Twin, place: str, push: float) -> float:
@@ -65,7 +74,7 @@ def settled(twin: Twin, place: str, push: float) -> float:
 
 @pytest.mark.parametrize("place", PLACES)
 def test_pushing_the_frame_pushes_the_limb_the_same_way(twin: Twin, place: str) -> None:
-    pair = InteractionModel(standard_rig(CONFIG).others[f"/exo/{place}/interaction"], Noise(None))
+    pair = force_cells(place)
     differences = []
     for push in (40.0, -40.0):
         on_limb = settled(twin, place, push)
@@ -98,7 +107,7 @@ def test_every_pair_changes_sign_in_every_stride_and_tells_the_cuffs_force(twin:
 
 @given(push=st.floats(-300.0, 300.0))
 def test_cells_only_press_and_their_difference_is_the_push(push: float) -> None:
-    pair = InteractionModel(standard_rig(CONFIG).others["/exo/shank_r/interaction"], Noise(None))
+    pair = force_cells("shank_r")
     front, back = pair.read(np.array([0]), np.array([push])).columns["force"][0]
     assert min(front, back) >= 0.0
     assert front - back == pytest.approx(push, abs=1e-9)

@@ -5,6 +5,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from stridetwin.sim import render
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
 from stridetwin.sim.render import FilmCamera, SensorView, camera_pose, swap_camera_convention
 from stridetwin.sim.terrain import Terrain
@@ -190,3 +191,30 @@ def test_film_and_sensor_share_a_model_and_close_twice(world):
     for renderer in (film, view):
         renderer.close()
         renderer.close()
+
+
+@pytest.mark.parametrize(
+    "box", [(slice(100, 228), slice(200, 361)), (slice(0, 31), slice(0, 640)), (slice(470, 480), slice(600, 640))]
+)
+def test_a_piece_is_those_pixels_of_the_whole_picture(world, box):
+    _, model, data = world
+    with SensorView(model, 640, 480) as view:
+        T = looking([1.0, 0.2, 1.6], 25.0, 10.0)
+        whole, piece = view.color(data, T, OFF_CENTRE), view.piece(data, T, OFF_CENTRE, *box)
+    assert np.mean(np.any(whole[box] != piece, axis=-1)) < 0.02  # a texel's edge may fall to either side
+    assert np.mean(np.abs(whole[box].astype(int) - piece)) < 0.3
+
+
+def test_what_is_out_of_view_is_left_out_and_nothing_else(world, monkeypatch):
+    _, model, data = world
+    with SensorView(model, 320, 240) as view:
+        poses = [looking([x, 0.2, 1.6], 25.0, yaw) for x in (0.0, 2.0) for yaw in (0.0, 80.0, 200.0)]
+        culled, shown = [], []
+        for T in poses:
+            culled.append(view.color(data, T, (196.0, 194.0, 165.0, 114.0)))
+            shown.append(view.scene.ngeom)
+        monkeypatch.setattr(render, "_in_view", lambda model, *_: np.ones(model.ngeom, bool))
+        for T, picture, count in zip(poses, culled, shown):
+            np.testing.assert_array_equal(view.color(data, T, (196.0, 194.0, 165.0, 114.0)), picture)
+            assert count <= view.scene.ngeom
+        assert min(shown) < view.scene.ngeom

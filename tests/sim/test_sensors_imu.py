@@ -1,15 +1,42 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from benchmarks import allan
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.sensors.imu import GRAVITY, ImuModel
+from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
+from stridetwin.sim.parts.library import ideal
+from stridetwin.sim.sensor_suite import step_ends
+from stridetwin.sim.sensors import imu as imu_model
+from stridetwin.sim.sensors.imu import GRAVITY
+from stridetwin.sim.sensors.wander import FLOOR, Wander
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import ImuCalibration, Mount
 
 STILL = Noise(None)
+PART = ImuPart(
+    name="test",
+    description="",
+    rate_hz=120.0,
+    gyroscope=Gyroscope(noise_density=1e-3, bias_instability=0, turn_on_bias=0.01, range=np.inf, bandwidth_hz=np.inf),
+    accelerometer=Accelerometer(
+        noise_density=2e-3, bias_instability=0, turn_on_bias=0.05, range=np.inf, bandwidth_hz=np.inf
+    ),
+)  # fmt: skip
+
+
+class ImuModel(imu_model.ImuModel):
+    """Reads a track with a row a sample."""
+
+    def __init__(self, calibration, noise, part=PART):
+        super().__init__(calibration, replace(part, rate_hz=calibration.rate_hz), noise)
+
+    def read(self, body):
+        return super().read(body, body.t_ns)
 
 
 def imu(T_body_sensor=None, rate_hz=120.0):
@@ -83,7 +110,7 @@ def test_an_ideal_imu_integrates_back_to_the_true_path(rate_hz):
     lever = np.eye(4)
     lever[:3, :3] = Rotation.from_euler("XYZ", [0.3, -0.2, 0.5]).as_matrix()
     lever[:3, 3] = [-0.03, 0.04, 0.06]
-    block = ImuModel(imu(lever, rate_hz), STILL).read(track)
+    block = ImuModel(imu(lever, rate_hz), STILL, ideal(PART)).read(track)
     sensor = track.mounted(lever)
     path, v, R = strapdown(block, sensor)
     error = np.linalg.norm(path - sensor.p_body_in_world, axis=1)
@@ -111,7 +138,7 @@ def test_at_rest_it_feels_gravity_upwards():
         v_body_in_world=np.zeros((len(t), 3)),
         w_body=np.zeros((len(t), 3)),
     )
-    block = ImuModel(imu(), STILL).read(still)
+    block = ImuModel(imu(), STILL, ideal(PART)).read(still)
     np.testing.assert_allclose(block.columns["specific_force"], np.tile([0, 0, 9.81], (len(t), 1)), atol=1e-12)
     np.testing.assert_allclose(block.columns["angular_rate"], 0.0, atol=1e-12)
     assert next(iter(block)).specific_force.shape == (3,)
@@ -158,4 +185,128 @@ def test_one_topic_never_changes_another():
     np.testing.assert_array_equal(a, Noise.of_topic(7, "/foot_l/imu").normal(1.0, 5))
     assert not np.allclose(a, Noise.of_topic(7, "/foot_r/imu").normal(1.0, 5))
     assert not np.allclose(a, Noise.of_topic(8, "/foot_l/imu").normal(1.0, 5))
-    assert np.all(Noise.of_topic(7, "/foot_l/imu", ideal=True).normal(1.0, 5) == 0)
+    assert np.all(Noise(None).normal(1.0, 5) == 0)
+
+
+def at_steps(track, rate_hz, steps):
+    """Rows of a dense track that are the ends of the steps of its samples, and the samples' times."""
+    t_ns = np.round(np.arange(int(track.t_ns[-1] * 1e-9 * rate_hz) + 1) * 1e9 / rate_hz).astype(np.int64)
+    return step_ends(rate_hz, steps, t_ns), t_ns
+
+
+def limited(**gyroscope):
+    return replace(ideal(PART), gyroscope=replace(ideal(PART).gyroscope, **gyroscope))
+
+
+def test_steps_join_without_coning_or_sculling_error():
+    """Through 1080 Hz steps an unlimited sensor's samples are those of whole intervals."""
+    model = imu_model.ImuModel(imu(), limited(bandwidth_hz=1e6), STILL)
+    assert model.steps == 9
+    ends, t_ns = at_steps(foot_like(instants(120.0, 3.0)), 120.0, model.steps)
+    track = foot_like(ends * 1e-9)
+    stepped = model.read(track, t_ns)
+    whole = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t_ns * 1e-9))
+    for name in ("angular_rate", "specific_force"):
+        np.testing.assert_allclose(stepped.columns[name][1:], whole.columns[name][1:], atol=2e-5)
+
+
+def test_a_gyroscope_saturates_at_its_range():
+    limit = np.radians(450)
+    model = imu_model.ImuModel(imu(), limited(range=limit), STILL)
+    ends, t_ns = at_steps(foot_like(instants(120.0, 3.0)), 120.0, model.steps)
+    told = model.read(foot_like(ends * 1e-9), t_ns).columns["angular_rate"]
+    true = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t_ns * 1e-9)).columns["angular_rate"]
+    assert np.abs(true).max() > 1.5 * limit
+    assert np.abs(told).max() <= limit * 1.001
+    beyond = np.abs(true[:, 1]) > 1.2 * limit
+    np.testing.assert_allclose(np.abs(told[beyond, 1]), limit, rtol=0.02)
+    below = np.all(np.abs(true) < 0.8 * limit, axis=1)
+    np.testing.assert_allclose(told[below], true[below], atol=0.05)
+
+
+def test_the_bandwidth_is_where_a_part_feels_0_7_of_a_vibration_and_its_delay_is_allowed_for():
+    cut_hz, rate_hz = 30.0, 250.0
+    model = imu_model.ImuModel(imu(rate_hz=rate_hz), replace(limited(bandwidth_hz=cut_hz), rate_hz=rate_hz), STILL)
+    t_ns = np.round(np.arange(500) * 1e9 / rate_hz).astype(np.int64)
+    t = (step_ends(rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)) * 1e-9
+    zero = np.zeros((len(t), 3))
+
+    def gain_and_delay(hz):
+        w = 2 * np.pi * hz
+        track = Track(
+            t_ns=np.round(t * 1e9).astype(np.int64), p_body_in_world=zero, v_body_in_world=zero,
+            q_world_body=Rotation.from_euler("x", -0.1 / w * np.cos(w * t)[:, None]).as_quat(scalar_first=True),
+            w_body=np.column_stack([0.1 * np.sin(w * t), zero[:, :2]]),
+        )  # fmt: skip
+        fresh = imu_model.ImuModel(imu(rate_hz=rate_hz), replace(limited(bandwidth_hz=cut_hz), rate_hz=rate_hz), STILL)
+        told = fresh.read(track, t_ns).columns["angular_rate"][250:, 0]
+        middle = t_ns[250:] * 1e-9 - 0.5 / rate_hz  # of the interval that a sample is the mean of
+        response = 2 * np.mean(told * np.exp(-1j * w * middle)) / 0.1 * 1j
+        return abs(response), -np.angle(response) / w
+
+    gain, _ = gain_and_delay(cut_hz)
+    assert gain == pytest.approx(np.sqrt(0.5), rel=0.05)
+    gain, delay = gain_and_delay(5.0)
+    assert gain == pytest.approx(1.0, rel=0.01)
+    # a two-sided delay: gyroscope and accelerometer share the mean of theirs, the accelerometer's here is none
+    assert delay == pytest.approx(model.delay_s, rel=0.2)
+
+
+def test_errors_that_grow_with_the_motion_are_those_of_the_part():
+    part = limited(scale_factor=0.01, misalignment=0.002, g_sensitivity=1e-3)
+    t = instants(120.0, 2.0)
+    true = ImuModel(imu(), STILL, ideal(PART)).read(foot_like(t)).columns
+    spread = []
+    for seed in range(60):
+        told = ImuModel(imu(), Noise.of_topic(seed, "/foot_l/imu"), part).read(foot_like(t)).columns["angular_rate"]
+        error = told - true["angular_rate"]
+        both = np.hstack([true["angular_rate"], true["specific_force"]])
+        spread.append(np.linalg.lstsq(both, error, rcond=None)[0])
+    sd = np.array(spread).std(axis=0)
+
+    def pooled(values):
+        return np.sqrt(np.mean(values**2))
+
+    assert pooled(np.diag(sd[:3])) == pytest.approx(0.01, rel=0.2)
+    assert pooled(sd[:3][~np.eye(3, dtype=bool)]) == pytest.approx(0.002, rel=0.15)
+    assert pooled(sd[3:]) == pytest.approx(1e-3, rel=0.15)
+
+
+def test_readings_are_whole_counts():
+    part = replace(PART, gyroscope=replace(PART.gyroscope, resolution=np.radians(0.061)))
+    told = ImuModel(imu(), Noise.of_topic(1, "x"), part).read(foot_like(instants(120.0, 1.0))).columns["angular_rate"]
+    counts = told / np.radians(0.061)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+
+
+def test_biases_wander_with_the_allan_deviation_of_the_part():
+    """White noise apart: flat at the instability, then rising as the random walk; 20 seeds, 2 h."""
+    rate_hz, floor, walk = 4.0, np.array([1.0, 0.5]), np.array([0.01, 0.02])
+    counts = np.unique(np.geomspace(8, 2400, 12).astype(np.int64))
+    tau = counts / rate_hz
+    seen = []
+    for seed in range(20):
+        drawn = Wander(floor, walk, rate_hz, Noise.of_topic(seed, "x")).draw(int(7200 * rate_hz))
+        seen.append(allan.allan_variance(drawn, counts))
+    expected = floor**2 + walk**2 * tau[:, None] / 3
+    mean, error = np.mean(seen, axis=0), np.std(seen, axis=0, ddof=1) / np.sqrt(20)
+    # 95 % of the means lie within two of their own errors; the flicker is flat to 4 % from 2 s on
+    inside = np.abs(mean - expected) < 2.1 * error + 0.04 * floor**2
+    assert inside.mean() >= 0.9
+
+
+def test_drawing_a_wander_in_pieces_changes_nothing():
+    whole = Wander(np.ones(3), np.ones(3), 10.0, Noise.of_topic(1, "x")).draw(100)
+    pieces = Wander(np.ones(3), np.ones(3), 10.0, Noise.of_topic(1, "x"))
+    np.testing.assert_allclose(np.vstack([pieces.draw(30), pieces.draw(70)]), whole, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", allan.parts())
+def test_every_imu_of_the_library_is_as_noisy_as_its_figures(name):
+    part, counts = allan.parts()[name], np.array([1, 2, 5])
+    means = allan.means(allan.at_rest(part, 300.0, seed=1), part.rate_hz)
+    seen, tau = allan.allan_variance(means, counts), counts * allan.SHORTEST_S
+    for i, triad in enumerate(allan.TRIADS):
+        white, instability, walk = allan.truth(part, triad)
+        expected = white / tau + instability * FLOOR**2 + walk * tau / 3
+        np.testing.assert_allclose(np.sqrt(seen[:, 3 * i : 3 * i + 3].mean(axis=1) / expected), 1.0, atol=0.05)

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import ImuPart
+from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.sim.shock import SHOE, ring
 from stridetwin.sim.track import Track
@@ -33,6 +35,12 @@ def twin() -> Twin:
 def every(twin: Twin, rate_hz: float, begin: float = 0.0, end: float | None = None) -> Array:
     end = twin.duration_s if end is None else end
     return np.round(np.arange(begin, end, 1 / rate_hz) * 1e9).astype(np.int64)
+
+
+def perfect_imu(twin: Twin, topic: str, rate_hz: float) -> ImuModel:
+    part = twin.outfit.sensors[topic].part
+    assert isinstance(part, ImuPart)
+    return ImuModel(twin.rig.imu(topic), replace(ideal(part), rate_hz=rate_hz), Noise(None))
 
 
 def test_ideal_sensors_and_rigid_shoes_ride_on_the_foot(twin: Twin) -> None:
@@ -80,9 +88,9 @@ def test_nothing_is_left_of_it_in_mid_swing_and_it_stays_small(twin: Twin) -> No
 @pytest.mark.parametrize(("rate_hz", "path_m"), [(120.0, 5e-3), (1000.0, 2e-4)])
 def test_the_imu_integrates_back_to_the_upper(twin: Twin, rate_hz: float, path_m: float) -> None:
     track = twin.player().motion(every(twin, rate_hz)).uppers["foot_r"]
-    imu = replace(twin.rig.imu("/foot_r/imu"), rate_hz=rate_hz)
+    imu = twin.rig.imu("/foot_r/imu")
     sensor = track.mounted(imu.mount.T_body_sensor)
-    block = ImuModel(imu, Noise(None)).read(track)
+    block = perfect_imu(twin, "/foot_r/imu", rate_hz).read(track, track.t_ns)
     v, p, R = velocity_path_attitude(block.columns["angular_rate"], block.columns["specific_force"], sensor)
     np.testing.assert_allclose(v, sensor.v_body_in_world[-1], atol=1e-7)
     assert np.linalg.norm(p - sensor.p_body_in_world[-1]) < path_m  # the trapezoids of the velocity, at 120 Hz
@@ -104,8 +112,8 @@ def velocity_path_attitude(rate: Array, force: Array, sensor: Track) -> tuple[Ar
 
 def test_strikes_are_felt_beyond_8_g_at_1_khz(twin: Twin) -> None:
     motion = twin.player().motion(every(twin, 1000.0))
-    imu = replace(twin.rig.imu("/foot_l/imu"), rate_hz=1000.0)
-    force = np.linalg.norm(ImuModel(imu, Noise(None)).read(motion.uppers["foot_l"]).columns["specific_force"], axis=1)
+    block = perfect_imu(twin, "/foot_l/imu", 1000.0).read(motion.uppers["foot_l"], motion.t_ns)
+    force = np.linalg.norm(block.columns["specific_force"], axis=1)
     peaks = [
         force[round(1000 * s.t_touch) : round(1000 * s.t_touch) + 80].max() / 9.81
         for s in twin.walk.steps["l"] if 0.0 < s.t_touch < twin.duration_s - 2.0

@@ -123,6 +123,6 @@ def test_what_is_seen_of_the_rig_sits_at_its_mounts_and_weighs_nothing():
 
 def test_a_number_is_found_by_its_name():
     insole = RIG.others["/foot_l/insole"]
-    assert insole.number("force_sd_n") == 3.0
+    assert insole.number("force_max_n") == pytest.approx(20 * 9.80665)
     with pytest.raises(StrideTwinError, match="force_sd_n"):
         insole.number("cells_m")

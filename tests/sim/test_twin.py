@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.camera_processes import CameraProcesses
-from stridetwin.sim.cameras import Cameras
 from stridetwin.sim.config import Gait, Level, Route, Stairs, TwinConfig
+from stridetwin.sim.fitting import Clock, Fitting
+from stridetwin.sim.parts.library import part
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
@@ -88,19 +89,43 @@ def test_a_sensor_more_or_less_changes_no_other_sensor() -> None:
         assert all(np.array_equal(a.columns[name], b.columns[name]) for name in a.columns)
 
 
-def test_rendering_processes_change_no_pixel() -> None:
+@pytest.mark.parametrize("body", ["foot_l", "foot_r", "head", "torso"])
+def test_the_fast_track_of_a_body_is_that_of_the_physics_engine(body: str) -> None:
+    twin = Twin(QUIET, 5)
+    t_ns = np.arange(0, int(twin.duration_s * 1e9), 7_000_000, dtype=np.int64)
+    fast, slow = twin.player().track(body, t_ns), twin.player().motion(t_ns).carrier(body)
+    for name in ("p_body_in_world", "v_body_in_world", "w_body"):
+        np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=1e-9)
+    assert (fast.rotation.inv() * slow.rotation).magnitude().max() < 1e-9
+
+
+def test_another_part_or_clock_of_one_group_changes_no_other_sensor() -> None:
+    plain = blocks(Twin(QUIET, 5))
+    late = Clock(offset_s=0.002, drift_ppm=50.0, jitter_s=0.0002)
+    other = Twin(replace(QUIET, fittings={"foot_imu": Fitting(part=part("MPU-9250")), "sonar": Fitting(clock=late)}), 5)
+    changed = blocks(other)
+    for topic, own in plain.items():
+        same = all(
+            np.array_equal(a.t_ns, b.t_ns) and all(np.array_equal(a.columns[n], b.columns[n]) for n in a.columns)
+            for a, b in zip(own, changed[topic])
+        ) and len(own) == len(changed[topic])
+        assert same == (topic not in {f"/foot_{s}/{kind}" for s in "lr" for kind in ("imu", "sonar")}), topic
+    sonar, before = changed["/foot_l/sonar"][0], plain["/foot_l/sonar"][0]
+    assert np.array_equal(sonar.columns["distance"], before.columns["distance"])
+    assert np.mean(sonar.t_ns - before.t_ns) == pytest.approx(2e6, rel=0.1)
+
+
+def test_the_number_of_rendering_processes_changes_no_pixel() -> None:
     twin = Twin(SHORT, 5)
-    t_ns = np.round(np.arange(0, 5) * 1e9 / 60).astype(np.int64)
+    t_ns = np.round(np.arange(30, 38) * 1e9 / 60).astype(np.int64)
     motion = Playback(twin.model, twin.reference).motion(t_ns)
-    cameras = list(twin.rig.cameras.values())
-    with CameraProcesses(twin.model, cameras, Crowd(), 5, ideal=False) as processes:
-        processes.ask(motion, -1, int(t_ns[-1]))
-        apart = list(processes.pictures())
-    due = [(p.t_ns, p.topic) for p in apart if isinstance(p, Image)]
-    with Cameras(twin.model, cameras, Crowd(), 5, ideal=False) as here:
-        together = list(here.frames(due, motion.qpos[motion.rows(np.array([t for t, _ in due]))]))
-    assert len(apart) == len(together) == 2 * 5 + 2 * 3
-    for a, b in zip(apart, together):
+    taken = []
+    for count in (1, 2):
+        with CameraProcesses(twin.model, twin.outfit, Crowd(), 5, processes=count) as processes:
+            processes.ask(motion, int(t_ns[0]) - 1, int(t_ns[-1]))
+            taken.append(list(processes.pictures()))
+    assert len(taken[0]) == len(taken[1]) == 2 * 8 + 2 * 4
+    for a, b in zip(*taken):
         assert (a.topic, a.t_ns) == (b.topic, b.t_ns)
         assert np.array_equal(
             getattr(a, "pixels", getattr(a, "depth", None)), getattr(b, "pixels", getattr(b, "depth", None))
@@ -111,7 +136,7 @@ def test_a_rendering_process_that_dies_is_told() -> None:
     twin = Twin(SHORT, 5)
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
     motion = Playback(twin.model, twin.reference).motion(t_ns)
-    with CameraProcesses(twin.model, list(twin.rig.cameras.values()), Crowd(), 5, ideal=False) as processes:
+    with CameraProcesses(twin.model, twin.outfit, Crowd(), 5) as processes:
         processes.ask(motion, -1, int(t_ns[-1]))
         os.kill(processes.pids[0], signal.SIGKILL)
         with pytest.raises(StrideTwinError, match="rendering process ended early"):

@@ -1,0 +1,149 @@
+"""The twin's foot IMU against real ones: what a walk on the level does to them.
+
+`python -m benchmarks.realism [--json]`. The real feet are those of `dual_foot_walk` (both shoes, 204.8 Hz, 16 g),
+looked for as by `benchmarks.foot_ins_real`. The twin walks `level_20m` six times, as fast as they, with a cheap part
+of the same rate and range at the same place, the instep. Both go through the same arithmetic; a figure of the twin is
+realistic where it is 0.5-2 times the real one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.foot_ins_real import data_folder, load_markers
+from benchmarks.foot_ins_twin import joined
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import Gait
+from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.parts.kinds import ImuPart
+from stridetwin.sim.parts.library import part
+from stridetwin.sim.sensors.imu import GRAVITY
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.samples import Array, Block, Imu
+
+SEEDS = range(1000, 1006)
+SPEED_MPS = 1.3  # of the recorded strides
+INSTEP_M = (0.110, 0.0, 0.085)  # where the recorded sensors were clipped to the laces, about
+STILL_RADPS, STILL_S = 0.6, 0.10  # stance: the mean rate over this time stays below
+STRIDE_S = 1.2
+ABOVE_HZ = 20.0
+SATURATED = 0.995  # of the range
+REALISTIC = (0.5, 2.0)
+
+
+def matched_part(real: Block[Imu]) -> ImuPart:
+    """A cheap part with the rate of a recording, open to all that this rate can hold, as the recording is."""
+    cheap = part("MPU-9250")
+    assert isinstance(cheap, ImuPart)
+    rate_hz = 1e9 / float(np.median(np.diff(real.t_ns)))
+    return replace(
+        cheap,
+        rate_hz=rate_hz,
+        gyroscope=replace(cheap.gyroscope, bandwidth_hz=184.0),  # DLPFCFG 1
+        accelerometer=replace(cheap.accelerometer, bandwidth_hz=218.1),
+    )
+
+
+def figures(imu: Block[Imu], range_mps2: float) -> dict[str, float]:
+    """What a walk does to a foot's IMU.
+
+    Returns:
+        RMS of rate and of specific force's magnitude less gravity in stance, 95th percentile over strides of the
+        largest rate and of the largest specific force, share of the specific force's variance above 20 Hz, and share of
+        samples in saturation.
+    """
+    rate, force = imu.columns["angular_rate"], imu.columns["specific_force"]
+    speed, push = np.linalg.norm(rate, axis=1), np.linalg.norm(force, axis=1)
+    hz = 1e9 / float(np.median(np.diff(imu.t_ns)))
+    window = round(STILL_S * hz)
+    walking = _walking(speed, hz)
+    stance = (np.convolve(speed, np.ones(window) / window, mode="same") < STILL_RADPS) & walking
+    density = np.abs(np.fft.rfft(force[walking] - force[walking].mean(axis=0), axis=0)) ** 2
+    high = np.fft.rfftfreq(int(walking.sum()), 1 / hz) > ABOVE_HZ
+    return {
+        "stance_rate_rms_radps": float(np.sqrt(np.mean(speed[stance] ** 2))),
+        "stance_force_rms_mps2": float(np.sqrt(np.mean((push[stance] - GRAVITY) ** 2))),
+        "peak_rate_radps": _peak(speed[walking], hz),
+        "peak_force_mps2": _peak(push[walking], hz),
+        "force_above_20hz_pct": float(100 * density[high].sum() / density.sum()),
+        "saturated_pct": float(100 * np.mean(np.any(np.abs(force[walking]) > SATURATED * range_mps2, axis=1))),
+    }
+
+
+def _walking(speed: Array, hz: float) -> Any:
+    """Samples within a stride of a fast one: no standing at the start, in between and at the end."""
+    fast = np.flatnonzero(speed > 4.0) / hz
+    return np.array([np.min(np.abs(fast - k / hz)) < STRIDE_S / 2 for k in range(len(speed))])
+
+
+def _peak(values: Array, hz: float) -> float:
+    count = int(len(values) / (STRIDE_S * hz))
+    return float(np.percentile([piece.max() for piece in np.array_split(values, count)], 95))
+
+
+def twin_feet(imu: ImuPart) -> list[Block[Imu]]:
+    """Both feet of walks on the level."""
+    config = replace(
+        load_scenario("level_20m").config,
+        gait=Gait(speed_mps=SPEED_MPS),
+        sensors=("foot_imu",),
+        fittings={"foot_imu": Fitting(part=imu, position_m=INSTEP_M)},
+    )
+    feet = []
+    for seed in SEEDS:
+        chunks = [{b.topic: b for b in chunk if isinstance(b, Block)} for chunk in Twin(config, seed).blocks()]
+        feet += [joined([c[f"/foot_{side}/imu"] for c in chunks]) for side in "lr"]
+    return feet
+
+
+def measure() -> dict[str, Any]:
+    """Real and twin's figures, mean of feet and walks, and their ratio.
+
+    Raises:
+        StrideTwinError: The real recordings are not there.
+    """
+    folder = data_folder()
+    if folder is None:
+        raise StrideTwinError("the real recordings are not there; set STRIDETWIN_DATA to their folder")
+    real = [walk.imu for walk in load_markers(folder)]
+    imu = matched_part(real[0])
+    limit = imu.accelerometer.range
+    rows = {}
+    tables = [[figures(b, limit) for b in feet] for feet in (real, twin_feet(imu))]
+    for name in tables[0][0]:
+        of_real, of_twin = (float(np.mean([t[name] for t in table])) for table in tables)
+        ratio = of_twin / of_real if of_real else float("nan")
+        rows[name] = {
+            "real": of_real, "twin": of_twin, "ratio": ratio, "realistic": REALISTIC[0] <= ratio <= REALISTIC[1],
+        }  # fmt: skip
+    return {"experiment": "realism", "summary": rows, "paper": {}, "cases": []}
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    result = measure()
+    if parser.parse_args().json:
+        print(json.dumps(result))
+        return 0
+    print(f"{'':26}{'real':>10}{'twin':>10}{'ratio':>8}")
+    for name, row in result["summary"].items():
+        mark = "" if row["realistic"] else "  beyond 0.5-2"
+        print(f"{name:26}{row['real']:10.3f}{row['twin']:10.3f}{row['ratio']:8.2f}{mark}")
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except StrideTwinError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,112 @@
+"""The key `sensors` of a scenario: which groups are on, and which part, rate and clock each has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, suggest, triple
+from stridetwin.sim.fitting import KIND, Clock, Fitting
+from stridetwin.sim.parts.kinds import Part
+from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
+
+_FILE_SUFFIXES = (".yaml", ".yml")
+_CAMERAS = ("foot_camera", "head_camera")
+_CLOCK = mapping(
+    {
+        "offset_s": Field(attribute="offset_s", read=number(-1, 1)),
+        "drift_ppm": Field(attribute="drift_ppm", read=number(-1000, 1000)),
+        "jitter_s": Field(attribute="jitter_s", read=number(0, 0.1)),
+        "latency_s": Field(attribute="latency_s", read=number(0, 1)),
+        "told": Field(attribute="told", read=flag),
+    },
+    Clock,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """What a scenario says of its sensors.
+
+    Attributes:
+        groups: That are on.
+        asked: Key path of every group that the file names.
+        fittings: What a group has that the standard one has not.
+    """
+
+    groups: tuple[str, ...]
+    asked: dict[str, str]
+    fittings: dict[str, Fitting] = field(default_factory=dict)
+
+
+def sensors(node: object, where: Where) -> Sensors:
+    """A list of groups, or a mapping of groups to a part, to options, or to `true` or `false`.
+
+    Groups that a list does not name are off; groups that a mapping does not name are as they are without it.
+    """
+    if not isinstance(node, dict):
+        groups = _NAMES(node, where)
+        return Sensors(groups=groups, asked={g: where.item(i).path for i, g in enumerate(groups)})
+    for name in node:
+        if name not in KIND:
+            raise where.error(name, f"keys {suggest(name, KIND)}")
+    fittings = {
+        name: _fitting(name, value, where.key(name)) for name, value in node.items() if not isinstance(value, bool)
+    }
+    return Sensors(
+        groups=tuple(g for g in KIND if node.get(g, True) is not False),
+        asked={name: where.key(name).path for name, value in node.items() if value is not False},
+        fittings=fittings,
+    )
+
+
+_NAMES = names_of(KIND)
+
+
+def _fitting(group: str, node: object, where: Where) -> Fitting:
+    if isinstance(node, str):
+        return _of_part(group, node, where)
+    if not isinstance(node, dict):
+        raise where.error(node, f"a part, true, false, or keys {', '.join(_options(group))}")
+    options = mapping(_options(group), dict)(node, where)
+    fitting: Fitting = options.pop("fitting", Fitting())
+    return replace(fitting, **options)
+
+
+def _options(group: str) -> dict[str, Field]:
+    options = {
+        "part": Field(attribute="fitting", read=partial(_of_part, group)),
+        "ideal": Field(attribute="ideal", read=flag),
+        "rate_hz": Field(attribute="rate_hz", read=number(1, 2000)),
+        "clock": Field(attribute="clock", read=_CLOCK),
+    }
+    if group in _CAMERAS:
+        options["light"] = Field(attribute="light", read=number(0.001, 10))
+    if group == "foot_camera":
+        options["frames"] = Field(attribute="frames", read=choice({"board": "board", "full": "full"}))
+    if group == "foot_imu":
+        options["position_mm"] = Field(attribute="position_m", read=triple(number(-300, 300, scale=1e-3)))
+    return options
+
+
+def _of_part(group: str, node: object, where: Where) -> Fitting:
+    """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
+    if not isinstance(node, str):
+        raise where.error(node, _valid(group))
+    plain = node.removesuffix(IDEAL)
+    if plain in library():
+        found: Part = part(plain)
+    elif node.endswith(_FILE_SUFFIXES):
+        found, plain = read_part(Path(where.source).parent / node), node
+    else:
+        raise where.error(node, _valid(group, node))
+    if kind_of(found) != KIND[group]:
+        raise where.error(node, _valid(group))
+    return Fitting(part=found, ideal=node != plain)
+
+
+def _valid(group: str, near: str = "") -> str:
+    names: Iterable[str] = [n for n in library() if kind_of(part(n)) == KIND[group]]
+    return f"{suggest(near, names)}, each with or without {IDEAL}, or the path of a .yaml file of kind {KIND[group]}"

@@ -1,0 +1,195 @@
+"""Faults between a sensor and the recorder: each is a generator that passes samples on, and spoils some.
+
+A fault knows what goes wrong; an `Event` (`sim.fault_plan`) says when and on which stream. Faults see every sample
+with the time at which it was taken, so that one fault may move stamps and the next still finds its events.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import attrgetter
+from typing import Any, ClassVar
+
+import numpy as np
+
+from stridetwin.streams.ros_samples import block_of
+from stridetwin.streams.samples import (
+    Actuator,
+    Ahrs,
+    Block,
+    Depth,
+    Encoder,
+    Image,
+    Imu,
+    Insole,
+    Interaction,
+    Range,
+    Sample,
+)
+
+NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
+PICTURES = (Image, Depth)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One time that a fault is there, on one stream.
+
+    Attributes:
+        kind: Of the fault.
+        topic: Stream.
+        from_ns: First instant.
+        until_ns: First instant after it.
+        part: Part that the sensor is.
+        entropy: Seed of the walk.
+        key: Child stream of this event's own random choices.
+    """
+
+    kind: str
+    topic: str
+    from_ns: int
+    until_ns: int
+    part: str = ""
+    entropy: int = 0
+    key: tuple[int, ...] = ()
+
+    def rng(self) -> np.random.Generator:
+        """Source of this event's random choices, the same at each call."""
+        return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=self.key))
+
+
+Events = Mapping[str, tuple[Event, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Arrival:
+    """Something on its way to the recorder.
+
+    Attributes:
+        item: A sample, or a block of samples that no fault is about.
+        taken_ns: When the sample was taken, whatever its stamp says by now.
+        log_ns: When it arrives; (N,) for the samples of a block, None = at their stamps.
+    """
+
+    item: Sample | Block[Any]
+    taken_ns: int = 0
+    log_ns: Any = None
+
+    @property
+    def topic(self) -> str:
+        """Stream it belongs to."""
+        return self.item.topic
+
+    def but(self, **values: Any) -> Arrival:
+        """The same with other values in its sample."""
+        return replace(self, item=replace(self.item, **values))
+
+
+def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
+    """What arrives at the recorder of what the sensors sent.
+
+    Args:
+        items: Blocks and samples as the sensors send them.
+        faults: Each with its events by topic; they act in this order.
+    """
+    faults = list(faults)
+    stream = _apart(items, {topic for _, events in faults for topic in events})
+    for fault, events in faults:
+        stream = fault.through(stream, events)
+    return _together(stream)
+
+
+def _apart(items: Iterable[Block[Any] | Sample], topics: set[str]) -> Iterator[Arrival]:
+    for item in items:
+        if item.topic not in topics:
+            yield Arrival(item=item)
+        else:
+            for sample in item if isinstance(item, Block) else (item,):
+                yield Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
+
+
+def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
+    """Neighbours of one topic as a block again, pictures one by one."""
+
+    def loose(arrival: Arrival) -> str:
+        apart = arrival.log_ns is not None and not isinstance(arrival.item, PICTURES)
+        return arrival.topic if apart else ""
+
+    for topic, group in groupby(stream, loose):
+        if not topic:
+            yield from group
+        else:
+            some = list(group)
+            block = block_of([a.item for a in some if isinstance(a.item, Sample)])
+            yield Arrival(item=block, log_ns=np.array([a.log_ns for a in some], np.int64))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Something that goes wrong with some streams, at a given time or at random ones.
+
+    Attributes:
+        topic: Stream, or a pattern of streams such as `/foot_*/imu`.
+        at_s: When it begins; None where `rate_per_min` says how often.
+        duration_s: How long it lasts; None = to the end of the walk.
+        rate_per_min: Mean number of events a minute of walk without it, at random times.
+        name: Seeds its random times and choices; no two faults of a walk share one.
+    """
+
+    kind: ClassVar[str]
+    fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + PICTURES
+    common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
+    topic: str
+    at_s: float | None = None
+    duration_s: float | None = None
+    rate_per_min: float | None = None
+    name: str = ""
+
+    @property
+    def own_name(self) -> str:
+        """Its name, or what stands in for it."""
+        return self.name or f"{self.kind} {self.topic}"
+
+    def suits(self, sample: type[Sample], part: str) -> bool:
+        """Whether it can act on such samples of such a part."""
+        return sample in self.fits
+
+    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+        """What comes out of `stream`, given the events of this fault by topic, in order of time."""
+        for arrival in stream:
+            event = at(events, arrival)
+            yield from (arrival,) if event is None else self.spoiled(arrival, event)
+
+    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """What becomes of one sample during an event."""
+        return (arrival,)
+
+
+def at(events: Events, arrival: Arrival) -> Event | None:
+    """The event during which a sample was taken."""
+    own = events.get(arrival.topic, ())
+    i = bisect_right(own, arrival.taken_ns, key=attrgetter("from_ns")) - 1
+    return own[i] if i >= 0 and arrival.taken_ns < own[i].until_ns else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LooseStrap(Fault):
+    """A strap that slips: what it holds turns and shifts on its body, and stays so.
+
+    It acts in the twin (`sim.straps`), not on samples. Sensors that one pattern names on one body hang on one strap;
+    an RGB-D camera and its IMU always do.
+
+    Attributes:
+        angle_rad: Turn of one slip, about a random axis.
+        shift_m: Shift of one slip, in a random direction.
+    """
+
+    kind = "loose_strap"
+    common_to = "body"
+    fits = (Imu, Image, Depth, Ahrs, Range)
+    angle_rad: float = math.radians(10)
+    shift_m: float = 0.01

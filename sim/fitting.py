@@ -1,0 +1,105 @@
+"""Which part each group of sensors is made of, and how its clock runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from stridetwin.sim.parts.kinds import Part
+from stridetwin.sim.parts.library import ideal, part
+
+KIND = {
+    "foot_imu": "imu",
+    "foot_camera": "camera",
+    "sonar": "sonar",
+    "insole": "force_cell",
+    "ahrs": "ahrs",
+    "encoder": "encoder",
+    "interaction": "force_cell",
+    "actuator": "actuator",
+    "head_imu": "imu",
+    "head_camera": "rgbd",
+}
+"""The kind of part that each group takes."""
+
+STANDARD = {
+    "foot_imu": "ADIS16485",
+    "foot_camera": "acA800-200gc",
+    "sonar": "SRF08",
+    "insole": "FlexiForce-A401",
+    "ahrs": "MW-AHRSv1",
+    "encoder": "AMT203",
+    "interaction": "FlexiForce-A301",
+    "actuator": "actuation-module",
+    "head_imu": "BMI055",
+    "head_camera": "D455",
+}
+"""The part of each group where nothing else is asked for; the back's AHRS is `STANDARD_BACK_AHRS`."""
+
+STANDARD_BACK_AHRS = "3DM-GX4-25"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """How the stamps of a sensor differ from the true time of its samples.
+
+    Attributes:
+        offset_s: Constant; for a camera, of its trigger.
+        drift_ppm: Growth of the offset, µs a second.
+        jitter_s: Standard deviation from sample to sample.
+        latency_s: From the sample to the stamp.
+        told: Whether the rig's calibration knows the constant part (offset and latency).
+    """
+
+    offset_s: float = 0.0
+    drift_ppm: float = 0.0
+    jitter_s: float = 0.0
+    latency_s: float = 0.0
+    told: bool = False
+
+    @property
+    def shift_s(self) -> float:
+        """The constant part: how much later than the truth the stamps are at the start."""
+        return self.offset_s + self.latency_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitting:
+    """What a group of sensors has that the standard one has not.
+
+    Attributes:
+        part: Instead of the standard part.
+        ideal: The part's ideal twin.
+        rate_hz: Instead of the part's.
+        clock: Of every sensor of the group.
+        light: Light on the scene over what the camera is set for; cameras alone.
+        frames: `board`, where the shoe cameras draw nothing but the surroundings of the other shoe's board, or `full`.
+        position_m: Where a shoe's IMU sits instead, in the foot's frame: forward, outward, up.
+    """
+
+    part: Part | None = None
+    ideal: bool = False
+    rate_hz: float | None = None
+    clock: Clock = field(default_factory=Clock)
+    light: float = 1.0
+    frames: str = "board"
+    position_m: tuple[float, float, float] | None = None
+
+
+def part_of(
+    fittings: Mapping[str, Fitting], group: str, every_ideal: bool, standard: str | None = None
+) -> tuple[Any, Any]:
+    """The part of a group as it is, and as its data sheet tells it: an ideal twin is told like the part itself.
+
+    Args:
+        fittings: What differs from the standard, by group.
+        group: Of sensors.
+        every_ideal: Ideal twins throughout.
+        standard: Name of the part where none is asked for; None takes the group's.
+    """
+    fitting = fittings.get(group, Fitting())
+    told = fitting.part or part(standard or STANDARD[group])
+    if fitting.rate_hz is not None:
+        told = replace(told, rate_hz=fitting.rate_hz)
+    return (ideal(told) if every_ideal or fitting.ideal else told), told

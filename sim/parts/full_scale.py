@@ -1,0 +1,30 @@
+"""Full scales of the library's parts, found by what a rig says of a part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+from stridetwin.sim.parts.kinds import ForceCellPart, ImuPart, Part
+from stridetwin.sim.parts.library import library, part
+
+
+@cache
+def full_scales(text: str) -> Mapping[str, float]:
+    """Largest magnitude by field of the samples (rad/s, m/s², N); empty where the part is not known or has no range.
+
+    Args:
+        text: What the rig calls the part: its description in the library, or any text with its name in it.
+    """
+    match _told_by(text):
+        case ImuPart() as imu:
+            return {"angular_rate": imu.gyroscope.range, "specific_force": imu.accelerometer.range}
+        case ForceCellPart() as cell:
+            return {"force": cell.range}
+    return {}
+
+
+def _told_by(text: str) -> Part | None:
+    plain = text.replace("-", " ")
+    parts = [part(name) for name in library()]
+    return next((p for p in parts if text == p.description or p.name.replace("-", " ") in plain), None)

@@ -1,0 +1,61 @@
+"""The parts that come with the project, by name, and parts of the user's own from files."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import TypeVar
+
+from stridetwin.sim.parts.figure import idealised, read_figures
+from stridetwin.sim.parts.kinds import KINDS, Part
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.yaml_node import Node, read_yaml
+
+IDEAL = "-ideal"
+P = TypeVar("P", bound=Part)
+
+
+def library() -> dict[str, Path]:
+    """Name to file of the parts that come with the project, sorted by name."""
+    folder = Path(str(resources.files("stridetwin.sim.parts")))
+    return {p.stem: p for p in sorted(folder.glob("*.yaml"), key=lambda p: p.stem.lower())}
+
+
+@cache
+def part(name: str) -> Part:
+    """A part of the library; with `-ideal` behind its name, its ideal twin.
+
+    Raises:
+        ConfigError: There is no such part; the message lists those there are.
+    """
+    known, plain = library(), name.removesuffix(IDEAL)
+    if plain not in known:
+        raise ConfigError("parts", "name", name, f"{', '.join(known)}, each with or without {IDEAL}")
+    found = read_part(known[plain])
+    return found if name == plain else ideal(found)
+
+
+def read_part(path: Path) -> Part:
+    """A part from its file, named after it.
+
+    Raises:
+        ConfigError: Unknown or missing keys, an unknown kind, a value that makes no sense; the message names file,
+            key, value and what is valid.
+        StrideTwinError: The file cannot be read or is no YAML.
+    """
+    root = read_yaml(path)
+    kind = root.at("kind").choice(tuple(KINDS))
+    description = root.at("description").text()
+    figures = {k: v for k, v in root.mapping().items() if k not in ("kind", "description")}
+    return read_figures(KINDS[kind], Node(root.source, "", figures), name=path.stem, description=description)
+
+
+def ideal(of: P) -> P:
+    """The ideal twin of a part: same rate, size and place, but no error, limit or delay."""
+    return idealised(of)
+
+
+def kind_of(of: Part) -> str:
+    """The kind of a part as its file says it."""
+    return next(name for name, kind in KINDS.items() if type(of) is kind)

@@ -1,0 +1,177 @@
+"""Faults of any stream and of its numbers: samples that are lost, late, twice, frozen, not a number, clipped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.sim.faults import NUMBERS, Arrival, Event, Events, Fault, at
+from stridetwin.sim.parts.full_scale import full_scales
+from stridetwin.streams.samples import Array, Imu, Insole, Interaction, Sample
+
+CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dropout(Fault):
+    """Samples that never arrive."""
+
+    kind = "dropout"
+
+    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """Nothing."""
+        return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freeze(Fault):
+    """The last value before the event comes again and again, with new stamps."""
+
+    kind = "freeze"
+
+    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+        """As `Fault.through`; a stream that begins frozen holds its first value."""
+        last: dict[str, Any] = {}
+        for arrival in stream:
+            if at(events, arrival) is None:
+                if arrival.topic in events:
+                    last[arrival.topic] = arrival.item
+                yield arrival
+            else:
+                held = last.setdefault(arrival.topic, arrival.item)
+                yield replace(arrival, item=replace(held, t_ns=arrival.item.t_ns))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repeat(Fault):
+    """Each sample twice, with the same stamp."""
+
+    kind = "repeat"
+
+    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample, and the sample."""
+        return arrival, arrival
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nan(Fault):
+    """Numbers that are none."""
+
+    kind = "nan"
+    fits = NUMBERS
+
+    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with NaN in place of every value."""
+        values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
+        return (arrival.but(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Late(Fault):
+    """Samples that arrive late but in order; those taken after the event wait for them.
+
+    Attributes:
+        delay_s: How late.
+    """
+
+    kind = "late"
+    delay_s: float = 0.25
+
+    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+        """As `Fault.through`: stamps stay, arrival times move."""
+        free: dict[str, int] = {}
+        for arrival in stream:
+            if arrival.topic in events:
+                late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
+                log_ns = max(arrival.log_ns + late, free.get(arrival.topic, 0))
+                free[arrival.topic] = log_ns
+                arrival = replace(arrival, log_ns=log_ns)
+            yield arrival
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutOfOrder(Fault):
+    """Samples that overtake each other: of each two, the later arrives first."""
+
+    kind = "out_of_order"
+
+    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+        """As `Fault.through`; what is overtaken arrives together with what overtook it."""
+        held: dict[str, Arrival] = {}
+        for arrival in stream:
+            overtaken = held.pop(arrival.topic, None)
+            if overtaken is not None:
+                yield arrival
+                yield replace(overtaken, log_ns=arrival.log_ns)
+            elif at(events, arrival) is not None:
+                held[arrival.topic] = arrival
+            else:
+                yield arrival
+        yield from held.values()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockJump(Fault):
+    """A sensor's clock that is off during the event; arrival times stay true.
+
+    Attributes:
+        jump_s: By how much its stamps are ahead (or behind, negative).
+    """
+
+    kind = "clock_jump"
+    jump_s: float
+
+    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with a shifted stamp."""
+        return (arrival.but(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Saturation(Fault):
+    """A range that is smaller than the part's.
+
+    Attributes:
+        fraction: Where it clips, as a share of the part's full scale.
+    """
+
+    kind = "saturation"
+    fits = (Imu, Insole, Interaction)
+    fraction: float = 0.5
+
+    def suits(self, sample: type[Sample], part: str) -> bool:
+        """Whether the full scale of the part is known."""
+        return sample in self.fits and bool(full_scales(part))
+
+    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with clipped values."""
+        limits = {name: self.fraction * scale for name, scale in full_scales(event.part).items()}
+        return (arrival.but(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadCell(Fault):
+    """One cell of an insole that no longer tells its load.
+
+    Attributes:
+        cell: One of `CELLS`.
+        stuck: It stays at the value it had when the event began; else it reads 0.
+    """
+
+    kind = "dead_cell"
+    fits = (Insole,)
+    cell: str = "heel"
+    stuck: bool = False
+
+    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+        """As `Fault.through`."""
+        number, values = CELLS.index(self.cell), dict[Event, float]()
+        for arrival in stream:
+            event = at(events, arrival)
+            if event is not None and isinstance(arrival.item, Insole):
+                force: Array = arrival.item.force.copy()
+                force[number] = values.setdefault(event, float(force[number])) if self.stuck else 0.0
+                arrival = arrival.but(force=force)
+            yield arrival

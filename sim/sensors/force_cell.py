@@ -1,0 +1,78 @@
+"""Force-sensing resistors as they are read: creep, a loop between loading and unloading, counts, a filter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.signal import butter, lfilter, sosfilt
+
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.figure import G
+from stridetwin.sim.parts.kinds import ForceCellPart
+from stridetwin.streams.samples import Array
+
+_CREEP_S = (1.0, 10.0, 100.0)  # each adds a share of the load, so that a constant one creeps by as much a decade
+_PLAY = 0.1  # of the load: how far it must come back before a cell follows
+_FULL_COUNT = 4095
+
+
+class ForceCells:
+    """Some cells of one part.
+
+    The loop is a play whose width grows with the force: on the way up the play stands at (1 − 0.1) F, on the way down
+    at (1 + 0.1) F, and a share of the difference to F is felt. Counts x of the converter come from the calibration
+    curve F = b₁ x + b₂ x² (kgf, x in thousands), and are turned back with it.
+
+    Args:
+        part: What the cells are.
+        count: How many.
+        rate_hz: Of the samples.
+        noise: What their errors are drawn from.
+    """
+
+    def __init__(self, part: ForceCellPart, count: int, rate_hz: float, noise: Noise) -> None:
+        self._part, self._noise = part, noise
+        self._gain = 1 + noise.normal(part.gain, count)
+        self._keep = [math.exp(-1 / (rate_hz * tau)) for tau in _CREEP_S]
+        self._crept = np.zeros((len(_CREEP_S), 1, count))
+        self._play = np.zeros(count)
+        cut = part.filter_hz
+        self._sos = butter(2, cut, fs=rate_hz, output="sos") if cut < 0.5 * rate_hz else None
+        self._filter = np.zeros((1, 2, count))
+
+    def read(self, load: Array) -> Array:
+        """(N, count) N as told of the following true loads (N, count), N."""
+        felt = self._loop(self._creep(self._gain * load))
+        felt = np.clip(felt + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
+        if any(self._part.curve):
+            felt = _counted(felt, *self._part.curve)
+        if self._sos is not None:
+            felt, self._filter = sosfilt(self._sos, felt, axis=0, zi=self._filter)
+            felt = np.maximum(felt, 0.0)
+        return felt
+
+    def _creep(self, load: Array) -> Array:
+        total = load.copy()
+        for i, keep in enumerate(self._keep):
+            late, self._crept[i] = lfilter([1 - keep], [1.0, -keep], load, axis=0, zi=self._crept[i])
+            total += self._part.drift * late
+        return total
+
+    def _loop(self, load: Array) -> Array:
+        share = self._part.hysteresis / (2 * _PLAY)
+        if not share:
+            return load
+        low, high = (1 - _PLAY) * load, (1 + _PLAY) * load
+        play = np.empty_like(load)
+        for k in range(len(load)):
+            play[k] = self._play = np.minimum(np.maximum(self._play, low[k]), high[k])
+        return load + share * (play - load)
+
+
+def _counted(force: Array, b1: float, b2: float) -> Array:
+    """Through the converter's counts and back, N."""
+    kgf = force / G
+    x = (-b1 + np.sqrt(np.maximum(b1**2 + 4 * b2 * kgf, 0.0))) / (2 * b2) if b2 else kgf / b1
+    counts = np.clip(np.round(1000 * x), 0, _FULL_COUNT) / 1000
+    return G * (b1 * counts + b2 * counts**2)

@@ -1,0 +1,154 @@
+"""Straps that slip: sensors that turn and shift on the body that carries them, as they walk.
+
+What slips moves for real: inertial sensors feel the slip itself, cameras look elsewhere, and the truth of an IMU's
+frame says where it is. The calibration that a recording tells stays what it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.sim.faults import Event, Events, Fault, LooseStrap
+from stridetwin.sim.rig_bodies import visible
+from stridetwin.sim.rotation import cross, matrix_from_quat, quat_from_matrix, quat_product
+from stridetwin.sim.track import Track
+from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Slip:
+    """A slip from one place to another, smooth up to the acceleration.
+
+    Attributes:
+        from_ns: When it begins.
+        until_ns: When it has ended; what slipped stays there.
+        turn: (3,) rad, rotation vector in the body's axes.
+        shift: (3,) m, body's axes.
+        pivot: (3,) m in the body, about which it turns.
+    """
+
+    from_ns: int
+    until_ns: int
+    turn: Array
+    shift: Array
+    pivot: Array
+
+    def carried(self, body: Track) -> Track:
+        """Track of a frame that was the body's, and slips on it."""
+        share, speed = self._share(body.t_ns)
+        R_body_frame = Rotation.from_rotvec(share[:, None] * self.turn)
+        w_slip = speed[:, None] * self.turn  # the same in both frames' axes: it is the axis of the turn
+        p_in_body = self.pivot - R_body_frame.apply(self.pivot) + share[:, None] * self.shift
+        v_in_body = -cross(w_slip, R_body_frame.apply(self.pivot)) + speed[:, None] * self.shift
+        R_world_body = matrix_from_quat(body.q_world_body)
+
+        def in_world(v: Array) -> Array:
+            return np.asarray(np.einsum("nij,nj->ni", R_world_body, v))
+
+        return Track(
+            t_ns=body.t_ns,
+            p_body_in_world=body.p_body_in_world + in_world(p_in_body),
+            q_world_body=quat_product(body.q_world_body, R_body_frame.as_quat(scalar_first=True)),
+            v_body_in_world=body.v_body_in_world + in_world(cross(body.w_body, p_in_body) + v_in_body),
+            w_body=R_body_frame.inv().apply(body.w_body) + w_slip,
+        )
+
+    def T_body_frame(self, t_ns: int) -> Array:
+        """(4, 4) pose of that frame in the body at one time."""
+        share, _ = self._share(np.array([t_ns]))
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_rotvec(share[0] * self.turn).as_matrix()
+        T[:3, 3] = self.pivot - T[:3, :3] @ self.pivot + share[0] * self.shift
+        return T
+
+    def _share(self, t_ns: NDArray[np.int64]) -> tuple[Array, Array]:
+        """(N,) how much of it has happened, 0-1, and its rate, 1/s: the minimum-jerk quintic."""
+        length = self.until_ns - self.from_ns
+        x = np.clip((t_ns - self.from_ns) / length, 0.0, 1.0)
+        return x**3 * (10 - 15 * x + 6 * x * x), 30 * x * x * (1 - x) ** 2 * 1e9 / length
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Straps:
+    """What holds the sensors.
+
+    Attributes:
+        slips: In the order in which they begin, by topic; a topic that is not there holds.
+        housings: Body of the model, and mount, of what can be seen to slip, by topic.
+    """
+
+    slips: Mapping[str, tuple[Slip, ...]] = field(default_factory=dict)
+    housings: Mapping[str, tuple[str, Mount]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> Straps:
+        """The straps that planned faults make slip."""
+        slips: dict[str, list[Slip]] = {}
+        for fault, events in planned:
+            if isinstance(fault, LooseStrap):
+                for body, topics in _by_body(events, rig).items():
+                    pivot = np.mean([_mounts(rig)[t][1] for t in topics], axis=0)
+                    for event in events[topics[0]]:
+                        slip = _slip(fault, event, pivot, body)
+                        for topic in topics:
+                            slips.setdefault(topic, []).append(slip)
+        return cls(
+            slips={t: tuple(sorted(s, key=lambda slip: slip.from_ns)) for t, s in slips.items()},
+            housings={topic: (name, mount) for name, _, topic, mount in visible(rig) if topic in slips},
+        )
+
+    def carried(self, topic: str, body: Track) -> Track:
+        """Track of the frame in which a sensor's mount holds, given that of its body."""
+        for slip in self.slips.get(topic, ()):
+            body = slip.carried(body)
+        return body
+
+    def T_body_frame(self, topic: str, t_ns: int) -> Array:
+        """(4, 4) pose of that frame in the sensor's body at one time."""
+        T = np.eye(4)
+        for slip in self.slips.get(topic, ()):
+            T = T @ slip.T_body_frame(t_ns)
+        return T
+
+    def place(self, model: mujoco.MjModel, t_ns: int) -> None:
+        """Puts the housings in a model where they are at one time."""
+        for topic, (name, mount) in self.housings.items():
+            T, housing = self.T_body_frame(topic, t_ns) @ mount.T_body_sensor, model.body(name)
+            housing.pos, housing.quat = T[:3, 3], quat_from_matrix(T[:3, :3])
+
+
+def _slip(fault: LooseStrap, event: Event, pivot: Array, body: str) -> Slip:
+    axis, way = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
+    length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
+    return Slip(
+        from_ns=event.from_ns,
+        until_ns=event.from_ns + length,
+        turn=fault.angle_rad * axis,
+        shift=fault.shift_m * way,
+        pivot=pivot,
+    )
+
+
+def _by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
+    bodies: dict[str, list[str]] = {}
+    for topic, (body, _) in _mounts(rig).items():
+        if topic in events:
+            bodies.setdefault(body, []).append(topic)
+    return bodies
+
+
+def _mounts(rig: Rig) -> dict[str, tuple[str, Array]]:
+    """Body and position of every sensor; a depth picture goes with its camera."""
+    sensors: Sequence[tuple[str, str, Array]] = [
+        (topic, s.mount.body, s.mount.T_body_sensor[:3, 3])
+        for group in (rig.imus, rig.cameras, rig.others)
+        for topic, s in group.items()
+    ]
+    return {topic: (body, p) for topic, body, p in sensors}

@@ -1,0 +1,151 @@
+"""Faults from the scenario file to the report: read, injected, told, survived by every command."""
+
+import json
+
+import pytest
+import yaml
+
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.fault_fields import KINDS
+from stridetwin.scenarios.injected import from_metadata
+from stridetwin.scenarios.scenario_file import load_scenario, read_scenario
+from stridetwin.sim.faults import LooseStrap
+from stridetwin.sim.sample_faults import Dropout
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.recording import Recording
+
+GOOD = {"description": "a walk", "terrain": [{"level": {"length_m": 3}}]}
+AT = {"at_s": 3, "duration_s": 0.5}
+EVERY = [
+    {"kind": "dropout", "topic": "/foot_l/imu", "rate_per_min": 30, "duration_s": 0.05},
+    {"kind": "freeze", "topic": "/foot_l/insole", **AT},
+    {"kind": "repeat", "topic": "/foot_l/imu", **AT},
+    {"kind": "nan", "topic": "/foot_r/imu", **AT},
+    {"kind": "late", "topic": "/foot_*/imu", "at_s": 5, "duration_s": 0.5, "delay_s": 0.2},
+    {"kind": "out_of_order", "topic": "/foot_r/insole", **AT},
+    {"kind": "clock_jump", "topic": "/foot_r/imu", "at_s": 9, "jump_s": -0.2},
+    {"kind": "saturation", "topic": "/foot_*/imu", "at_s": 0, "fraction": 0.8},
+    {"kind": "occlusion", "topic": "/head/*", **AT, "share": 0.4},
+    {"kind": "lens_dirt", "topic": "/head/color", "at_s": 6},
+    {"kind": "loose_strap", "topic": "/head/imu", **AT, "angle_deg": 5, "shift_mm": 10},
+    {"kind": "dead_cell", "topic": "/foot_l/insole", "at_s": 4, "cell": "toe", "stuck": True},
+]
+
+
+def written(tmp_path, faults):
+    path = tmp_path / "faulty.yaml"
+    path.write_text(yaml.safe_dump(GOOD | {"faults": faults}))
+    return path
+
+
+def test_every_kind_is_read_and_the_demo_has_them_all(tmp_path):
+    faults = read_scenario(written(tmp_path, EVERY)).config.faults
+    assert {f.kind for f in faults} == set(KINDS) == {f.kind for f in load_scenario("demo_faults").config.faults}
+    assert faults[0] == Dropout(topic="/foot_l/imu", rate_per_min=30.0, duration_s=0.05)
+    strap = next(f for f in faults if isinstance(f, LooseStrap))
+    assert (strap.angle_rad, strap.shift_m) == (pytest.approx(0.0873, abs=1e-4), pytest.approx(0.01))
+
+
+@pytest.mark.parametrize(
+    ("fault", "where", "valid"),
+    [
+        ("dropout", "faults[0]: 'dropout'", "keys kind, topic"),
+        ({"topic": "/foot_l/imu", "at_s": 1}, "faults[0]", "keys kind, topic"),
+        ({"kind": "dropuot", "topic": "/foot_l/imu", "at_s": 1}, "faults[0].kind: 'dropuot'", "mean 'dropout'?"),
+        ({"kind": "nan", "at_s": 1}, "faults[0]: 'no topic'", "required"),
+        ({"kind": "nan", "topic": "/foot_l/imu"}, "faults[0]: []", "either at_s or rate_per_min"),
+        ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 1, "rate_per_min": 2, "duration_s": 1}, "faults[0]", "either"),
+        ({"kind": "nan", "topic": "/foot_l/imu", "rate_per_min": 2}, "faults[0]: 'no duration_s'", "required"),
+        ({"kind": "nan", "topic": "/foot_l/imu", "at_s": -1}, "faults[0].at_s: -1", "0-36000"),
+        ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 1, "delay_s": 1}, "faults[0]: 'delay_s'", "keys topic, at_s"),
+        ({"kind": "nan", "topic": "/foot_l/camera", "at_s": 1}, "faults[0].topic: '/foot_l/camera'", "/foot_l/imu"),
+        ({"kind": "clock_jump", "topic": "/foot_l/imu", "at_s": 1}, "faults[0]: 'no jump_s'", "required"),
+        ({"kind": "saturation", "topic": "/foot_l/imu", "at_s": 1, "fraction": 2}, "faults[0].fraction: 2", "0.001-1"),
+        ({"kind": "dead_cell", "topic": "/foot_l/insole", "at_s": 1, "cell": "arch"}, "faults[0].cell: 'arch'", "heel"),
+    ],
+)  # fmt: skip
+def test_a_bad_fault_is_told_with_what_is_valid(tmp_path, fault, where, valid):
+    path = written(tmp_path, [fault])
+    with pytest.raises(ConfigError) as error:
+        read_scenario(path)
+    message = str(error.value)
+    assert message.startswith(f"{path}: {where}")
+    assert valid in message
+    assert "\n" not in message
+
+
+def test_a_run_with_every_fault_tells_them_and_scores_what_is_left(simulator, tmp_path, capsys):
+    folder = tmp_path / "out"
+    assert main(["run", str(written(tmp_path, EVERY)), "--no-film", "-o", str(folder), "--json"]) == 0
+    scores = json.loads(capsys.readouterr().out)["estimators"]
+    assert all(foot["coverage_pct"] > 90 for foot in scores.values())
+    recording = Recording(folder / "recording.mcap", lenient=True)
+    told = from_metadata(recording.metadata)
+    # the stand-in for the twin carries no IMU at the head, and so no strap that holds one
+    assert {f.kind for f in told} == {f["kind"] for f in EVERY} - {"loose_strap"}
+    assert next(f for f in told if f.kind == "nan").topic == "/foot_r/imu"
+    document = json.loads((folder / "scores.json").read_text())
+    assert document["recordings"][0]["faults"] == [vars(f) for f in told]
+    report = (folder / "report.html").read_text()
+    assert "Injected faults" in report
+    assert "> late</text>" in report
+
+
+def errors(said: str) -> list[str]:
+    """Lines that are neither progress nor a warning."""
+    return [x for x in said.splitlines() if not x.endswith("...") and not x.startswith("stridetwin: warning:")]
+
+
+@pytest.mark.parametrize("fault", EVERY, ids=lambda f: f["kind"])
+def test_every_command_survives_every_fault(simulator, tmp_path, capsys, fault):
+    """Each estimates, or says in one line what stops it; read leniently each goes through."""
+    recording, out = tmp_path / "a.mcap", tmp_path / "out.txt"
+    assert main(["generate", str(written(tmp_path, [fault])), "-o", str(recording)]) == 0
+    commands = (
+        ["estimate", "foot_ins", str(recording), "-o", str(out)],
+        ["score", str(recording)],
+        ["export", str(recording), "--format", "tum", "-o", str(out)],
+    )
+    capsys.readouterr()
+    for command in commands:
+        if main(command) != 0:
+            said = errors(capsys.readouterr().err)
+            assert len(said) == 1
+            assert fault["topic"].replace("*", "") in said[0].replace("foot_r", "foot_") or "--lenient" in said[0]
+        assert main([*command, "--lenient"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"kind": "dropout", "topic": "/foot_l/imu", "at_s": 0}, "no topic '/foot_l/imu'"),
+        ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 0}, "no topic '/foot_l/imu'"),
+        ({"kind": "saturation", "topic": "/foot_l/imu", "at_s": 0, "fraction": 0.001}, ""),
+        ({"kind": "freeze", "topic": "/foot_l/imu", "at_s": 0}, ""),
+    ],
+)
+def test_a_stream_that_is_gone_or_worthless_is_told_in_one_line(simulator, tmp_path, capsys, fault, words):
+    scenario, recording = str(written(tmp_path, [fault])), tmp_path / "a.mcap"
+    assert main(["generate", scenario, "-o", str(recording)]) == 0
+    capsys.readouterr()
+    code = main(["estimate", "foot_ins", str(recording), "--lenient", "-o", str(tmp_path / "out.txt")])
+    said = capsys.readouterr().err
+    assert code == (2 if words else 0)
+    assert words in said
+    assert len(errors(said)) <= 1
+    assert main(["run", scenario, "--no-film", "--no-cameras", "-o", str(tmp_path / "run")]) == 0
+
+
+def test_a_walk_without_faults_tells_of_none(simulator, tmp_path):
+    recording = tmp_path / "a.mcap"
+    assert main(["generate", "level_20m", "-o", str(recording)]) == 0
+    assert "faults" not in Recording(recording).metadata
+
+
+def test_a_fault_after_the_end_of_the_walk_is_refused(simulator, tmp_path, capsys):
+    path = written(tmp_path, [{"kind": "nan", "topic": "/foot_l/imu", "at_s": 500}])
+    assert main(["generate", str(path), "-o", str(tmp_path / "a.mcap")]) == 2
+    assert (
+        "faulty: faults[0].at_s: 500.0 is not valid; valid: 0-13.9, the length of the walk" in capsys.readouterr().err
+    )
+    assert not (tmp_path / "a.mcap").exists()

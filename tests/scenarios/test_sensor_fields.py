@@ -1,0 +1,95 @@
+import pytest
+
+from stridetwin.scenarios.fields import Where
+from stridetwin.scenarios.sensor_fields import sensors
+from stridetwin.sim.config import Level, Route, TwinConfig
+from stridetwin.sim.fitting import KIND
+from stridetwin.sim.standard_rig import outfit
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+ROUTE = Route(segments=(Level(length_m=3.0),))
+MINE = """kind: imu
+description: An IMU of mine
+rate_hz: 400
+gyroscope: {noise_density_dps_per_rthz: 0.01, bias_instability_deg_per_h: 5, turn_on_bias_dps: 1, range_dps: 2000,
+  bandwidth_hz: 200}
+accelerometer: {noise_density_ug_per_rthz: 100, bias_instability_ug: 20, turn_on_bias_mg: 5, range_g: 16,
+  bandwidth_hz: 200}
+"""
+
+
+def read(node, folder="."):
+    return sensors(node, Where(source=f"{folder}/scenario.yaml").key("sensors"))
+
+
+def fitted(node, folder="."):
+    asked = read(node, folder)
+    return outfit(TwinConfig(name="x", route=ROUTE, sensors=asked.groups, fittings=asked.fittings))
+
+
+def test_a_list_names_what_is_on():
+    asked = read(["foot_imu", "sonar"])
+    assert asked.groups == ("foot_imu", "sonar")
+    assert asked.asked == {"foot_imu": "sensors[0]", "sonar": "sensors[1]"}
+    assert not asked.fittings
+
+
+def test_a_mapping_changes_what_it_names_and_leaves_the_rest_on():
+    asked = read({"foot_imu": "MPU-9250", "head_camera": False, "sonar": True})
+    assert set(asked.groups) == set(KIND) - {"head_camera"}
+    assert set(asked.fittings) == {"foot_imu"}
+    rig = fitted({"foot_imu": "MPU-9250"}).rig
+    assert rig.imus["/foot_l/imu"].rate_hz == 200
+    assert "MPU-9250" in rig.imus["/foot_r/imu"].part
+    assert rig.imus["/head/imu"].part.startswith("Bosch")
+
+
+def test_an_ideal_twin_is_told_like_the_part_itself():
+    worn, plain = fitted({"foot_imu": "ADIS16485-ideal"}), fitted({})
+    assert worn.sensors["/foot_l/imu"].part.gyroscope.noise_density == 0
+    assert worn.rig.imus["/foot_l/imu"].gyroscope_noise_density == plain.rig.imus["/foot_l/imu"].gyroscope_noise_density
+    assert fitted({"foot_imu": {"ideal": True}}).sensors["/foot_l/imu"].part == worn.sensors["/foot_l/imu"].part
+
+
+def test_a_part_of_ones_own_is_found_beside_the_scenario(tmp_path):
+    (tmp_path / "mine.yaml").write_text(MINE, encoding="utf-8")
+    worn = fitted({"foot_imu": {"part": "mine.yaml", "rate_hz": 100}}, tmp_path)
+    assert worn.rig.imus["/foot_l/imu"].part == "An IMU of mine"
+    assert worn.rig.imus["/foot_l/imu"].rate_hz == 100
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_trigger_offset_is_in_the_calibration_where_it_is_told(told):
+    clock = {"offset_s": 0.004, "latency_s": 0.001, "drift_ppm": 20, "jitter_s": 0.0001, "told": told}
+    worn = fitted({"foot_camera": {"clock": clock}, "foot_imu": {"clock": {"offset_s": 0.01, "told": True}}})
+    camera = worn.rig.cameras["/foot_l/camera"]
+    # t_imu = t_cam + shift
+    assert camera.timeshift_cam_imu_s == pytest.approx(0.005 if told else 0.010)
+    assert worn.sensors["/foot_l/camera"].clock.shift_s == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize(
+    ("node", "words"),
+    [
+        ({"foot_imv": True}, ["sensors: 'foot_imv'", "did you mean 'foot_imu'?"]),
+        ({"foot_imu": "ADIS1648"}, ["sensors.foot_imu: 'ADIS1648'", "did you mean 'ADIS16485'?", "-ideal"]),
+        ({"foot_imu": "SRF08"}, ["sensors.foot_imu: 'SRF08'", "MPU-9250", "of kind imu"]),
+        ({"foot_imu": 3}, ["sensors.foot_imu: 3", "part, ideal, rate_hz, clock, position_mm"]),
+        ({"foot_imu": {"part": "none.yaml"}}, ["none.yaml: cannot be read"]),
+        ({"foot_imu": {"rate": 100}}, ["sensors.foot_imu: 'rate'", "did you mean 'rate_hz'?"]),
+        ({"foot_imu": {"rate_hz": 0}}, ["sensors.foot_imu.rate_hz: 0", "1-2000"]),
+        ({"foot_imu": {"clock": {"offset_s": 3}}}, ["sensors.foot_imu.clock.offset_s: 3", "-1 to 1"]),
+        ({"foot_imu": {"position_mm": [1, 2]}}, ["sensors.foot_imu.position_mm: [1, 2]", "three items"]),
+        ({"foot_imu": {"light": 1}}, ["sensors.foot_imu: 'light'"]),
+        ({"foot_camera": {"frames": "half"}}, ["sensors.foot_camera.frames: 'half'", "board, full"]),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place_and_what_is_valid(node, words):
+    with pytest.raises(StrideTwinError) as told:
+        read(node)
+    assert all(word in str(told.value) for word in words), str(told.value)
+
+
+def test_the_lists_of_the_command_line_are_refused_as_before():
+    with pytest.raises(ConfigError, match="every name once"):
+        read(["sonar", "sonar"])

@@ -1,0 +1,288 @@
+"""Faults: each does what it says, leaves everything else alone, and is recorded and read as it should be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stridetwin.sim.fault_plan import check_faults, plan_faults
+from stridetwin.sim.faults import LooseStrap, arrivals
+from stridetwin.sim.picture_faults import LensDirt, Occlusion
+from stridetwin.sim.sample_faults import ClockJump, DeadCell, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
+from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
+from stridetwin.streams.samples import Block, Depth, Image, Imu, Insole
+
+RATE_HZ, DURATION_S = 100.0, 10.0
+LEFT, RIGHT, INSOLE, COLOR, DEPTH = "/foot_l/imu", "/foot_r/imu", "/foot_l/insole", "/head/color", "/head/depth"
+
+
+def _imu(topic: str, part: str, body: str) -> ImuCalibration:
+    return ImuCalibration(
+        topic=topic, part=part, rate_hz=RATE_HZ, mount=Mount(body=body), gyroscope_noise_density=1e-4,
+        gyroscope_random_walk=0.0, accelerometer_noise_density=1e-3, accelerometer_random_walk=0.0,
+    )  # fmt: skip
+
+
+RIG = Rig(
+    imus={t: _imu(t, "ADIS16485", t.split("/")[1]) for t in (LEFT, RIGHT)} | {
+        "/head/imu": _imu("/head/imu", "BMI055", "head")
+    },
+    cameras={
+        COLOR: CameraCalibration(
+            topic=COLOR, part="D455", rate_hz=10.0, mount=Mount(body="head"), width=64, height=48,
+            intrinsics=(50.0, 50.0, 31.5, 23.5), depth_topic=DEPTH, imu_topic="/head/imu",
+        )
+    },
+    others={
+        INSOLE: OtherSensor(
+            topic=INSOLE, kind="insole", part="FlexiForce A401", rate_hz=RATE_HZ, mount=Mount(body="foot_l"),
+        )
+    },
+)  # fmt: skip
+
+
+def imu_block(topic: str = LEFT, seconds: float = DURATION_S) -> Block[Imu]:
+    t_ns = (np.arange(round(seconds * RATE_HZ)) * 10_000_000).astype(np.int64)
+    rng = np.random.default_rng(len(topic))
+    columns = {"angular_rate": rng.normal(0, 5, (len(t_ns), 3)), "specific_force": rng.normal(0, 40, (len(t_ns), 3))}
+    return Block(topic=topic, kind=Imu, t_ns=t_ns, columns=columns)
+
+
+def insole_block() -> Block[Insole]:
+    t_ns = (np.arange(1000) * 10_000_000).astype(np.int64)
+    force = np.arange(4000.0).reshape(1000, 4)
+    return Block(topic=INSOLE, kind=Insole, t_ns=t_ns, columns={"force": force})
+
+
+def cut(block: Block, size: int) -> list[Block]:
+    return [
+        replace(block, t_ns=block.t_ns[i : i + size], columns={n: c[i : i + size] for n, c in block.columns.items()})
+        for i in range(0, len(block), size)
+    ]
+
+
+def spoiled(block: Block, *faults, seed: int = 0, size: int = 200) -> tuple[np.ndarray, np.ndarray, dict]:
+    """Stamps, arrivals and columns of what arrives of one block, sent in pieces."""
+    planned = plan_faults(faults, RIG, seed, DURATION_S)
+    got = list(arrivals(cut(block, size), planned))
+    stamps = np.concatenate([a.item.t_ns for a in got])
+    logs = np.concatenate([a.item.t_ns if a.log_ns is None else a.log_ns for a in got])
+    return stamps, logs, {n: np.concatenate([a.item.columns[n] for a in got]) for n in block.columns}
+
+
+def during(t_ns: np.ndarray, start: float, end: float) -> np.ndarray:
+    return (t_ns >= round(start * 1e9)) & (t_ns < round(end * 1e9))
+
+
+def test_dropout_takes_the_samples_of_its_time_and_no_others() -> None:
+    block = imu_block()
+    stamps, logs, _ = spoiled(block, Dropout(topic=LEFT, at_s=3, duration_s=0.5))
+    np.testing.assert_array_equal(stamps, block.t_ns[~during(block.t_ns, 3, 3.5)])
+    np.testing.assert_array_equal(logs, stamps)
+
+
+def test_freeze_repeats_the_value_before_it_with_new_stamps() -> None:
+    block = imu_block()
+    stamps, _, columns = spoiled(block, Freeze(topic=LEFT, at_s=3, duration_s=0.5))
+    frozen = during(block.t_ns, 3, 3.5)
+    np.testing.assert_array_equal(stamps, block.t_ns)
+    assert (columns["angular_rate"][frozen] == block.columns["angular_rate"][299]).all()
+    np.testing.assert_array_equal(columns["angular_rate"][~frozen], block.columns["angular_rate"][~frozen])
+
+
+def test_repeat_sends_each_sample_twice_with_its_stamp() -> None:
+    block = imu_block()
+    stamps, logs, columns = spoiled(block, Repeat(topic=LEFT, at_s=3, duration_s=0.5))
+    times = np.where(during(block.t_ns, 3, 3.5), 2, 1)
+    np.testing.assert_array_equal(stamps, np.repeat(block.t_ns, times))
+    np.testing.assert_array_equal(logs, stamps)
+    np.testing.assert_array_equal(columns["specific_force"], np.repeat(block.columns["specific_force"], times, axis=0))
+
+
+def test_nan_spoils_every_value() -> None:
+    block = imu_block()
+    stamps, _, columns = spoiled(block, Nan(topic=LEFT, at_s=3, duration_s=0.5))
+    bad = during(stamps, 3, 3.5)
+    for values in columns.values():
+        assert np.isnan(values[bad]).all()
+        assert np.isfinite(values[~bad]).all()
+
+
+def test_late_samples_keep_stamps_and_order_and_hold_up_those_after_them() -> None:
+    block = imu_block()
+    stamps, logs, _ = spoiled(block, Late(topic=LEFT, at_s=3, duration_s=0.5, delay_s=0.25))
+    late = during(stamps, 3, 3.5)
+    np.testing.assert_array_equal(stamps, block.t_ns)
+    np.testing.assert_array_equal(logs[late], stamps[late] + 250_000_000)
+    assert (np.diff(logs) >= 0).all()
+    assert (logs >= stamps).all()
+    np.testing.assert_array_equal(logs[stamps > logs[late][-1]], stamps[stamps > logs[late][-1]])
+
+
+def test_out_of_order_swaps_neighbours_and_loses_none() -> None:
+    block = imu_block()
+    stamps, logs, _ = spoiled(block, OutOfOrder(topic=LEFT, at_s=9.8))
+    np.testing.assert_array_equal(np.sort(stamps), block.t_ns)
+    assert (np.diff(stamps)[stamps[:-1] >= 9_800_000_000] < 0).sum() == 10
+    assert (np.diff(logs) >= 0).all()
+
+
+def test_a_clock_that_jumps_shifts_stamps_but_not_arrivals() -> None:
+    block = imu_block()
+    stamps, logs, _ = spoiled(block, ClockJump(topic=LEFT, at_s=3, jump_s=-5))
+    np.testing.assert_array_equal(logs, block.t_ns)
+    np.testing.assert_array_equal(stamps - block.t_ns, np.where(block.t_ns >= 3_000_000_000, -5_000_000_000, 0))
+
+
+def test_saturation_clips_at_its_share_of_the_parts_full_scale() -> None:
+    _, _, columns = spoiled(imu_block(), Saturation(topic=LEFT, at_s=0, fraction=0.5))
+    assert abs(columns["angular_rate"]).max() == pytest.approx(np.radians(225))
+    assert abs(columns["specific_force"]).max() == pytest.approx(2.5 * 9.80665)
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_a_dead_cell_reads_zero_or_stays(stuck: bool) -> None:
+    block = insole_block()
+    fault = DeadCell(topic=INSOLE, at_s=3, duration_s=1, cell="medial_ball", stuck=stuck)
+    stamps, _, columns = spoiled(block, fault)
+    dead = during(stamps, 3, 4)
+    assert (columns["force"][dead, 2] == (block.columns["force"][300, 2] if stuck else 0)).all()
+    np.testing.assert_array_equal(np.delete(columns["force"], 2, 1), np.delete(block.columns["force"], 2, 1))
+    np.testing.assert_array_equal(columns["force"][~dead], block.columns["force"][~dead])
+
+
+def pictures(*faults) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    pixels = rng.integers(60, 255, (48, 64, 3)).astype(np.uint8)
+    items = [Image(topic=COLOR, t_ns=10, pixels=pixels), Depth(topic=DEPTH, t_ns=10, depth=np.ones((48, 64), "f4"))]
+    colour, depth = (a.item for a in arrivals(items, plan_faults(faults, RIG, 1, DURATION_S)))
+    return (colour.pixels != pixels).any(axis=2), depth.depth == 0
+
+
+def test_occlusion_covers_its_share_of_colour_and_of_depth_alike() -> None:
+    covered, no_depth = pictures(Occlusion(topic="/head/*", at_s=0, share=0.25))
+    assert covered.mean() == pytest.approx(0.25, abs=0.02)
+    np.testing.assert_array_equal(covered, no_depth)
+
+
+def test_dirt_spoils_spots_and_spares_the_rest() -> None:
+    blurred, no_depth = pictures(LensDirt(topic="/head/*", at_s=0, spots=3, size=0.1))
+    assert 0.02 < blurred.mean() < 0.35
+    assert 0.01 < no_depth.mean() < blurred.mean()
+    assert blurred[no_depth].mean() > 0.95
+
+
+FAULTS = (
+    Dropout(topic=LEFT, rate_per_min=60, duration_s=0.1),
+    Freeze(topic=LEFT, rate_per_min=30, duration_s=0.2),
+    Repeat(topic=LEFT, rate_per_min=30, duration_s=0.1),
+    Nan(topic=LEFT, rate_per_min=30, duration_s=0.05),
+    Late(topic=LEFT, rate_per_min=30, duration_s=0.2),
+    OutOfOrder(topic=LEFT, rate_per_min=30, duration_s=0.15),
+    ClockJump(topic=LEFT, rate_per_min=10, duration_s=0.5, jump_s=0.3),
+    Saturation(topic=LEFT, at_s=0),
+)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    faults=st.lists(st.sampled_from(FAULTS), unique=True, max_size=5),
+    seed=st.integers(0, 2**32),
+    size=st.integers(1, 1000),
+)
+def test_any_faults_together_give_the_same_arrivals_however_the_stream_is_cut(faults, seed, size) -> None:
+    block = imu_block(seconds=3)
+    whole, pieces = spoiled(block, *faults, seed=seed, size=10**6), spoiled(block, *faults, seed=seed, size=size)
+    for a, b in zip((*whole[:2], *whole[2].values()), (*pieces[:2], *pieces[2].values()), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert (np.diff(whole[1]) >= 0).all()
+
+
+def test_what_no_fault_is_about_passes_as_it_is() -> None:
+    blocks = [imu_block(RIGHT), insole_block()]
+    got = list(arrivals(blocks, plan_faults(FAULTS, RIG, 0, DURATION_S)))
+    assert [a.item for a in got] == blocks
+    assert all(a.log_ns is None for a in got)
+
+
+def test_one_fault_more_moves_no_event_of_the_others() -> None:
+    alone = [events for _, events in plan_faults(FAULTS[:1], RIG, 4, 600.0)]
+    among = [events for _, events in plan_faults(FAULTS[::-1], RIG, 4, 600.0)]
+    assert among[-1] == alone[0]
+    assert plan_faults(FAULTS[:1], RIG, 5, 600.0)[0][1] != alone[0]
+    named = plan_faults([replace(FAULTS[0], name="other")], RIG, 4, 600.0)[0][1]
+    assert named != alone[0]
+
+
+def test_random_events_come_at_their_rate_and_do_not_overlap() -> None:
+    ((_, events),) = plan_faults([Dropout(topic="/foot_*/imu", rate_per_min=12, duration_s=0.5)], RIG, 1, 3600.0)
+    assert set(events) == {LEFT, RIGHT}
+    assert events[LEFT] != events[RIGHT]
+    for own in events.values():
+        # a gap of 5 s on average, then half a second of event
+        assert len(own) == pytest.approx(3600 / 5.5, rel=0.1)
+        assert all(a.until_ns < b.from_ns for a, b in pairwise(own))
+
+
+def test_what_hangs_together_slips_together() -> None:
+    ((_, events),) = plan_faults([LooseStrap(topic="/head/imu", rate_per_min=6, duration_s=1)], RIG, 1, 100.0)
+    assert set(events) == {"/head/imu", COLOR, DEPTH}
+    assert len({tuple((e.from_ns, e.key) for e in own) for own in events.values()}) == 1
+
+
+@pytest.mark.parametrize(
+    ("faults", "words"),
+    [
+        ([Nan(topic=COLOR, at_s=1)], r"faults\[0\]\.topic: '/head/color' is not valid; valid: .*/foot_l/imu"),
+        ([Occlusion(topic="/foot_*/imu", at_s=1)], r"faults\[0\]\.topic: .*valid: /head/color, /head/depth"),
+        ([Saturation(topic="/foot_l/sonar", at_s=1)], r"valid: .*/foot_l/imu, /foot_l/insole"),
+        ([Dropout(topic="/foot_l/imv", at_s=1)], r"'/foot_l/imv' is not valid"),
+        ([Dropout(topic=LEFT, at_s=1), Dropout(topic=LEFT, at_s=2)], r"faults\[1\]\.name: 'dropout /foot_l/imu'"),
+    ],
+)
+def test_faults_that_cannot_be_are_refused_by_name(faults, words) -> None:
+    with pytest.raises(ConfigError, match=words) as error:
+        check_faults("mine.yaml", faults, RIG)
+    assert str(error.value).startswith("mine.yaml: ")
+
+
+REFUSED = {
+    Repeat(topic=LEFT, at_s=3, duration_s=0.5): "the stamp does not lie after the one before",
+    Nan(topic=LEFT, at_s=3, duration_s=0.5): "NaN or infinity",
+    OutOfOrder(topic=LEFT, at_s=3, duration_s=0.5): "the stamp does not lie after the one before",
+    ClockJump(topic=LEFT, at_s=3, jump_s=-5.0): "the stamp does not lie after the one before",
+    ClockJump(topic=LEFT, at_s=3, jump_s=3600.0): "Hz where the rig declares",
+    Dropout(topic=LEFT, at_s=3, duration_s=5): "Hz where the rig declares",
+}
+HARMLESS = (
+    Dropout(topic=LEFT, at_s=3, duration_s=0.5),
+    Freeze(topic=LEFT, at_s=3, duration_s=0.5),
+    Late(topic=LEFT, at_s=3, duration_s=0.5),
+    Saturation(topic=LEFT, at_s=3),
+)
+
+
+@pytest.mark.parametrize("fault", [*REFUSED, *HARMLESS], ids=lambda f: f.own_name)
+def test_a_recording_with_a_fault_is_refused_by_name_or_read_and_always_read_leniently(tmp_path, fault) -> None:
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path, RIG) as writer:
+        sent = [piece for pair in zip(cut(imu_block(), 200), cut(imu_block(RIGHT), 200)) for piece in pair]
+        for arrival in arrivals(sent, plan_faults([fault], RIG, 0, DURATION_S)):
+            writer.write(arrival.item, arrival.log_ns)
+    if fault in REFUSED:
+        with pytest.raises(RecordingError, match=f"{LEFT} at .*{REFUSED[fault]}.*--lenient"):
+            Recording(path)
+    else:
+        assert not Recording(path).problems
+    recording = Recording(path, lenient=True)
+    assert (np.diff([s.t_ns for s in recording.samples()]) >= 0).all()
+    block = recording.block(LEFT)
+    assert (np.diff(block.t_ns) > 0).all()
+    assert all(np.isfinite(values).all() for values in block.columns.values())

@@ -1,0 +1,121 @@
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stridetwin.sim.fitting import KIND, STANDARD, STANDARD_BACK_AHRS
+from stridetwin.sim.parts.kinds import Gyroscope, ImuPart
+from stridetwin.sim.parts.library import IDEAL, ideal, kind_of, library, part, read_part
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.yaml_node import read_yaml
+
+GOOD = """kind: sonar
+description: A sonar of mine
+rate_hz: 20
+beam_deg: {value: 30, source: "measured"}
+range_max_m: 4
+noise_mm: 3
+"""
+
+
+def written(folder, text):
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", library())
+def test_every_figure_of_the_library_has_a_source(name):
+    def sourced(node, at):
+        for key, value in node.items():
+            if key in ("kind", "description"):
+                continue
+            if set(value) == {"value", "source"}:
+                assert len(value["source"]) > 5, f"{at}{key}"
+            else:
+                sourced(value, f"{at}{key}.")
+
+    sourced(read_yaml(library()[name]).mapping(), f"{name}: ")
+    assert part(name).name == name
+
+
+def test_every_group_has_a_standard_part_of_its_kind():
+    assert set(STANDARD) == set(KIND)
+    assert all(kind_of(part(name)) == KIND[group] for group, name in STANDARD.items())
+    assert kind_of(part(STANDARD_BACK_AHRS)) == "ahrs"
+
+
+def test_figures_come_in_si():
+    imu = part("ADIS16485")
+    assert isinstance(imu, ImuPart)
+    assert imu.gyroscope.range == pytest.approx(math.radians(450))
+    assert imu.gyroscope.noise_density == pytest.approx(math.radians(0.3) / 60)
+    assert imu.accelerometer.noise_density == pytest.approx(0.023 / 60, rel=1e-3)
+    assert imu.gyroscope.bias_instability == pytest.approx(math.radians(6.25) / 3600)
+    assert part("AMT203").bits == 12
+    assert part("SRF08").step == pytest.approx(0.043)
+
+
+@pytest.mark.parametrize("name", library())
+def test_an_ideal_twin_is_of_the_same_size_without_errors(name):
+    real, twin = part(name), part(name + IDEAL)
+    assert twin == ideal(real) == ideal(twin)
+    assert (twin.name, twin.rate_hz, type(twin)) == (real.name, real.rate_hz, type(real))
+    if isinstance(twin, ImuPart):
+        own = dataclasses.asdict(twin.gyroscope)
+        assert {k: v for k, v in own.items() if v} == {"range": math.inf, "bandwidth_hz": math.inf}
+
+
+def test_a_part_of_ones_own_is_one_file(tmp_path):
+    mine = read_part(written(tmp_path, GOOD))
+    assert mine.beam == pytest.approx(math.radians(30))
+    assert (mine.name, mine.step, mine.noise) == ("mine", 0.0, 0.003)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("noise_mm: 3", "noise_mm: -1"), ["mine.yaml: noise_mm: -1", "0 to 1000"]),
+        (("noise_mm: 3", "noise_mm: loud"), ["noise_mm: 'loud'", "a number"]),
+        (("noise_mm: 3", "noise_m: 3"), ["mine.yaml: noise_m: 3", "range_max_m"]),
+        (("noise_mm: 3\n", ""), ["mine.yaml: noise_mm", "required"]),
+        (("value: 30", "value: 300"), ["beam_deg.value: 300", "1 to 170"]),
+        (("source:", "origin:"), ["beam_deg.origin", "value, source"]),
+        (("kind: sonar", "kind: radar"), ["mine.yaml: kind: 'radar'", "imu or ahrs"]),
+        (("description: A sonar of mine\n", ""), ["mine.yaml: description"]),
+    ],
+)
+def test_what_is_wrong_in_a_part_is_told_by_file_field_value_and_what_is_valid(tmp_path, change, words):
+    assert change[0] in GOOD
+    with pytest.raises(ConfigError) as told:
+        read_part(written(tmp_path, GOOD.replace(*change)))
+    assert "\n" not in str(told.value)
+    assert all(word in str(told.value) for word in words), str(told.value)
+
+
+def test_a_missing_file_and_an_unknown_name_are_told(tmp_path):
+    with pytest.raises(StrideTwinError, match="cannot be read"):
+        read_part(tmp_path / "none.yaml")
+    with pytest.raises(ConfigError, match="ADIS16485"):
+        part("ADIS1648")
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True))
+def test_a_figure_is_within_its_bounds_or_refused(tmp_path_factory, value):
+    path = tmp_path_factory.mktemp("parts") / "mine.yaml"
+    path.write_text(GOOD.replace("range_max_m: 4", f"range_max_m: {value!r}"), encoding="utf-8")
+    try:
+        got = read_part(path).range_max
+    except ConfigError as error:
+        assert "range_max_m" in str(error)  # noqa: PT017 (both outcomes are checked)
+    else:
+        assert 0.1 <= got <= 50
+
+
+def test_a_nested_figure_is_named_by_its_path(tmp_path):
+    text = library()["MPU-9250"].read_text(encoding="utf-8").replace("range_dps", "range_deg")
+    with pytest.raises(ConfigError, match=r"mine.yaml: gyroscope.range_deg"):
+        read_part(written(tmp_path, text))
+    assert {f.name for f in dataclasses.fields(Gyroscope)} > {"g_sensitivity"}
