@@ -28,6 +28,7 @@ _FORWARD_M, _OUTWARD_M, _INWARD_M = 0.15, 0.12, 0.035
 _ON_EDGES_M = 0.0  # along the way where a riser is near: toes already reach to the edge
 _COMMITTED_S = 0.05  # before landing the foot's place is settled
 _SEARCH_MPS = 0.3  # how fast a late foot goes on down
+_SETTLE_MPS = 0.05  # and one that is over the floor but does not press
 
 
 class Planned(NamedTuple):
@@ -126,7 +127,7 @@ def _update(
         pull -= 2.0 * _FOLLOW * rate
         rate += dt * pull
         if not swinging[k] and not pressing[k]:
-            rate[2], pull[2] = -_SEARCH_MPS, 0.0
+            rate[2], pull[2] = -(_SEARCH_MPS if np.isnan(felt[k]) else _SETTLE_MPS), 0.0
         shift += dt * rate
     under = share[0] * foot[0, 0] + share[1] * foot[1, 0]
     rate = OMEGA * (under - root[0])
