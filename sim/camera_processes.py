@@ -38,7 +38,8 @@ from stridetwin.streams.samples import Depth, Image
 
 PROCESSES = 2
 _PIPE_BYTES = 1 << 20
-_AHEAD = 12  # pictures that a process may be ahead of those that are asked for
+_DRAWING = {"GALLIVM_PERF": "brilinear,rho_approx"}  # llvmpipe: textures in two thirds of the time, alike to the eye
+_AHEAD = 48  # pictures that a process may be ahead of those that are asked for
 _COST_BOARD, _COST_WHOLE = 1.0, 4.0  # of a picture with nothing but the board's surroundings, and of a whole one
 
 
@@ -65,23 +66,26 @@ class CameraProcesses:
     ) -> None:
         self._cameras = list(outfit.rig.cameras.values())
         self._seen = {c.topic: board_seen_by(outfit, c.topic) for c in self._cameras}
-        self._workers = [
-            _Worker((model, outfit, crowd, seed, straps)) for _ in range(processes if self._cameras else 0)
-        ]
+        count = processes if self._cameras else 0
+        what = _pickled((model, outfit, crowd, seed, straps)) if count else b""
+        self._workers = [_Worker(what) for _ in range(count)]
         self._dealer = _Dealer(outfit, len(self._workers))
         self._stamps = {
             c.topic: Stamps(outfit.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
             for c in self._cameras
         }
-        self._order: list[tuple[_Worker, int, int]] = []
 
     @property
     def pids(self) -> list[int]:
         """Process numbers."""
         return [worker.pid for worker in self._workers]
 
-    def ask(self, motion: Motion, after_ns: int, until_ns: int) -> None:
-        """Starts on the pictures after `after_ns` and up to `until_ns`."""
+    def ask(self, motion: Motion, after_ns: int, until_ns: int) -> Iterator[Image | Depth]:
+        """Starts on the pictures after `after_ns` and up to `until_ns`.
+
+        Returns:
+            They, in order of time and with their clocks' stamps, to be taken before those that are asked for next.
+        """
         due: list[Due] = []
         stamps: dict[tuple[str, int], int] = {}
         for camera in self._cameras:
@@ -100,15 +104,14 @@ class CameraProcesses:
         for i, worker in enumerate(self._workers):
             own = [item for item, at in zip(due, whose) if at == i]
             rows = motion.rows(np.array([item.t_ns for item in own], np.int64))
-            worker.ask((own, motion.qpos[rows], motion.upper_poses(rows)))
+            worker.ask(_pickled((own, motion.qpos[rows], motion.upper_poses(rows))))
         pictures = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}
-        self._order = [
-            (self._workers[i], pictures[item.topic], stamps[item.topic, item.t_ns]) for i, item in zip(whose, due)
-        ]
+        order = [(self._workers[i], pictures[item.topic], stamps[item.topic, item.t_ns]) for i, item in zip(whose, due)]
+        return self._answers(order)
 
-    def pictures(self) -> Iterator[Image | Depth]:
-        """The pictures asked for, in order of time, with their clocks' stamps."""
-        for worker, count, stamp in self._order:
+    @staticmethod
+    def _answers(order: list[tuple[_Worker, int, int]]) -> Iterator[Image | Depth]:
+        for worker, count, stamp in order:
             for _ in range(count):
                 picture = worker.answer()
                 if stamp >= 0:
@@ -145,17 +148,19 @@ class _Dealer:
 class _Worker:
     """The near end of one process."""
 
-    def __init__(self, what: Any) -> None:
+    def __init__(self, what: bytes) -> None:
         self._stopped = False
-        environment = os.environ | {"LP_NUM_THREADS": "0"}  # llvmpipe draws in the process's own thread
+        environment = _DRAWING | os.environ | {"LP_NUM_THREADS": "0"}  # llvmpipe draws in the process's own thread
         self._process = subprocess.Popen(
             [sys.executable, "-m", "stridetwin.sim.camera_processes"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
         )  # fmt: skip
         _widen(self._ends[1])
         self._answers: queue.Queue[Image | Depth | Patch | None] = queue.Queue(_AHEAD)
-        self._collecting = threading.Thread(target=self._collect, daemon=True)
-        self._collecting.start()
+        self._asked: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._send, self._collect)]
+        for thread in self._threads:
+            thread.start()
         self.ask(what)
 
     @property
@@ -168,18 +173,21 @@ class _Worker:
         assert self._process.stdout is not None
         return self._process.stdin, self._process.stdout
 
-    def ask(self, what: Any) -> None:
-        try:
-            pickle.dump(what, self._ends[0], protocol=5)
-            self._ends[0].flush()
-        except BrokenPipeError as error:
-            raise self._gone() from error
+    def ask(self, what: bytes) -> None:
+        self._asked.put(what)
 
     def answer(self) -> Image | Depth:
         picture = self._answers.get()
         if picture is None:
             raise self._gone()
         return picture.image() if isinstance(picture, Patch) else picture
+
+    def _send(self) -> None:
+        """Passes on what is asked as the process takes it: it may still be starting."""
+        with contextlib.suppress(OSError, ValueError):  # it has gone; who waits for its answers is told so
+            for what in iter(self._asked.get, None):
+                self._ends[0].write(what)
+                self._ends[0].flush()
 
     def _collect(self) -> None:
         """Takes pictures as they come, so that one process need not wait for the other's turn."""
@@ -199,12 +207,17 @@ class _Worker:
         self._stopped = True
         self._process.kill()  # it holds nothing that needs an orderly end
         self._process.wait()
-        while self._collecting.is_alive():  # it may wait for room for what is not wanted any more
+        self._asked.put(None)
+        while any(thread.is_alive() for thread in self._threads):  # one may wait for room for what nobody wants now
             with contextlib.suppress(queue.Empty):
                 self._answers.get(timeout=0.05)
         for end in self._ends:
             with contextlib.suppress(BrokenPipeError):
                 end.close()
+
+
+def _pickled(what: Any) -> bytes:
+    return pickle.dumps(what, protocol=5)
 
 
 def _widen(pipe: IO[bytes]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import TracebackType
 from typing import Self
 
@@ -75,10 +76,19 @@ class Patch:
     column: int
 
     def image(self) -> Image:
-        """The whole picture."""
+        """The whole picture; those with nothing drawn share their pixels, which are read-only."""
+        if not self.pixels.size:
+            return Image(topic=self.topic, t_ns=self.t_ns, pixels=_blank(self.whole))
         picture, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
         picture[self.row : self.row + height, self.column : self.column + width] = self.pixels
         return Image(topic=self.topic, t_ns=self.t_ns, pixels=picture)
+
+
+@cache
+def _blank(whole: tuple[int, int]) -> Pixels:
+    picture = np.full(whole, BLANK, np.uint8)
+    picture.setflags(write=False)
+    return picture
 
 
 class Cameras:

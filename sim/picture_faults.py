@@ -83,7 +83,7 @@ def _blurred(picture: NDArray[np.uint8], sd_px: float) -> NDArray[np.uint8]:
     height, width = picture.shape[:2]
     coarse = max(1, int(sd_px / 3))
     small = cv2.resize(picture, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
-    return cv2.resize(cv2.GaussianBlur(small, (0, 0), sd_px / coarse), (width, height))
+    return np.asarray(cv2.resize(cv2.GaussianBlur(small, (0, 0), sd_px / coarse), (width, height)), np.uint8)
 
 
 @lru_cache(maxsize=16)

@@ -16,17 +16,21 @@ from types import TracebackType
 from typing import Any, Self
 
 import mujoco
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.sim.rig_bodies import UPPERS
+from stridetwin.sim.sky import Sky
+from stridetwin.sim.textures import PERIOD_M
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
 
 NEAR_M = 0.02
 FAR_M = 200.0
-SEEN_M = 50.0  # what is farther may be the sky, which is drawn on a dome well inside the far plane
+SEEN_M = 50.0  # depth ends here
 _MAX_GEOMS = 2000
+_GROUND_M = 81 * PERIOD_M  # half an edge of the ground that is drawn; odd, or its texture is half a period off
 _HIDDEN_GROUP = 5  # of geoms; not drawn unless asked for
 _OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -120,6 +124,8 @@ class _OffScreen:
 class SensorView(_OffScreen):
     """Draws what a calibrated camera sees: no shadows, reflections or smoothing, so that depth is exact.
 
+    The sky is painted afterwards (`sim.sky`).
+
     Args:
         model: Compiled model.
         width: Pixels.
@@ -127,8 +133,11 @@ class SensorView(_OffScreen):
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
-        super().__init__(model, width, height, _SENSOR)
+        with _one_piece(model):
+            super().__init__(model, width, height, _SENSOR)
         self._anywhere = mujoco.MjvCamera()
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
+        self._sky = Sky.of(model, FAR_M)
 
     def frame(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: tuple[float, float, float, float]
@@ -144,15 +153,15 @@ class SensorView(_OffScreen):
             (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m; 0 where nothing is seen
             nearer than `SEEN_M`.
         """
-        buffer = np.empty((self.height, self.width), np.float32)
-        rgb = self._look(data, T_world_camera, intrinsics, buffer)
-        return rgb, _metric_depth(buffer[::-1])
+        rgb, depth = self._look(data, T_world_camera, intrinsics, self.width, self.height)
+        depth[depth > SEEN_M] = 0
+        return rgb, depth
 
     def color(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: tuple[float, float, float, float]
     ) -> Rgb:
         """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as `frame`."""
-        return self._look(data, T_world_camera, intrinsics, None)
+        return self._look(data, T_world_camera, intrinsics, self.width, self.height)[0]
 
     def piece(
         self,
@@ -165,22 +174,25 @@ class SensorView(_OffScreen):
         """Some rows and columns of `color` alone, (h, w, 3), the same pixels in less time."""
         fu, fv, pu, pv = intrinsics
         width, height = columns.stop - columns.start, rows.stop - rows.start
-        self._aim(data, T_world_camera, (fu, fv, pu - columns.start, pv - rows.start), width, height)
-        rgb = np.empty((height, width, 3), np.uint8)
-        self.draw(rgb, None, mujoco.MjrRect(0, 0, width, height))
-        return np.ascontiguousarray(rgb[::-1])
+        shifted = fu, fv, pu - columns.start, pv - rows.start
+        return self._look(data, T_world_camera, shifted, width, height)[0]
 
     def _look(
         self,
         data: mujoco.MjData,
         T_world_camera: ArrayLike,
         intrinsics: tuple[float, float, float, float],
-        depth: DepthImage | None,
-    ) -> Rgb:
-        self._aim(data, T_world_camera, intrinsics, self.width, self.height)
-        rgb = np.empty((self.height, self.width, 3), np.uint8)
-        self.draw(rgb, depth)
-        return np.ascontiguousarray(rgb[::-1])
+        width: int,
+        height: int,
+    ) -> tuple[Rgb, DepthImage]:
+        """Colours (height, width, 3), and depth (height, width), inf where nothing is drawn."""
+        self._aim(data, T_world_camera, intrinsics, width, height)
+        rgb, z = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        self.draw(rgb, z, mujoco.MjrRect(0, 0, width, height))
+        rgb, depth = np.ascontiguousarray(rgb[::-1]), _metric_depth(z)
+        if self._sky is not None:
+            self._sky.paint(rgb, depth, np.asarray(T_world_camera, float), intrinsics)
+        return rgb, depth
 
     def _aim(
         self,
@@ -194,7 +206,8 @@ class SensorView(_OffScreen):
         shown = self.model.geom_group.copy()
         seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
         self.model.geom_group[~seen] = _HIDDEN_GROUP
-        self.update(data, self._anywhere)
+        with _one_piece(self.model, data, np.asarray(T_world_camera)[:2, 3]):
+            self.update(data, self._anywhere)
         self.model.geom_group[:] = shown
         T_world_mujoco = swap_camera_convention(T_world_camera)
         fu, fv, pu, pv = intrinsics
@@ -258,6 +271,29 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
     return T_world_frame @ camera.mount.T_body_sensor
 
 
+@contextmanager
+def _one_piece(
+    model: mujoco.MjModel, data: mujoco.MjData | None = None, about: ArrayLike = (0.0, 0.0)
+) -> Iterator[None]:
+    """Bounds endless level planes for a moment, about a place in the world: MuJoCo draws them as 40 000 pieces."""
+    endless = _endless(model)
+    sizes = model.geom_size[endless]
+    model.geom_size[endless] = _GROUND_M, _GROUND_M, 2 * _GROUND_M
+    if data is not None:
+        places = data.geom_xpos[endless]
+        data.geom_xpos[endless, :2] += PERIOD_M * np.round((about - places[:, :2]) / PERIOD_M)
+    try:
+        yield
+    finally:
+        model.geom_size[endless] = sizes
+        if data is not None:
+            data.geom_xpos[endless] = places
+
+
+def _endless(model: mujoco.MjModel) -> NDArray[np.intp]:
+    return np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_size[:, 0] == 0))
+
+
 def _in_view(
     model: mujoco.MjModel,
     data: mujoco.MjData,
@@ -278,11 +314,16 @@ def _in_view(
     return np.asarray(np.all(centre @ inward.T >= -reach[:, None], axis=1))
 
 
+@numba.njit(cache=True, error_model="numpy")
 def _metric_depth(z: DepthImage) -> DepthImage:
-    """Depth, m, from the z-buffer, in which 1 is the near plane and 0 the far one."""
+    """Depth, m, from an upside-down z-buffer, in which 1 is the near plane and 0 the far one."""
     near, far = np.float32(NEAR_M), np.float32(FAR_M)
-    depth = near * far / (z * (far - near) + near)
-    depth[depth > SEEN_M] = 0
+    depth = np.empty_like(z)
+    for i in range(len(z)):
+        row, height = depth[i], z[len(z) - 1 - i]
+        for j in range(z.shape[1]):
+            away = near * far / (height[j] * (far - near) + near)
+            row[j] = away if height[j] > 0 else np.float32(np.inf)
     return depth
 
 

@@ -154,6 +154,7 @@ class Twin:
         rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
         with CameraProcesses(self.model, self.outfit, self.crowd, self.seed, self.straps) as rendering:
             after_ns = -1
+            pictures: Iterator[Sample] = iter(())
             while after_ns < end_ns:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
                 t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in rates]))
@@ -161,15 +162,18 @@ class Twin:
                 if len(truth_ns):
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
-                    rendering.ask(motion, after_ns, until_ns)
+                    asked = rendering.ask(motion, after_ns, until_ns)  # before the last ones are waited for
+                    for picture in pictures:
+                        yield [picture]
+                    pictures = asked
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
                         *truth.truth(self.walk, self.rig, motion, loads, after_ns, self.straps),
                         *truth.of_bystanders(self.crowd, truth_ns),
                     ]
-                    for picture in rendering.pictures():
-                        yield [picture]
                 after_ns = until_ns
+            for picture in pictures:
+                yield [picture]
 
     def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Third-person film: time in s and an RGB picture (height, width, 3) for every frame."""

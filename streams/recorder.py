@@ -27,6 +27,7 @@ from stridetwin.streams.ros_pictures import (
     RAW,
     camera_info_message,
     depth_message,
+    image_data,
     image_message,
 )
 from stridetwin.streams.ros_samples import SMALL, block_of, fill
@@ -78,6 +79,7 @@ class RecordingWriter:
         self._next_info: dict[str, int] = {}
         self._cameras = _by_picture_topic(rig)
         self._queue: deque[tuple[str, Future[bytes], int]] = deque()
+        self._shared: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
         self._pool = ThreadPoolExecutor(_ENCODERS)
         told = rig_to_yaml(rig).encode()
         try:
@@ -174,10 +176,19 @@ class RecordingWriter:
             info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
             self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
         if isinstance(sample, Image):
-            self._submit(sample.topic, COMPRESSED, partial(image_message, sample, self._quality), log_ns)
+            encode = partial(image_message, sample, self._quality, self._known_data(sample.pixels))
+            self._submit(sample.topic, COMPRESSED, encode, log_ns)
         else:
             self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
         self._drain(_PICTURES_IN_FLIGHT)
+
+    def _known_data(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+        """Encoded pixels that nobody can write to: many pictures with nothing in view share them."""
+        if pixels.flags.writeable:
+            return None
+        if self._shared is None or self._shared[0] is not pixels:
+            self._shared = pixels, image_data(pixels, self._quality)
+        return self._shared[1]
 
     def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
         self._channel(topic, typename)

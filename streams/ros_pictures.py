@@ -30,21 +30,27 @@ def _header(topic: str, t_ns: int) -> dict[str, Any]:
     return {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame_id(topic)}
 
 
-def image_message(sample: Image, quality: int | None) -> bytes:
-    """A picture in a CompressedImage: as a JPEG of some quality, or (None) as a PNG, which keeps every pixel."""
-    pixels = sample.pixels if sample.pixels.ndim == 2 else cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR)
+def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
+    """A picture's pixels as a JPEG of some quality, or (None) as a PNG, which keeps every one."""
+    pixels = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), np.uint8)
     if quality is None:
         _, data = cv2.imencode(".png", pixels, (cv2.IMWRITE_PNG_COMPRESSION, 1))
     else:
         _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    return np.asarray(data, np.uint8).ravel()
+
+
+def image_message(sample: Image, quality: int | None, data: NDArray[np.uint8] | None = None) -> bytes:
+    """A picture in a CompressedImage, with the `image_data` that is known of it."""
+    data = image_data(sample.pixels, quality) if data is None else data
     form = "png" if quality is None else "jpeg"
-    return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": form, "data": data.ravel()})
+    return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": form, "data": data})
 
 
 def depth_message(sample: Depth, encoding: str) -> bytes:
     """A depth picture as an Image: 16UC1 in mm as the RealSense driver, or 32FC1 in m; 0 = none."""
     if encoding == "16UC1":
-        mm = np.rint(np.nan_to_num(sample.depth, nan=0.0, posinf=0.0, neginf=0.0) * np.float32(1000.0))
+        mm = np.rint(sample.depth * np.float32(1000.0))  # what is no number is not valid below
         pixels: NDArray[Any] = np.where((mm > 0) & (mm < 65535), mm, 0).astype("<u2")
     else:
         pixels = np.ascontiguousarray(sample.depth, "<f4")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,9 +37,17 @@ class Sensor:
     def __init__(self, shape: tuple[int, ...], imager: Imager, light: float, noise: Noise) -> None:
         self.shape, self._imager, self._light, self._noise = shape, imager, light, noise
         self._noisy = math.isfinite(imager.full_well)
+        height, width, self._channels = (*shape, 1)[:3]
+        self._bank = np.zeros((height + SPARE, (width + SPARE) * self._channels), np.float32)
+        self._variance = np.zeros(2, np.float32)
         if self._noisy:
-            self._bank = noise.normal(1.0, (shape[0] + SPARE, shape[1] + SPARE, *shape[2:])).astype(np.float32)
-        self._falloff = _falloff(shape, imager.vignetting) if imager.vignetting else None
+            self._bank[:] = noise.normal(1.0, self._bank.shape)
+            # Of a clean level, in levels before the gain: a for each level, and b in the dark.
+            per_electron = 255 / (imager.full_well * light)
+            self._variance[:] = per_electron, (per_electron * imager.read_noise) ** 2
+        # Light falls off with the fourth power of the cosine, to 1 - vignetting in the corners: 1 / (1 + tan²)²
+        across = ((1 - imager.vignetting) ** -0.5 - 1) / (height**2 + width**2)
+        self._tan2 = [(across * (2 * np.arange(n) - (n - 1)) ** 2).astype(np.float32) for n in (height, width)]
         self._gain: float | None = None if imager.auto_exposure_s else 1.0
         self._before_ns = 0
 
@@ -47,26 +56,16 @@ class Sensor:
 
         Pictures of a camera with automatic exposure come in order of time.
         """
-        gain = self._gain_for(t_ns, clean)
-        piece = (slice(row, row + len(clean)), slice(column, column + clean.shape[1]))
-        bright: NDArray = clean
-        if self._falloff is not None:
-            bright = cv2.multiply(clean, self._falloff[piece], dtype=cv2.CV_32F)
-        if self._noisy:
-            shift = self._noise.at(t_ns).integers((SPARE, SPARE))
-            rows, columns = (slice(s.start + by, s.stop + by) for s, by in zip(piece, shift))
-            grain = cv2.multiply(cv2.LUT(clean, self._grain_of_level()), self._bank[rows, columns])
-            bright = cv2.add(bright, grain, dtype=cv2.CV_32F)
-        if bright is clean and gain * self._light == 1.0:
+        gain = self._gain_for(t_ns, clean) * self._light
+        if gain == 1.0 and not self._noisy and not self._imager.vignetting:
             return clean
-        return np.asarray(cv2.addWeighted(bright, gain * self._light, bright, 0.0, 0.0, dtype=cv2.CV_8U))
-
-    def _grain_of_level(self) -> NDArray[np.float32]:
-        """(256,) standard deviation at each clean level, in levels before the gain."""
-        imager = self._imager
-        electrons = np.arange(256) / 255 * imager.full_well * self._light
-        per_electron = 255 / (imager.full_well * self._light)
-        return (per_electron * np.sqrt(electrons + imager.read_noise**2)).astype(np.float32)
+        down, right = self._noise.at(t_ns).integers((SPARE, SPARE)) if self._noisy else (0, 0)
+        each, (height, width) = self._channels, clean.shape[:2]
+        rows, columns = self._tan2[0][row : row + height], self._tan2[1][column : column + width]
+        levels = np.ascontiguousarray(clean).reshape(height, each * width)
+        start = (row + down, each * (column + right))
+        told = _developed(levels, rows, np.repeat(columns, each), self._bank, start, self._variance, np.float32(gain))
+        return told.reshape(clean.shape)
 
     def _gain_for(self, t_ns: int, clean: Pixels) -> float:
         """The gain of this picture; that of the next one follows its brightness with the exposure's lag."""
@@ -82,10 +81,24 @@ class Sensor:
         return now
 
 
-def _falloff(shape: tuple[int, ...], loss: float) -> NDArray[np.float32]:
-    """Share of the light that arrives: falls with the fourth power of the cosine, to 1 − loss in the corners."""
-    v, u = np.mgrid[: shape[0], : shape[1]]
-    r2 = ((u - (shape[1] - 1) / 2) ** 2 + (v - (shape[0] - 1) / 2) ** 2) / ((shape[0] / 2) ** 2 + (shape[1] / 2) ** 2)
-    tan2 = (1 - loss) ** -0.5 - 1  # cos^4 = 1 / (1 + tan^2)^2
-    falloff = (1 / (1 + tan2 * r2) ** 2).astype(np.float32)
-    return falloff if len(shape) == 2 else np.repeat(falloff[..., None], shape[2], axis=2)
+@numba.njit(cache=True, error_model="numpy")
+def _developed(
+    levels: Pixels,
+    tan2_rows: NDArray[np.float32],
+    tan2_columns: NDArray[np.float32],
+    bank: NDArray[np.float32],
+    start: tuple[int, int],
+    variance: NDArray[np.float32],
+    gain: np.float32,
+) -> Pixels:
+    """Levels (H, W) as they are told: vignetting by the squared tangents of rows and columns, noise and gain."""
+    told, one, white = np.empty(levels.shape, np.uint8), np.float32(1), np.float32(255)
+    of_light, in_dark = variance
+    top, left = start
+    for i in range(levels.shape[0]):
+        clean, noise, row = levels[i], bank[top + i, left : left + levels.shape[1]], told[i]
+        for j in range(levels.shape[1]):
+            level, spread = np.float32(clean[j]), one + tan2_rows[i] + tan2_columns[j]
+            bright = level / (spread * spread) + np.sqrt(of_light * level + in_dark) * noise[j]
+            row[j] = np.uint8(min(max(np.rint(gain * bright), np.float32(0)), white))
+    return told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +11,9 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor
 from stridetwin.sim.sensors.imager import SPARE, Pixels
 
-_OUTLINE = 0.012  # how far a disparity is off the mean about it, over itself, beside an outline; 0 on a plane
+# How far a disparity is off the mean about it, over itself, beside an outline; 0 on a plane.
+_OUTLINE = np.float32(0.012)
+Grid = NDArray[np.float32]
 _FINEST_STEP_PER_M = 1e-4
 
 
@@ -34,7 +37,7 @@ class DepthModel:
     ) -> None:
         self._shape, self._part, self._noise = shape, part, noise
         self._step = part.disparity_step or _FINEST_STEP_PER_M
-        self._bank = None
+        self._bank = self._mixed = np.zeros(shape, np.float32)
         if part.noise:
             self._bank = _smooth(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
             self._mixed = _smooth(noise.at(0), shape, 1.0)
@@ -59,64 +62,95 @@ class DepthModel:
             grey: (H, W) how bright the surfaces are; None: bright enough.
         """
         part = self._part
-        if self._bank is None and not part.disparity_step:
+        if not part.noise and not part.disparity_step:
             told = depth.copy()
             told[(told < part.range_min) | (told > part.range_max)] = 0
             return told
-        with np.errstate(divide="ignore"):
-            counts = np.float32(1 / self._step) / depth
-        counts[depth == 0] = 0
-        outline = self._outline(counts)
-        holes = self._unmatched(counts, outline, grey)
-        if self._bank is not None:
-            row, column = self._noise.at(t_ns).integers((SPARE, SPARE))
-            cut = (slice(row, row + self._shape[0]), slice(column, column + self._shape[1]))
-            self._fringe(counts, outline, holes, self._mixed[cut])
-            counts += self._bank[cut]
-        told = np.take(self._depth_of_count, np.rint(counts).astype(np.intp), mode="clip")
-        told[(depth == 0) | (holes > 0)] = 0
-        return told
+        counts = _counts(depth, np.float32(1 / self._step))
+        near = np.ascontiguousarray(counts[::2, ::2])
+        mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
+        unmatched = self._unmatched(near, mean, grey)
+        row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
+        window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
+        front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
+        beside = mean if part.noise else counts  # without noise, outlines are where they are
+        return _told(
+            depth, counts, beside, unmatched, front, back, self._mixed, self._bank, (row, column), self._depth_of_count
+        )
 
-    def _outline(self, counts: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """(H, W) what lies beside an outline."""
-        if not self._part.edge_px:
-            return np.zeros(self._shape, bool)
-        mean = cv2.blur(counts, (self._window, self._window))
-        return np.asarray(np.abs(counts - mean) > _OUTLINE * counts)
-
-    def _unmatched(
-        self, counts: NDArray[np.float32], outline: NDArray[np.bool_], grey: Pixels | None
-    ) -> Pixels:  # fmt: skip
-        """(H, W) 1 where nothing is matched but for outlines; found at half the resolution."""
-        part, near = self._part, counts[::2, ::2]
-        bad = np.zeros(near.shape, bool)
+    def _unmatched(self, near: Grid, mean: Grid, grey: Pixels | None) -> NDArray[np.bool_]:
+        """Where nothing is matched but for outlines, at half the resolution."""
+        part = self._part
+        unmatched = np.zeros(near.shape, bool)
         if part.slant:
-            # Of a plane the count is linear in the picture: its normal is (f a, f b, c), and the ray's sine against it
-            # the count over both lengths (a, b its slopes, c what is left for the axis).
-            a, b = (0.5 / 8 * cv2.Sobel(near, cv2.CV_32F, *d) for d in ((1, 0), (0, 1)))
+            a, b = (np.asarray(cv2.Sobel(near, cv2.CV_32F, *d, scale=0.5 / 8), np.float32) for d in ((1, 0), (0, 1)))
             x, y, length = self._rays
-            c = near - self._focal * (a * x + b * y)
-            normal = np.sqrt(self._focal**2 * (a * a + b * b) + c * c)
-            bad |= (near < np.float32(np.sin(part.slant)) * normal * length) & ~outline[::2, ::2]
+            sine, focal = np.float32(np.sin(part.slant)), np.float32(self._focal)
+            unmatched = _slanted(near, mean, a, b, x, y, length, focal, sine)
         if part.dark and grey is not None:
-            bad |= grey[::2, ::2] < 255 * part.dark
-        small = bad.astype(np.uint8)
-        return np.asarray(cv2.resize(small, self._shape[::-1], interpolation=cv2.INTER_NEAREST))
+            unmatched |= grey[::2, ::2] < 255 * part.dark
+        return unmatched
 
-    def _fringe(
-        self, counts: NDArray[np.float32], outline: NDArray[np.bool_], holes: Pixels, mixed: NDArray[np.float32]
-    ) -> None:
-        """Leaves out or mixes what lies beside outlines, in place."""
-        at = np.flatnonzero(outline)
-        if not len(at):
-            return
-        luck = mixed[at // outline.shape[1], at % outline.shape[1]]
-        holes.ravel()[at[luck > 0]] = 1
-        at, weight = at[luck <= 0], np.minimum(-luck[luck <= 0] / 2, 1.0)
-        rows, columns = at // (2 * outline.shape[1]), at % outline.shape[1] // 2
-        coarse, window = counts[::2, ::2].copy(), np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
-        near, far = (find(coarse, window)[rows, columns] for find in (cv2.dilate, cv2.erode))
-        counts.ravel()[at] = far + weight * (near - far)  # flying pixels
+
+@numba.njit(cache=True, error_model="numpy")
+def _counts(depth: Grid, per_m: np.float32) -> Grid:
+    """(H, W) disparity in its steps, 0 where there is no depth."""
+    counts = np.empty_like(depth)
+    for i in range(depth.shape[0]):
+        for j in range(depth.shape[1]):
+            counts[i, j] = per_m / depth[i, j] if depth[i, j] else np.float32(0)
+    return counts
+
+
+@numba.njit(cache=True)
+def _slanted(
+    near: Grid, mean: Grid, a: Grid, b: Grid, x: Grid, y: Grid, length: Grid, focal: np.float32, sine: np.float32
+) -> NDArray[np.bool_]:
+    """Where a surface is seen at a glancing angle, but for outlines; (h, w), as all but `mean`, (H, W).
+
+    Of a plane the count is linear in the picture: its normal is (f a, f b, c), and the ray's sine against it the count
+    over both lengths (a, b its slopes, c what is left for the axis).
+    """
+    slanted = np.empty(near.shape, np.bool_)
+    for i in range(near.shape[0]):
+        for j in range(near.shape[1]):
+            count, p, q = near[i, j], a[i, j], b[i, j]
+            c = count - focal * (p * x[i, j] + q * y[i, j])
+            normal = np.sqrt(focal * focal * (p * p + q * q) + c * c)
+            outline = abs(count - mean[2 * i, 2 * j]) > _OUTLINE * count
+            slanted[i, j] = (count < sine * normal * length[i, j]) & ~outline
+    return slanted
+
+
+@numba.njit(cache=True)
+def _told(
+    depth: Grid,
+    counts: Grid,
+    mean: Grid,
+    unmatched: NDArray[np.bool_],
+    front: Grid,
+    back: Grid,
+    mixed: Grid,
+    noise: Grid,
+    start: tuple[int, int],
+    depth_of_count: NDArray[np.float32],
+) -> Grid:
+    """(H, W) m: what beside an outline is missing or between its sides, noise and steps; halves as of `_slanted`."""
+    told, last = np.zeros_like(depth), len(depth_of_count) - 1
+    (top, left), width = start, depth.shape[1]
+    for i in range(depth.shape[0]):
+        luck, error = mixed[top + i, left : left + width], noise[top + i, left : left + width]
+        for j in range(width):
+            count = counts[i, j]
+            if depth[i, j] == 0 or unmatched[i // 2, j // 2]:
+                continue
+            if abs(count - mean[i, j]) > _OUTLINE * count:
+                if luck[j] > 0:
+                    continue
+                weight = min(-luck[j] / np.float32(2), np.float32(1))  # a flying pixel
+                count = back[i // 2, j // 2] + weight * (front[i // 2, j // 2] - back[i // 2, j // 2])
+            told[i, j] = depth_of_count[min(max(int(np.rint(count + error[j])), 0), last)]
+    return told
 
 
 def _smooth(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:
@@ -124,6 +158,6 @@ def _smooth(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np
     height, width = shape[0] + SPARE, shape[1] + SPARE
     coarse = noise.normal(1.0, (round(height / alike_px) + 1, round(width / alike_px) + 1)).astype(np.float32)
     if alike_px == 1:
-        return coarse[:height, :width]
+        return np.ascontiguousarray(coarse[:height, :width])
     bank = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.asarray(bank / bank.std(), np.float32)

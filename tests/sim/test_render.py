@@ -61,13 +61,13 @@ def test_a_model_camera_and_a_sensor_view_see_the_same():
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = data.cam("eye").xmat.reshape(3, 3), data.cam("eye").xpos
     focal = 120 / np.tan(np.radians(30))
-    with SensorView(model, 320, 240) as view:
+    with SensorView(model, 320, 240) as view, render._OffScreen(model, 320, 240, render._SENSOR) as plain:
         ours, _ = view.frame(data, swap_camera_convention(T), (focal, focal, 159.5, 119.5))
         camera = mujoco.MjvCamera()
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, 0
-        view.update(data, camera)
+        plain.update(data, camera)
         theirs = np.empty_like(ours)
-        view.draw(theirs, None)
+        plain.draw(theirs, None)
     assert np.mean(np.abs(ours.astype(int) - theirs[::-1])) < 0.5
 
 
@@ -126,6 +126,31 @@ def test_depth_is_that_of_the_analytic_terrain(world):
     assert near.mean() > 0.1
     assert np.mean(error[near] > 0.001) < 0.001  # but for pixels that an outline cuts
     assert np.percentile(error[expected < 6.0], 99) < 0.001
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (3.0, 40.0), (-35.0, 0.0), (-70.0, 120.0)])
+def test_the_painted_sky_is_that_of_mujoco(world, pitch, roll):
+    _, model, data = world
+    T = looking([0.0, 0.0, 1.6], pitch, 20.0)
+    T[:3, :3] = T[:3, :3] @ cv2.Rodrigues(np.array([0.0, 0.0, np.radians(roll)]))[0]
+    film, intrinsics = render._OffScreen(model, 320, 240, render._SENSOR), (200.0, 200.0, 159.5, 119.5)
+    with SensorView(model, 320, 240) as view, film:
+        painted, depth = view.frame(data, T, intrinsics)
+        film.update(data, mujoco.MjvCamera())
+        for ours, theirs in zip(view.scene.camera, film.scene.camera):
+            for name in ("pos", "forward", "up", "frustum_center", "frustum_width", "frustum_bottom", "frustum_top",
+                         "frustum_near", "frustum_far"):  # fmt: skip
+                setattr(theirs, name, getattr(ours, name))
+        drawn = np.empty_like(painted)
+        film.draw(drawn, None)
+    off = np.abs(painted.astype(int) - drawn[::-1])
+    assert np.mean(depth == 0) > 0.2
+    assert off[depth == 0].mean() < 1.0
+    assert np.percentile(off, 99.5) < 25  # but for the outermost 40 m of the ground, where the haze has corners
+    high = looking([0.0, 0.0, 1.6], -5.0)  # a model without a sky stays black
+    bare, its_data = compiled(mujoco.MjSpec())
+    with SensorView(bare, 32, 24) as view:
+        assert not view.color(its_data, high, (40.0, 40.0, 15.5, 11.5)).any()
 
 
 def test_sky_has_no_depth(world):

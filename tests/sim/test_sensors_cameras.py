@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor, Imager
 from stridetwin.sim.parts.library import ideal, part
-from stridetwin.sim.sensors.imager import Sensor
+from stridetwin.sim.sensors.imager import SPARE, Sensor
 from stridetwin.sim.sensors.lens import Lens
 from stridetwin.sim.sensors.stereo_depth import DepthModel
 from stridetwin.sim.sensors.sweep import Sweep
@@ -65,6 +65,27 @@ def test_corners_are_darker_by_the_vignetting_and_an_ideal_sensor_changes_nothin
     assert seen[300, 400] == 200
     clean = np.random.default_rng(0).integers(0, 256, (200, 300), dtype=np.uint8)
     np.testing.assert_array_equal(sensor(ideal(part("acA800-200gc")).imager).exposed(1, clean), clean)
+
+
+@pytest.mark.parametrize("shape", [(60, 80), (60, 80, 3)])
+def test_levels_are_those_of_the_formula(shape):
+    clean = np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
+    imager, light = replace(SHOE, vignetting=0.3, read_noise=9.0, full_well=5000.0), 0.8
+    noise = Noise.of_topic(4, "/camera")
+    told = Sensor(shape, imager, light, noise).exposed(7, clean)
+    normal = Noise.of_topic(4, "/camera").normal(1.0, (60 + SPARE, 80 + SPARE, *shape[2:]))
+    row, column = noise.at(7).integers((SPARE, SPARE))
+    level = np.moveaxis(clean, -1, 0).astype(float) if len(shape) == 3 else clean.astype(float)
+    grain = np.moveaxis(normal, -1, 0) if len(shape) == 3 else normal
+    v, u = np.mgrid[:60, :80]
+    r2 = ((u - 39.5) ** 2 + (v - 29.5) ** 2) / (30**2 + 40**2)
+    electrons = level / 255 * imager.full_well * light
+    sd = 255 / (imager.full_well * light) * np.sqrt(electrons + imager.read_noise**2)
+    bright = level / (1 + ((1 - 0.3) ** -0.5 - 1) * r2) ** 2 + sd * grain[..., row : row + 60, column : column + 80]
+    expected = np.clip(np.rint(light * bright), 0, 255)
+    expected = np.moveaxis(expected, 0, -1) if len(shape) == 3 else expected
+    assert np.abs(told - expected).max() <= 1
+    assert np.mean(told != expected) < 0.001  # rounding
 
 
 def test_noise_is_that_of_the_instant_and_does_not_wrap_round():
@@ -181,6 +202,38 @@ def test_beside_an_outline_depth_is_missing_or_between_the_surfaces():
     between = (beside > 1.05) & (beside < 1.9)
     assert 0.01 < between.mean() < 0.6
     assert np.all(told[:, :150] > 0)
+
+
+def test_told_depth_is_that_of_the_formula():
+    rng = np.random.default_rng(5)
+    depth = np.where(rng.random((240, 320)) < 0.02, 0, rng.uniform(0.8, 1.2)).astype(np.float32)
+    depth[60:180, 100:200] *= 1.6
+    sensor, noise = D455.depth, Noise.of_topic(1, "/head/depth")
+    model = depth_model()
+    told = model.picture(3, depth)
+    row, column = noise.at(3).integers((SPARE, SPARE))
+    cut = (slice(row, row + 240), slice(column, column + 320))
+    counts = np.where(depth > 0, np.float32(1 / sensor.disparity_step) / np.where(depth > 0, depth, 1), 0)
+    counts = counts.astype(np.float32)
+    window = 2 * round(sensor.edge_px) + 1
+    outline = np.abs(counts - cv2.blur(counts, (window, window))) > np.float32(0.012) * counts
+    plain = (depth > 0) & ~outline & (told > 0)
+    steps = np.rint(counts + model._bank[cut])
+    expected = sensor.resolution * np.round(1 / (sensor.disparity_step * np.maximum(steps, 1)) / sensor.resolution)
+    np.testing.assert_allclose(told[plain], expected[plain], rtol=1e-6)
+    assert plain.mean() > 0.1
+    assert np.all(told[depth == 0] == 0)
+    missing = model._mixed[cut] > 0
+    assert np.all(told[outline & missing] == 0)
+    far, near = (
+        cv2.erode(counts[::2, ::2].copy(), np.ones((3, 3))),
+        cv2.dilate(counts[::2, ::2].copy(), np.ones((3, 3))),
+    )
+    flying = outline & ~missing & (told > 0)
+    count = 1 / (sensor.disparity_step * told[flying])
+    spread = 5 * model._bank.std() + 1
+    assert np.all(count > np.repeat(np.repeat(far, 2, 0), 2, 1)[flying] - spread)
+    assert np.all(count < np.repeat(np.repeat(near, 2, 0), 2, 1)[flying] + spread)
 
 
 def test_ideal_depth_is_exact_within_its_range():

@@ -122,8 +122,7 @@ def test_the_number_of_rendering_processes_changes_no_pixel() -> None:
     taken = []
     for count in (1, 2):
         with CameraProcesses(twin.model, twin.outfit, Crowd(), 5, processes=count) as processes:
-            processes.ask(motion, int(t_ns[0]) - 1, int(t_ns[-1]))
-            taken.append(list(processes.pictures()))
+            taken.append(list(processes.ask(motion, int(t_ns[0]) - 1, int(t_ns[-1]))))
     assert len(taken[0]) == len(taken[1]) == 2 * 8 + 2 * 4
     for a, b in zip(*taken):
         assert (a.topic, a.t_ns) == (b.topic, b.t_ns)
@@ -137,10 +136,10 @@ def test_a_rendering_process_that_dies_is_told() -> None:
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
     motion = Playback(twin.model, twin.reference).motion(t_ns)
     with CameraProcesses(twin.model, twin.outfit, Crowd(), 5) as processes:
-        processes.ask(motion, -1, int(t_ns[-1]))
+        pictures = processes.ask(motion, -1, int(t_ns[-1]))
         os.kill(processes.pids[0], signal.SIGKILL)
         with pytest.raises(StrideTwinError, match="rendering process ended early"):
-            list(processes.pictures())
+            list(pictures)
 
 
 def test_an_ideal_imu_integrates_back_onto_the_true_path() -> None:

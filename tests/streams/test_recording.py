@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from rigs import every_small_block, small_rig
 from rosbags.highlevel import AnyReader
 
+from stridetwin.streams import recorder
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.recording import Recording, RecordingWriter
@@ -215,6 +216,22 @@ def test_missing_topic_lists_those_there_are(recorded):
         Recording(recorded).block("/foot_r/imu")
     with pytest.raises(RecordingError, match="carries pictures"):
         Recording(recorded).block("/head/color")
+
+
+def test_pictures_that_share_read_only_pixels_are_encoded_once(tmp_path, monkeypatch):
+    blank = np.full((12, 16), 96, np.uint8)
+    encoded = []
+    data = recorder.image_data
+    monkeypatch.setattr(recorder, "image_data", lambda *args: encoded.append(1) or data(*args))
+    files = []
+    for writeable in (True, False):
+        blank.setflags(write=writeable)
+        with RecordingWriter(tmp_path / f"{writeable}.mcap", Rig()) as writer:
+            for t in (1, 2, 3):
+                writer.write(Image(topic="/foot_l/camera", t_ns=t, pixels=blank))
+        files.append((tmp_path / f"{writeable}.mcap").read_bytes())
+    assert files[0] == files[1]
+    assert len(encoded) == 1
 
 
 def test_nan_is_refused_by_name_and_time_and_dropped_when_lenient(tmp_path):

@@ -1,0 +1,129 @@
+"""The sky behind a sensor's picture, and the haze where the ground ends, from the elevation of what a pixel looks at.
+
+MuJoCo draws the sky first and all over the picture, and everything else on top of it, which costs as much as a third
+of a software-rendered frame. A sensor view leaves it out and paints it here where nothing else was drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+_LEVELS = 2048  # of the sine of the elevation
+_SIDES, _UP, _DOWN = (0, 1, 4, 5), 2, 3  # faces of MuJoCo's sky box
+_EDGE = math.sqrt(0.5)  # of the far plane's distance: where MuJoCo lets an endless plane end
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sky:
+    """A sky that is alike all around.
+
+    Attributes:
+        colours: (N, 3) uint8 RGB, evenly over the sine of the elevation from straight down to straight up.
+        ground: Height of the endless ground in the world, m; -inf where there is none, and no haze then.
+        edge: How far away it ends, m.
+        depth: Of the haze before that edge, as a share of its distance.
+        haze: (3,) RGB, 0-255.
+    """
+
+    colours: NDArray[np.uint8]
+    ground: float
+    edge: float
+    depth: float
+    haze: Array
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, far: float) -> Self | None:
+        """The sky box of a model, averaged round the horizon; None where there is none.
+
+        Args:
+            model: Compiled model.
+            far: Distance of the far plane, m.
+        """
+        boxes = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+        if not len(boxes):
+            return None
+        width, first = int(model.tex_width[boxes[0]]), int(model.tex_adr[boxes[0]])
+        faces = model.tex_data[first : first + 18 * width * width].reshape(6, width, width, 3)
+        along = (2 * np.arange(width) + 1) / width - 1
+        column, row = np.meshgrid(along, along)
+        length = np.sqrt(1 + column**2 + row**2)
+        rise = np.empty((6, width, width))
+        rise[_SIDES, :], rise[_UP], rise[_DOWN] = -row / length, 1 / length, -1 / length
+        at, whose = np.unique(np.round(rise.ravel(), 6), return_inverse=True)
+        bands = [np.bincount(whose, faces[..., i].ravel()) / np.bincount(whose) for i in range(3)]
+        colours = np.stack([np.interp(np.linspace(-1, 1, _LEVELS), at, band) for band in bands], axis=1)
+        endless = (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_size[:, 0] == 0)
+        return cls(
+            colours=np.round(colours).astype(np.uint8),
+            ground=float(model.geom_pos[endless, 2].max(initial=-np.inf)),
+            edge=_EDGE * far,
+            depth=float(model.vis.map.haze),
+            haze=255.0 * model.vis.rgba.haze[:3],
+        )
+
+    def paint(
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        T_world_camera: Array,
+        intrinsics: tuple[float, float, float, float],
+    ) -> None:
+        """Colours in place the pixels of a picture (H, W, 3) where nothing was drawn, and the far ground.
+
+        Args:
+            rgb: The picture.
+            depth: (H, W) along the optical axis, m; inf where nothing was drawn.
+            T_world_camera: (4, 4) pose of the optical frame.
+            intrinsics: (fu, fv, pu, pv), pixels.
+        """
+        steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
+        _paint(
+            rgb, depth, self.colours, np.ascontiguousarray(T_world_camera[2, :3], float), np.array(intrinsics, float),
+            steepness, self.edge, self.depth, self.haze,
+        )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _paint(
+    rgb: NDArray[np.uint8],
+    depth: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    vertical: Array,
+    intrinsics: Array,
+    steepness: float,
+    edge: float,
+    share: float,
+    haze: Array,
+) -> None:
+    fu, fv, pu, pv = intrinsics
+    half, near = np.float32((len(colours) - 1) / 2), np.float32(0.5 * (1 - share) * edge)
+    slope, across, middle, top = np.float32(vertical[0]), np.float32(1 / fu), np.float32(pu), len(colours) - 1
+    for row in range(depth.shape[0]):
+        y = (row - pv) / fv
+        level, base = np.float32(vertical[1] * y + vertical[2]), np.float32(1 + y * y)
+        for column in range(depth.shape[1]):
+            away = depth[row, column]
+            if away < near:
+                continue
+            x = (np.float32(column) - middle) * across
+            up, squared = slope * x + level, x * x + base
+            flat = np.sqrt(squared - up * up)
+            if away * flat > edge:
+                i = int(half * (up / np.sqrt(squared) + np.float32(1)) + np.float32(0.5))
+                for k in range(3):
+                    rgb[row, column, k] = colours[min(max(i, 0), top), k]
+            if up < 0 and away * flat > (1 - share) * edge:
+                q = -up / flat * steepness  # 0 at the horizon, 1 at the edge
+                s = min(q / (1 + share * q), 1.0)
+                a = s * (1 + share) if q < 1 else (1 - s) * (1 + share) / share
+                for k in range(3):
+                    rgb[row, column, k] += int(a * (haze[k] - rgb[row, column, k]))
