@@ -146,11 +146,12 @@ def mapping(fields: Mapping[str, Field], build: Callable[..., Any]) -> Reader:
 
 def triple(item: Reader) -> Reader:
     """A list of three items that `item` reads."""
+    read_all = sequence(item)
 
-    def read(node: object, where: Where) -> tuple[Any, ...]:
+    def read(node: object, where: Where) -> Any:
         if not isinstance(node, list) or len(node) != 3:
             raise where.error(node, "a list of three items")
-        return tuple(item(v, where.item(i)) for i, v in enumerate(node))
+        return read_all(node, where)
 
     return read
 

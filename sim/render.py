@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.sim.rig_bodies import UPPERS
-from stridetwin.sim.sky import Sky
+from stridetwin.sim.sky import Sky, endless_planes
 from stridetwin.sim.textures import PERIOD_M
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
@@ -276,7 +276,7 @@ def _one_piece(
     model: mujoco.MjModel, data: mujoco.MjData | None = None, about: ArrayLike = (0.0, 0.0)
 ) -> Iterator[None]:
     """Bounds endless level planes for a moment, about a place in the world: MuJoCo draws them as 40 000 pieces."""
-    endless = _endless(model)
+    endless = endless_planes(model)
     sizes = model.geom_size[endless]
     model.geom_size[endless] = _GROUND_M, _GROUND_M, 2 * _GROUND_M
     if data is not None:
@@ -288,10 +288,6 @@ def _one_piece(
         model.geom_size[endless] = sizes
         if data is not None:
             data.geom_xpos[endless] = places
-
-
-def _endless(model: mujoco.MjModel) -> NDArray[np.intp]:
-    return np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_size[:, 0] == 0))
 
 
 def _in_view(

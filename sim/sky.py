@@ -22,6 +22,11 @@ _SIDES, _UP, _DOWN = (0, 1, 4, 5), 2, 3  # faces of MuJoCo's sky box
 _EDGE = math.sqrt(0.5)  # of the far plane's distance: where MuJoCo lets an endless plane end
 
 
+def endless_planes(model: mujoco.MjModel) -> NDArray[np.intp]:
+    """Geoms of a model that are planes without an end."""
+    return np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_size[:, 0] == 0))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sky:
     """A sky that is alike all around.
@@ -61,10 +66,9 @@ class Sky:
         at, whose = np.unique(np.round(rise.ravel(), 6), return_inverse=True)
         bands = [np.bincount(whose, faces[..., i].ravel()) / np.bincount(whose) for i in range(3)]
         colours = np.stack([np.interp(np.linspace(-1, 1, _LEVELS), at, band) for band in bands], axis=1)
-        endless = (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_size[:, 0] == 0)
         return cls(
             colours=np.round(colours).astype(np.uint8),
-            ground=float(model.geom_pos[endless, 2].max(initial=-np.inf)),
+            ground=float(model.geom_pos[endless_planes(model), 2].max(initial=-np.inf)),
             edge=_EDGE * far,
             depth=float(model.vis.map.haze),
             haze=255.0 * model.vis.rgba.haze[:3],

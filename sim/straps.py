@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults import Event, Events, Fault, LooseStrap
+from stridetwin.sim.gait.smooth import ease, ease_rate
 from stridetwin.sim.rig_bodies import visible
 from stridetwin.sim.rotation import cross, matrix_from_quat, quat_from_matrix, quat_product
 from stridetwin.sim.track import Track
@@ -69,10 +70,10 @@ class Slip:
         return T
 
     def _share(self, t_ns: NDArray[np.int64]) -> tuple[Array, Array]:
-        """(N,) how much of it has happened, 0-1, and its rate, 1/s: the minimum-jerk quintic."""
+        """(N,) how much of it has happened, 0-1, and its rate, 1/s."""
         length = self.until_ns - self.from_ns
-        x = np.clip((t_ns - self.from_ns) / length, 0.0, 1.0)
-        return x**3 * (10 - 15 * x + 6 * x * x), 30 * x * x * (1 - x) ** 2 * 1e9 / length
+        s = (t_ns - self.from_ns) / length
+        return ease(s), ease_rate(s) * 1e9 / length
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

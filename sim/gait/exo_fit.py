@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.linalg import block_diag
-from scipy.special import expit
 
 from stridetwin.sim.actuation import FRICTION_SPEED_RADPS
 from stridetwin.sim.body import Wearer
@@ -66,7 +64,6 @@ class ExoLeg:
 
     Attributes:
         kernel: What the compiled loops read.
-        stiffness: (18, 18) of the strains, N/m and N m/rad.
 
     Raises:
         ValueError: The wearer has no exoskeleton.
@@ -86,11 +83,6 @@ class ExoLeg:
             stops=RANGE_RAD, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
         )  # fmt: skip
 
-    @property
-    def stiffness(self) -> Array:
-        """(18, 18) of the strains, N/m and N m/rad."""
-        return block_diag(*self.kernel.stiffness.reshape(-1, 3, 3))
-
     def strains(self, q: Array, wearer: Limbs) -> tuple[Array, Array]:
         """(N, 18) strains of the couplings (displacement, turn; see `coupling.strain`) and their (N, 18, 6) Jacobian.
 
@@ -103,13 +95,6 @@ class ExoLeg:
     def held(self, wearer: Limbs) -> tuple[Array, Array]:
         """(N, 3, 3) m, origins, and (N, 3, 3, 3) rotations of the wearer's bodies that the couplings hold on to."""
         return np.stack([wearer.p[b] for b in self._held], 1), np.stack([wearer.R[b] for b in self._held], 1)
-
-
-def stops(q: Array) -> tuple[Array, Array]:
-    """(..., 6) torque that the stops ask for, N m, and its slope, N m/rad: the gradient of their energy, smooth."""
-    over, under = (q - RANGE_RAD[:, 1]) / STOP_WIDTH_RAD, (RANGE_RAD[:, 0] - q) / STOP_WIDTH_RAD
-    torque = STOP_STIFFNESS * STOP_WIDTH_RAD * (np.logaddexp(0.0, over) - np.logaddexp(0.0, under))
-    return torque, STOP_STIFFNESS * (expit(over) + expit(under))
 
 
 def fit_leg(leg: ExoLeg, wearer: Limbs) -> Array:

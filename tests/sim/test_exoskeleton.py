@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
 from stridetwin.scenarios.norms import reference as published
 from stridetwin.sim.actuation import HIP, JOINTS, KNEE, modules
@@ -30,7 +32,7 @@ from stridetwin.sim.exoskeleton import (
     frame_0_in_pelvis,
 )
 from stridetwin.sim.gait import exo_kernel
-from stridetwin.sim.gait.exo_fit import ExoLeg, Limbs, fit_leg, limbs, stops
+from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, Limbs, fit_leg, limbs
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.playback import Playback
@@ -39,6 +41,14 @@ from stridetwin.sim.standard_rig import EXO_GROUPS, outfit, standard_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
+
+
+def stops(q: Array) -> tuple[Array, Array]:
+    """(..., 6) torque that the stops ask for, N m, and its slope, N m/rad: the gradient of their energy, smooth."""
+    over, under = (q - RANGE_RAD[:, 1]) / STOP_WIDTH_RAD, (RANGE_RAD[:, 0] - q) / STOP_WIDTH_RAD
+    torque = STOP_STIFFNESS * STOP_WIDTH_RAD * (np.logaddexp(0.0, over) - np.logaddexp(0.0, under))
+    return torque, STOP_STIFFNESS * (expit(over) + expit(under))
+
 
 PAPER = published("shim2019")
 WEARERS = (Person(), PEOPLE["shim_s6"], Person(height_m=1.95, mass_kg=110), Person(height_m=1.5, mass_kg=45))
@@ -232,7 +242,7 @@ def test_strains_agree_with_their_jacobian_and_the_fit_has_no_gradient_left(side
     q = fit_leg(leg, on)
     value, jacobian = leg.strains(q, on)
     gradient, hessian = exo_kernel.project(leg.kernel, leg.kernel.stiffness, jacobian, value)
-    weighted = np.swapaxes(jacobian, 1, 2) @ leg.stiffness
+    weighted = np.swapaxes(jacobian, 1, 2) @ block_diag(*leg.kernel.stiffness.reshape(-1, 3, 3))
     np.testing.assert_allclose(gradient, np.einsum("nik,nk->ni", weighted, value), atol=1e-9)
     np.testing.assert_allclose(hessian, weighted @ jacobian, atol=1e-9)
     gradient += stops(q)[0]
