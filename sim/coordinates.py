@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import mujoco
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from stridetwin.sim.rotation import (
-    euler_accelerations_to_body,
-    euler_rates_to_body,
-    from_euler,
-    matrix_from_quat,
-    quat_from_matrix,
-)  # fmt: skip
+from stridetwin.sim.quaternions import composed
+from stridetwin.sim.rotation import euler_accelerations_to_body, matrix_from_quat
 from stridetwin.streams.samples import Array
 
 
@@ -66,13 +62,37 @@ class Coordinates:
         """`to_mujoco` of splines of the coordinates at (N,) s."""
         return self.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
 
+    def moving(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+        """Qpos (N, nq) and qvel (N, nv) of splines of the coordinates at (N,) s."""
+        x, dx = splines(t), splines(t, 1)
+        q, v = np.empty((len(x), self.nq)), np.empty((len(x), self.nv))
+        _moving(x, dx, self.qpos, self.dof, q, v)
+        return q, v
+
     def to_mujoco(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
         """Qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""
         n = len(x)
         q, v, a = np.empty((n, self.nq)), np.empty((n, self.nv)), np.empty((n, self.nv))
-        q[:, :3], v[:, :3], a[:, :3] = x[:, :3], dx[:, :3], ddx[:, :3]
-        q[:, 3:7] = quat_from_matrix(from_euler(x[:, 3:6]))
-        v[:, 3:6] = euler_rates_to_body(x[:, 3:6], dx[:, 3:6])
+        _moving(x, dx, self.qpos, self.dof, q, v)
+        a[:, :3], a[:, self.dof] = ddx[:, :3], ddx[:, 6:]
         a[:, 3:6] = euler_accelerations_to_body(x[:, 3:6], dx[:, 3:6], ddx[:, 3:6])
-        q[:, self.qpos], v[:, self.dof], a[:, self.dof] = x[:, 6:], dx[:, 6:], ddx[:, 6:]
         return q, v, a
+
+
+@numba.njit(cache=True)
+def _moving(x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64], q: Array, v: Array) -> None:
+    """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and rates."""
+    for i in range(len(x)):
+        y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
+        turn = composed((np.cos(y), 0.0, 0.0, np.sin(y)), (np.cos(p), 0.0, np.sin(p), 0.0))
+        turn = composed(turn, (np.cos(r), np.sin(r), 0.0, 0.0))
+        w, qx, qy, qz = turn
+        sign = 1.0 if w >= 0.0 else -1.0
+        q[i, 3], q[i, 4], q[i, 5], q[i, 6] = sign * w, sign * qx, sign * qy, sign * qz
+        sp, cp, sr, cr = np.sin(x[i, 4]), np.cos(x[i, 4]), np.sin(x[i, 5]), np.cos(x[i, 5])
+        dy, dp, dr = dx[i, 3], dx[i, 4], dx[i, 5]
+        v[i, 3], v[i, 4], v[i, 5] = dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy
+        for k in range(3):
+            q[i, k], v[i, k] = x[i, k], dx[i, k]
+        for k in range(len(qpos)):
+            q[i, qpos[k]], v[i, dof[k]] = x[i, 6 + k], dx[i, 6 + k]

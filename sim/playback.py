@@ -17,7 +17,6 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.contact import FootLoad, share_out
 from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.coupling import Coupling, Pose, wrench
-from stridetwin.sim.dynamics.couplings import chain_of
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference
@@ -123,6 +122,10 @@ class Walk(Protocol):
         """Position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s."""
         ...
 
+    def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+        """The first two of `state`, in less time."""
+        ...
+
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
         """(N,) rad, pitch of a foot against its ground, toes down positive."""
         ...
@@ -149,7 +152,7 @@ class Player(Generic[AnyWalk]):
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
         walk = self._walk
-        q, v, _ = walk.state(t_ns * 1e-9)
+        q, v = walk.moving(t_ns * 1e-9)
         names, layout = walk.coordinates.names[6:], walk.coordinates
         tracks = self._tracks(tracked(walk.size.exo is not None), self._tree, t_ns, q, v)
         return Motion(
@@ -178,7 +181,7 @@ class Player(Generic[AnyWalk]):
     def track(self, body: str, t_ns: NDArray[np.int64]) -> Track:
         """Track of what carries the sensors of a body (`Motion.carrier`) at (N,) instants, many times faster."""
         if self._state is None or not np.array_equal(self._state[0], t_ns):
-            self._state = (t_ns, *self._walk.state(t_ns * 1e-9)[:2])
+            self._state = (t_ns, *self._walk.moving(t_ns * 1e-9))
         chain = self._tree.only([self._tree.row(self._model.body(body).id)])
         track = self._tracks([body], chain, *self._state)[body]
         return self._uppers[body].carried(track) if body in self._uppers else track
@@ -189,43 +192,30 @@ class Playback(Player[Reference]):
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body."""
-        model, data, reference = self._model, mujoco.MjData(self._model), self._walk
-        t = t_ns * 1e-9
-        q, v, a = reference.state(t)
-        needed, axes, centre = np.empty((len(t), model.nv)), np.empty((len(t), model.nv, 6)), np.empty((len(t), 3))
+        model, tree, reference = self._model, self._tree, self._walk
+        q, v, a = reference.state(t_ns * 1e-9)
         rows = motion.rows(t_ns)
-        for i in range(len(t)):
-            data.qpos, data.qvel, data.qacc = q[i], v[i], a[i]
-            mujoco.mj_inverse(model, data)
-            needed[i], axes[i], centre[i] = data.qfrc_inverse, data.cdof, data.subtree_com[1]
-        R_root = matrix_from_quat(q[:, 3:7])
-        force, torque = needed[:, :3], np.einsum("nij,nj->ni", R_root, needed[:, 3:6])
-        planned = reference.loads(t)
+        force, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
+        planned = reference.loads(t_ns * 1e-9)
         feet, left_force, left_torque = share_out(
             force, torque, q[:, :3],
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
         )  # fmt: skip
-        pushes, moved = [], []
-        for side, foot in feet.items():
-            p_foot = motion.tracks[f"foot_{side}"].p_body_in_world[rows]
-            pushes.append(_about(centre, foot.force, foot.torque, p_foot))
-            moved.append(chain_of(model, model.body(f"foot_{side}").id).astype(float))
+        pushes = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
         for c in self._couplings:
-            pushes.append(_about(centre, *_wrench(c, motion.tracks, rows)))
-            exo, own = (chain_of(model, model.body(name).id).astype(float) for name in (c.exo_body, c.body))
-            moved.append(exo - own)
-        given = np.einsum("njc,cj->nj", axes @ np.stack(pushes, -1), np.stack(moved))
+            push, turn, point = _wrench(c, motion.tracks, rows)
+            for body, sign in ((c.exo_body, 1.0), (c.body, -1.0)):
+                arm = point - motion.tracks[body].p_body_in_world[rows]
+                pushes.append((body, sign * push, sign * (turn + cross(arm, push))))
+        bodies = np.array([tree.row(model.body(body).id) for body, _, _ in pushes])
+        forces, moments = (np.stack([push[k] for push in pushes]) for k in (1, 2))
+        needed = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
+        needed += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]
         return Loads(
-            t_ns=t_ns, feet=feet, joint_torque=(needed - given)[:, reference.coordinates.dof],
-            residual_force=left_force, residual_torque=left_torque,
+            t_ns=t_ns, feet=feet, joint_torque=needed, residual_force=left_force, residual_torque=left_torque
         )  # fmt: skip
-
-
-def _about(centre: Array, force: Array, torque: Array, point: Array) -> Array:
-    """(N, 6) moment about (N, 3) a centre and force, of (N, 3) a force and a torque at a point."""
-    return np.hstack([torque + cross(point - centre, force), force])
 
 
 def _wrench(c: Coupling, tracks: dict[str, Track], rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:

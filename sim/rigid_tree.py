@@ -15,11 +15,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.triples import Rows, Triple, cross, dot, minus, plus, put, rows, times, transposed, triple, turned
+from stridetwin.sim.quaternions import composed, matrix
+from stridetwin.sim.triples import Triple, cross, dot, minus, plus, put, rows, times, transposed, triple, turned
 from stridetwin.streams.samples import Array
 
 Indices = NDArray[np.int64]
-Quaternion = tuple[float, float, float, float]
 
 
 class Tree(NamedTuple):
@@ -159,6 +159,50 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
 
 
 @numba.njit(cache=True)
+def hinge_torques(
+    tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
+) -> Array:
+    """Torques of the hinges with which the tree moves so while it is pushed from outside.
+
+    Args:
+        tree: The bodies; the hinges of one body turn about one point.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+        a: (N, nv).
+        gravity: (3,) m/s².
+        bodies: (K,) in the tree, whom the pushes push; one may come several times.
+        forces: (K, N, 3) N, world axes.
+        moments: (K, N, 3) N m about the bodies' origins, world axes.
+
+    Returns:
+        (N, J) N m, without what rotors and friction of the joints add.
+    """
+    n, count = len(q), len(tree.parent)
+    p, quat, R = np.empty((count, 3)), np.empty((count, 4)), np.empty((count, 3, 3))
+    speed, w, dv, dw = (np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)))
+    axes, torque, g = np.empty_like(tree.axis), np.empty((n, len(tree.axis))), triple(gravity)
+    force, moment = np.empty((count, 3)), np.empty((count, 3))
+    for i in range(n):
+        _forward(tree, q[i], v[i], a[i], p, quat, R, speed, w, dv, dw, axes)
+        for b in range(count):
+            own_force, own_moment, _ = _inertial(tree, b, R, w, dv, dw, g)
+            put(own_force, force[b])
+            put(own_moment, moment[b])
+        for k, b in enumerate(bodies):
+            put(minus(triple(force[b]), triple(forces[k, i])), force[b])
+            put(minus(triple(moment[b]), triple(moments[k, i])), moment[b])
+        for b in range(count - 1, 0, -1):
+            up, own_force, own_moment = tree.parent[b], triple(force[b]), triple(moment[b])
+            for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
+                arm = turned(rows(R[b]), triple(tree.anchor[j]))
+                torque[i, j] = dot(triple(axes[j]), minus(own_moment, cross(arm, own_force)))
+            away = minus(triple(p[b]), triple(p[up]))
+            put(plus(triple(moment[up]), plus(own_moment, cross(away, own_force))), moment[up])
+            put(plus(triple(force[up]), own_force), force[up])
+    return torque
+
+
+@numba.njit(cache=True)
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
     """Mass matrices of chains of bodies that hang on the tree, and the torques that their motion and weight take.
 
@@ -222,18 +266,18 @@ def _forward(
         if up < 0:
             at, goes, gains = triple(q[:3]), triple(v[:3]), triple(a[:3])
             pose = (q[3], q[4], q[5], q[6])
-            M = _matrix(pose)
+            M = matrix(pose)
             turns, twists = turned(M, triple(v[3:6])), turned(M, triple(a[3:6]))
         else:
             turns, twists = triple(w[up]), triple(dw[up])
             r = turned(rows(R[up]), triple(tree.offset[b]))
             at, goes = plus(triple(p[up]), r), plus(triple(speed[up]), cross(turns, r))
             gains = _gained(r, turns, triple(dv[up]), twists)
-            pose = _product(
+            pose = composed(
                 (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
                 (tree.turn[b, 0], tree.turn[b, 1], tree.turn[b, 2], tree.turn[b, 3]),
             )
-            M = _matrix(pose)
+            M = matrix(pose)
         for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
             r, own = turned(M, triple(tree.anchor[j])), triple(tree.axis[j])
             axis, rate, half = turned(M, own), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
@@ -241,8 +285,8 @@ def _forward(
             twists = plus(twists, plus(times(a[tree.dof[j]], axis), times(rate, cross(turns, axis))))
             turns = plus(turns, times(rate, axis))
             sine = np.sin(half)
-            pose = _product(pose, (np.cos(half), sine * own[0], sine * own[1], sine * own[2]))
-            M = _matrix(pose)
+            pose = composed(pose, (np.cos(half), sine * own[0], sine * own[1], sine * own[2]))
+            M = matrix(pose)
             r = times(-1.0, turned(M, triple(tree.anchor[j])))
             at, goes, gains = plus(at, r), plus(goes, cross(turns, r)), _gained(r, turns, gains, twists)
             put(axis, axes[j])
@@ -294,24 +338,3 @@ def _join(inertia: Array, first: Triple, mass: float, d: Triple, to_inertia: Arr
         put(plus(triple(to_inertia[k]), minus(triple(inertia[k]), cut)), to_inertia[k])
         to_inertia[k, k] += dot(d, there) + dot(d, first)
     put(plus(triple(to_first), there), to_first)
-
-
-@numba.njit(cache=True)
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product of two quaternions (w, x, y, z)."""
-    return (
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-    )
-
-
-@numba.njit(cache=True)
-def _matrix(q: Quaternion) -> Rows:
-    w, x, y, z = q
-    return (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.quaternions import matrix, of_matrix, quaternion, store
+from stridetwin.sim.triples import put, rows
 from stridetwin.streams.samples import Array
 
 
@@ -72,56 +75,30 @@ def cross(a: Array, b: Array) -> Array:
 
 def quat_from_matrix(R: Array) -> Array:
     """(..., 4) unit quaternions (w, x, y, z), w >= 0, of (..., 3, 3) matrices."""
-    m = R
-    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
-    q2 = np.stack(
-        [
-            1 + trace,
-            1 + 2 * m[..., 0, 0] - trace,
-            1 + 2 * m[..., 1, 1] - trace,
-            1 + 2 * m[..., 2, 2] - trace,
-        ],
-        -1,
-    )  # 4 q_i^2: the largest one divides safely
-    a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
-    d, e, f = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
-    rows = np.stack(
-        [
-            np.stack([q2[..., 0], a, b, c], -1),
-            np.stack([a, q2[..., 1], d, e], -1),
-            np.stack([b, d, q2[..., 2], f], -1),
-            np.stack([c, e, f, q2[..., 3]], -1),
-        ],
-        -2,
-    )
-    q = np.take_along_axis(rows, q2.argmax(-1)[..., None, None], -2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., :1] < 0, -q, q)
+    return _quaternions(np.ascontiguousarray(R, dtype=float).reshape(-1, 3, 3)).reshape(*R.shape[:-2], 4)
+
+
+@numba.njit(cache=True)
+def _quaternions(R: Array) -> Array:
+    q = np.empty((len(R), 4))
+    for i in range(len(R)):
+        store(of_matrix(rows(R[i])), q[i])
+    return q
 
 
 def matrix_from_quat(q: Array) -> Array:
     """(..., 3, 3) matrices of (..., 4) unit quaternions (w, x, y, z)."""
-    w, x, y, z = (q[..., i] for i in range(4))
-    return _rows(
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
+    return _matrices(np.ascontiguousarray(q, dtype=float).reshape(-1, 4)).reshape(*q.shape[:-1], 3, 3)
 
 
-def quat_product(a: Array, b: Array) -> Array:
-    """(..., 4) Hamilton product of (..., 4) quaternions (w, x, y, z)."""
-    w1, x1, y1, z1 = (a[..., i] for i in range(4))
-    w2, x2, y2, z2 = (b[..., i] for i in range(4))
-    return np.stack(
-        [
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        ],
-        -1,
-    )
+@numba.njit(cache=True)
+def _matrices(q: Array) -> Array:
+    R = np.empty((len(q), 3, 3))
+    for i in range(len(q)):
+        M = matrix(quaternion(q[i]))
+        for k in range(3):
+            put(M[k], R[i, k])
+    return R
 
 
 def _rows(*rows: tuple[Array, Array, Array]) -> Array:

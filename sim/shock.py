@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.smooth import ease, ease_rate
@@ -80,7 +80,8 @@ _SLAP_RAD = 0.02  # pitch of the sole against the ground at which the ball slaps
 _GROUND = (0.060, 0.0, 0.0)  # m: what rocking turns about
 
 
-def ring(tau: Array, hz: float, decay_s: float, phase: Array | float) -> tuple[Array, Array]:
+@numba.njit(cache=True)
+def ring(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
     """A mode's oscillation after a strike, and its rate of change a second.
 
     s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1.
@@ -89,22 +90,41 @@ def ring(tau: Array, hz: float, decay_s: float, phase: Array | float) -> tuple[A
         tau: (N,) s since the strike.
         hz: f.
         decay_s: T.
-        phase: rad, φ; (..., 1) for several.
+        phase: rad, φ.
     """
+    value, rate, omega = np.empty(len(tau)), np.empty(len(tau)), 2 * np.pi * hz
+    for i in range(len(tau)):
+        size, changing = _envelope(tau[i], hz, decay_s)
+        sine, cosine = np.sin(omega * tau[i] + phase), np.cos(omega * tau[i] + phase)
+        value[i], rate[i] = size * sine, changing * sine + size * omega * cosine
+    return value, rate
+
+
+@numba.njit(cache=True)
+def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
+    """s(τ) exp(-τ/T), and its rate of change a second."""
     length = RISE_PERIODS / hz
-    rise, rising = ease(tau / length), ease_rate(tau / length) / length
-    omega = 2 * np.pi * hz
-    decay, sine, cosine = np.exp(-tau / decay_s), np.sin(omega * tau + phase), np.cos(omega * tau + phase)
-    return rise * decay * sine, decay * ((rising - rise / decay_s) * sine + rise * omega * cosine)
+    rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, np.exp(-tau / decay_s)
+    return rise * decay, decay * (rising - rise / decay_s)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Event:
-    """A piece of the motion: from when to when, and (N,) s -> value and rate, each (6, N): m and rad."""
+class _Rings(NamedTuple):
+    """E strikes of a mode each: when, s; frequency, Hz; decay time, s; (E, 6) amplitudes, m and rad, and phases."""
 
-    begin: float
-    end: float
-    motion: Callable[[Array], tuple[Array, Array]]
+    begin: Array
+    end: Array
+    hz: Array
+    decay_s: Array
+    amplitude: Array
+    phase: Array
+
+
+class _Rocks(NamedTuple):
+    """S stances: when, s; (S, M, 3) phases of the sines."""
+
+    begin: Array
+    end: Array
+    phase: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +136,9 @@ class UpperMotion:
     """
 
     pivot: Array
-    _events: tuple[_Event, ...]
+    _parameters: ShoeParameters
+    _rings: _Rings
+    _rocks: _Rocks
 
     @classmethod
     def of(
@@ -137,80 +159,79 @@ class UpperMotion:
         speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)
         shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.ring_hz), 6))
         shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.ring_hz * _BLOW_S  # the ground pushes up at first
-        events = []
+        omega = 2 * np.pi * parameters.ring_hz[:, None]
+        unit = np.concatenate([parameters.ring_force / omega**2, parameters.ring_rate / omega], axis=1)
+        strikes, rocks = [], []
         for step, impact in zip(landed, speeds):
             strength = np.clip(impact / parameters.impact_mps, *_STRENGTH) * np.exp(
                 parameters.strike_sd * rng.standard_normal()
             )
             for t, share in ((step.t_touch, 1.0), (_slap(step, pitch), parameters.slap)):
                 phase = shape + _JITTER_RAD * rng.standard_normal(shape.shape)
-                events += _ringing(t, strength * share, phase, parameters)
-            events.append(_rocking(step, rng, pivot, parameters))
-        return cls(pivot=pivot, _events=tuple(sorted(events, key=lambda e: e.begin)))
+                strikes.append((t, strength * share * unit, phase))
+            rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
+        modes = len(parameters.ring_hz)
+        begin = np.repeat([t for t, _, _ in strikes], modes)
+        hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.ring_hz, parameters.ring_s))
+        return cls(
+            pivot=pivot, _parameters=parameters,
+            _rings=_Rings(
+                begin=begin, end=begin + SUPPORT * decay_s, hz=hz, decay_s=decay_s,
+                amplitude=np.reshape([a for _, a, _ in strikes], (-1, 6)),
+                phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
+            ),
+            _rocks=_Rocks(
+                begin=np.array([step.t_touch for step in landed]),
+                end=np.array([min(step.t_off, step.t_touch + _ROCK_S) for step in landed]),
+                phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
+            ),
+        )  # fmt: skip
 
-    def at(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array, Array]:
+    def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Displacement (N, 3) m and turn (N, 3) rad, as a rotation vector, at (N,) increasing s, and both a second."""
-        value, rate = np.zeros((6, len(t))), np.zeros((6, len(t)))
-        for event in self._events:
-            a, b = np.searchsorted(t, [event.begin, event.end])
-            if a < b:
-                moved, moving = event.motion(np.asarray(t[a:b] - event.begin, dtype=np.float64))
-                value[:, a:b] += moved
-                rate[:, a:b] += moving
-        return value[:3].T, value[3:].T, rate[:3].T, rate[3:].T
+        value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))
+        _add_rocks(t, self._rocks, self._parameters.rock_hz, self._parameters.rock_rate, value[:, 3:], rate[:, 3:])
+        # who rocks turns about the ground, so the pivot shifts as well
+        value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - _GROUND) for x in (value, rate))
+        _add_rings(t, self._rings, value, rate)
+        return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
 
     def carried(self, foot: Track) -> Track:
         """Track of the upper, whose frame is the foot's own where nothing moves."""
-        shift, turn, shifting, turning = self.at(foot.t_ns * 1e-9)
-        R_foot_upper, R_world_foot = Rotation.from_rotvec(turn), foot.rotation
-        lever = R_foot_upper.apply(self.pivot)
-        # right Jacobian of SO(3), to second order: turns stay below some hundredths of a radian
-        w_relative = turning - cross(turn, turning) / 2 + cross(turn, cross(turn, turning)) / 6
-        origin = self.pivot + shift - lever
-        moving = cross(foot.w_body, origin) + shifting - R_foot_upper.apply(cross(w_relative, self.pivot))
-        return Track(
-            t_ns=foot.t_ns,
-            p_body_in_world=foot.p_body_in_world + R_world_foot.apply(origin),
-            q_world_body=(R_world_foot * R_foot_upper).as_quat(scalar_first=True),
-            v_body_in_world=foot.v_body_in_world + R_world_foot.apply(moving),
-            w_body=R_foot_upper.inv().apply(foot.w_body) + w_relative,
-        )
+        shift, turn, shifting, turning = self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64))
+        return foot.displaced(self.pivot, shift, turn, shifting, turning)
 
 
-def _ringing(t: float, strength: float, phase: Array, p: ShoeParameters) -> list[_Event]:
-    """One event a mode; `phase` (K, 6) rad."""
-    omega = 2 * np.pi * p.ring_hz[:, None]
-    amplitude = strength * np.concatenate([p.ring_force / omega**2, p.ring_rate / omega], axis=1)[:, :, None]
+@numba.njit(cache=True)
+def _add_rings(t: Array, rings: _Rings, value: Array, rate: Array) -> None:
+    """Adds what rings at (N,) increasing s to (N, 6) displacement and turn, and to their rates."""
+    for e in range(len(rings.begin)):
+        omega = 2 * np.pi * rings.hz[e]
+        for i in range(np.searchsorted(t, rings.begin[e]), np.searchsorted(t, rings.end[e])):
+            tau = t[i] - rings.begin[e]
+            size, changing = _envelope(tau, rings.hz[e], rings.decay_s[e])
+            for k in range(6):
+                sine, cosine = np.sin(omega * tau + rings.phase[e, k]), np.cos(omega * tau + rings.phase[e, k])
+                value[i, k] += rings.amplitude[e, k] * size * sine
+                rate[i, k] += rings.amplitude[e, k] * (changing * sine + size * omega * cosine)
 
-    def mode(k: int) -> Callable[[Array], tuple[Array, Array]]:
-        def motion(tau: Array) -> tuple[Array, Array]:
-            value, rate = ring(tau, p.ring_hz[k], p.ring_s[k], phase[k, :, None])
-            return amplitude[k] * value, amplitude[k] * rate
 
-        return motion
-
-    return [_Event(begin=t, end=t + SUPPORT * p.ring_s[k], motion=mode(k)) for k in range(len(p.ring_hz))]
-
-
-def _rocking(step: Footstep, rng: np.random.Generator, pivot: Array, p: ShoeParameters) -> _Event:
-    """Sines of random phase under a smooth window; the upper turns about the ground, so it shifts as well."""
-    end = min(step.t_off, step.t_touch + _ROCK_S)
-    length, omega = end - step.t_touch, 2 * np.pi * p.rock_hz[:, None, None]
-    amplitude = p.rock_rate[:, :, None] / omega
-    phase = rng.uniform(0.0, 2 * np.pi, p.rock_rate.shape)[:, :, None]
-    arm = pivot - _GROUND
-
-    def motion(tau: Array) -> tuple[Array, Array]:
-        begun, left = tau / _FADE_S, (length - tau) / _FADE_S
-        up, rising, down, falling = ease(begun), ease_rate(begun), ease(left), ease_rate(left)
-        window, changing = up * down, (rising * down - up * falling) / _FADE_S
-        wave = (amplitude * np.sin(omega * tau + phase)).sum(0)
-        waving = (amplitude * omega * np.cos(omega * tau + phase)).sum(0)
-        turn, turning = window * wave, changing * wave + window * waving
-        shift = [cross(x.T, arm).T for x in (turn, turning)]
-        return np.vstack([shift[0], turn]), np.vstack([shift[1], turning])
-
-    return _Event(begin=step.t_touch, end=end, motion=motion)
+@numba.njit(cache=True)
+def _add_rocks(t: Array, rocks: _Rocks, rock_hz: Array, rock_rate: Array, turn: Array, turning: Array) -> None:
+    """Adds what rocks at (N,) increasing s, sines of random phase under a smooth window, to (N, 3) turn and rate."""
+    for e in range(len(rocks.begin)):
+        for i in range(np.searchsorted(t, rocks.begin[e]), np.searchsorted(t, rocks.end[e])):
+            tau = t[i] - rocks.begin[e]
+            begun, left = tau / _FADE_S, (rocks.end[e] - t[i]) / _FADE_S
+            window = ease(begun) * ease(left)
+            changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / _FADE_S
+            for m in range(len(rock_hz)):
+                omega = 2 * np.pi * rock_hz[m]
+                for k in range(3):
+                    amplitude, angle = rock_rate[m, k] / omega, omega * tau + rocks.phase[e, m, k]
+                    wave = amplitude * np.sin(angle)
+                    turn[i, k] += window * wave
+                    turning[i, k] += changing * wave + window * amplitude * omega * np.cos(angle)
 
 
 def _slap(step: Footstep, pitch: Callable[[Array], Array]) -> float:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.sim.faults import Event, Events, Fault, LooseStrap
 from stridetwin.sim.gait.smooth import ease, ease_rate
 from stridetwin.sim.rig_bodies import visible
-from stridetwin.sim.rotation import cross, matrix_from_quat, quat_from_matrix, quat_product
+from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array
@@ -44,22 +44,9 @@ class Slip:
     def carried(self, body: Track) -> Track:
         """Track of a frame that was the body's, and slips on it."""
         share, speed = self._share(body.t_ns)
-        R_body_frame = Rotation.from_rotvec(share[:, None] * self.turn)
-        w_slip = speed[:, None] * self.turn  # the same in both frames' axes: it is the axis of the turn
-        p_in_body = self.pivot - R_body_frame.apply(self.pivot) + share[:, None] * self.shift
-        v_in_body = -cross(w_slip, R_body_frame.apply(self.pivot)) + speed[:, None] * self.shift
-        R_world_body = matrix_from_quat(body.q_world_body)
-
-        def in_world(v: Array) -> Array:
-            return np.asarray(np.einsum("nij,nj->ni", R_world_body, v))
-
-        return Track(
-            t_ns=body.t_ns,
-            p_body_in_world=body.p_body_in_world + in_world(p_in_body),
-            q_world_body=quat_product(body.q_world_body, R_body_frame.as_quat(scalar_first=True)),
-            v_body_in_world=body.v_body_in_world + in_world(cross(body.w_body, p_in_body) + v_in_body),
-            w_body=R_body_frame.inv().apply(body.w_body) + w_slip,
-        )
+        way = share[:, None], speed[:, None]
+        (shift, shifting), (turn, turning) = ([x * whole for x in way] for whole in (self.shift, self.turn))
+        return body.displaced(self.pivot, shift, turn, shifting, turning)
 
     def T_body_frame(self, t_ns: int) -> Array:
         """(4, 4) pose of that frame in the body at one time."""

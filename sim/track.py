@@ -5,12 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.rotation import cross, matrix_from_quat, quat_from_matrix, quat_product
+from stridetwin.sim.quaternions import composed, conjugate, exp, quaternion, rotated, store
+from stridetwin.sim.rotation import quat_from_matrix
+from stridetwin.sim.triples import cross, minus, plus, put, times, triple
 from stridetwin.streams.samples import Array
+
+_Columns = tuple[Array, Array, Array, Array]
+"""Position, attitude, velocity and rate, as in `Track`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,18 +72,68 @@ class Track:
             T_body_sensor: (4, 4) sensor frame to body frame.
         """
         T = np.asarray(T_body_sensor, dtype=float)
-        R_body_sensor, lever = T[:3, :3], T[:3, 3]
-        R_world_body = matrix_from_quat(self.q_world_body)
-        return Track(
-            t_ns=self.t_ns,
-            p_body_in_world=self.p_body_in_world + R_world_body @ lever,
-            q_world_body=quat_product(self.q_world_body, quat_from_matrix(R_body_sensor)),
-            v_body_in_world=self.v_body_in_world + np.einsum("nij,nj->ni", R_world_body, cross(self.w_body, lever)),
-            w_body=self.w_body @ R_body_sensor,
-        )
+        return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3]))
+
+    def displaced(self, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array) -> Track:
+        """Track of a frame that was this one, and moves a little against it: turns about a pivot, and shifts.
+
+        Args:
+            pivot: (3,) m, this frame's axes.
+            shift: (N, 3) m, this frame's axes.
+            turn: (N, 3) rad, rotation vector.
+            shifting: (N, 3) m/s, rate of `shift`.
+            turning: (N, 3) rad/s, rate of `turn`; where it is not along it, `turn` has to stay below some tenths of a
+                radian.
+        """
+        return self._as(_displaced(*self._columns, pivot, shift, turn, shifting, turning))
+
+    @property
+    def _columns(self) -> _Columns:
+        return self.p_body_in_world, self.q_world_body, self.v_body_in_world, self.w_body
+
+    def _as(self, columns: _Columns) -> Track:
+        """Track of another frame at the same instants."""
+        p, q, v, w = columns
+        return Track(t_ns=self.t_ns, p_body_in_world=p, q_world_body=q, v_body_in_world=v, w_body=w)
 
     def poses(self) -> Array:
         """(N, 4, 4) transforms, frame to world."""
         T = np.tile(np.eye(4), (len(self), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self.rotation.as_matrix(), self.p_body_in_world
         return T
+
+
+@numba.njit(cache=True)
+def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
+    p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
+    arm, mount = triple(lever), quaternion(q_body_sensor)
+    back = conjugate(mount)
+    for i in range(len(p)):
+        attitude, rate = quaternion(q[i]), triple(w[i])
+        put(plus(triple(p[i]), rotated(attitude, arm)), p_out[i])
+        store(composed(attitude, mount), q_out[i])
+        put(plus(triple(v[i]), rotated(attitude, cross(rate, arm))), v_out[i])
+        put(rotated(back, rate), w_out[i])
+    return p_out, q_out, v_out, w_out
+
+
+@numba.njit(cache=True)
+def _displaced(
+    p: Array, q: Array, v: Array, w: Array, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array
+) -> _Columns:
+    p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
+    centre = triple(pivot)
+    for i in range(len(p)):
+        attitude, rate, phi, changing = quaternion(q[i]), triple(w[i]), triple(turn[i]), triple(turning[i])
+        own = exp(phi)
+        arm = rotated(own, centre)
+        # right Jacobian of SO(3) to second order, in the displaced frame's axes
+        once = cross(phi, changing)
+        relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
+        origin = minus(plus(centre, triple(shift[i])), arm)
+        moving = minus(plus(cross(rate, origin), triple(shifting[i])), rotated(own, cross(relative, centre)))
+        put(plus(triple(p[i]), rotated(attitude, origin)), p_out[i])
+        store(composed(attitude, own), q_out[i])
+        put(plus(triple(v[i]), rotated(attitude, moving)), v_out[i])
+        put(plus(rotated(conjugate(own), rate), relative), w_out[i])
+    return p_out, q_out, v_out, w_out

@@ -179,7 +179,7 @@ class Twin:
         """Third-person film: time in s and an RGB picture (height, width, 3) for every frame."""
         data = mujoco.MjData(self.model)
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
-        q, _, _ = self.walk.state(times)
+        q, _ = self.walk.moving(times)
         # the camera follows the walker as if on rails: it neither sways nor turns with the pelvis
         rail = gaussian_filter1d(self.walk.splines(times)[:, :4], _FILM_SMOOTHING_S * fps, axis=0, mode="nearest")
         x, y, _, heading = rail.T

@@ -32,6 +32,7 @@ _NOISE = (
     "accelerometer_noise_density",
     "accelerometer_random_walk",
 )
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the compiled one, where there is one
 _BEYOND_NOISE = ("gyroscope_bias_sd", "accelerometer_bias_sd", "gyroscope_range", "accelerometer_range")
 
 
@@ -89,7 +90,9 @@ def rig_to_yaml(rig: Rig) -> str:
         }
         for s in rig.others.values()
     ]
-    text: str = yaml.safe_dump(document | {_OURS: ours}, sort_keys=False, default_flow_style=None, width=120)
+    text: str = yaml.dump(
+        document | {_OURS: ours}, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120
+    )  # fmt: skip
     return text
 
 

@@ -16,7 +16,7 @@ from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
 from stridetwin.sim.gait.footsteps import HALF_STEP_WIDTH_M, TOE_OUT_RAD, Footstep
 from stridetwin.sim.gait.leg_ik import solve_leg
-from stridetwin.sim.gait.load import load_shares, pressure_centres
+from stridetwin.sim.gait.load import load_shares, pressure_centres, travel
 from stridetwin.sim.gait.pelvis import level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.rhythm import Rhythm
@@ -95,7 +95,9 @@ def steady_cycle(
     height = (mean + wave)[mid]
     paths = {side: _cut_path(wide_paths[side], mid) for side in SIDES}
     shares = {side: wide_shares[side][mid] for side in SIDES}
-    centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
+    centres = {
+        side: pressure_centres(steps[side], size.shoe, t, travel(steps[side], t), paths[side].pitch) for side in SIDES
+    }
     wanted = sum(shares[side][:, None] * centres[side] for side in SIDES)[:, :2]
     drift = np.outer(t, [step_m / step_s, 0.0])
     dt = t[1] - t[0]

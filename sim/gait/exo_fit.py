@@ -25,8 +25,7 @@ from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops
 STOP_WIDTH_RAD = np.radians(0.5)  # over which a stop comes in
-_ITERATIONS = 6
-_ROUNDS = 3
+_ITERATIONS = 12
 _STOP_ITERATIONS = 12
 _JOINTS = np.arange(6)
 
@@ -111,22 +110,24 @@ def fit_leg(leg: ExoLeg, wearer: Limbs) -> Array:
 
 
 def settle(
-    legs: dict[str, ExoLeg], fitted: dict[str, Array], wearers: dict[str, Limbs], model: mujoco.MjModel,
-    layout: Coordinates, splines: BSpline, t: Array,
+    legs: dict[str, ExoLeg], start: dict[str, Array], wearers: dict[str, Limbs], model: mujoco.MjModel,
+    layout: Coordinates, splines: BSpline, t: Array, rounds: int,
 ) -> dict[str, Array]:  # fmt: skip
     """Angles of both legs with their weight, inertia, rotors and friction.
 
-    Solves M δ'' + C δ' + K δ + stops(q + δ) = −(loads + gradient) for the deviation δ from the fit q, at rest at first
+    Solves M δ'' + C δ' + K δ + stops(q + δ) = −(loads + gradient) for the deviation δ from angles q, at rest at first
     (Newmark's method with constant average acceleration), and again about what that gives.
 
     Args:
         legs: Statics by side.
-        fitted: (N, 6) rad by side, angles of the weightless legs at `t`.
+        start: (N, 6) rad by side, angles at `t` to begin with: of weightless legs, or what a motion close to this one
+            gave.
         wearers: The wearer's legs at `t`.
         model: Compiled model of the wearer.
         layout: Its coordinates.
         splines: All coordinates; those of the legs are not read.
         t: (N,) s, evenly spaced.
+        rounds: How often it is solved.
 
     Returns:
         (N, 6) rad by side.
@@ -141,8 +142,8 @@ def settle(
     viscous, friction = model.dof_damping[dofs], model.dof_frictionloss[dofs] / FRICTION_SPEED_RADPS
     q, v, a = layout.at(splines, t)
     held = {side: legs[side].held(wearers[side]) for side in SIDES}
-    angles = np.stack([fitted[side] for side in SIDES], 1)
-    for _ in range(_ROUNDS):
+    angles = np.stack([start[side] for side in SIDES], 1)
+    for _ in range(rounds):
         moved = make_interp_spline(t, angles, k=5)
         q[:, qpos], v[:, dofs], a[:, dofs] = angles, moved(t, 1), moved(t, 2)
         mass, load = chain_loads(tree, chains, q, v, a, model.opt.gravity)

@@ -29,7 +29,7 @@ DOFS = 6
 _FAR = 40.0  # widths from a stop where it is no more felt than rounding
 # Steps below which there is nothing left to gain: the fit converges linearly, the march by squares of the step over
 # the width of a stop.
-_FITTED_RAD, _MET_RAD = 1e-10, 1e-6
+_FITTED_RAD, _MET_RAD = 1e-4, 1e-6
 
 
 class Leg(NamedTuple):
@@ -81,11 +81,16 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
 
 @numba.njit(cache=True)
 def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
-    """Moves (N, 6) angles to where couplings and stops have the least energy, by the Gauss-Newton method."""
+    """Moves (N, 6) angles to where couplings and stops have the least energy, by the Gauss-Newton method.
+
+    The instants follow on each other: from the second on, what the one before was moved by is the first move.
+    """
     value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), DOFS))
     pivots, turns, axes = np.empty((DOFS, 3)), np.empty((DOFS, 3, 3)), np.empty((DOFS, 3))
-    step, hessian = np.empty(DOFS), np.empty((DOFS, DOFS))
+    step, hessian, moved = np.empty(DOFS), np.empty((DOFS, DOFS)), np.zeros(DOFS)
     for i in range(len(q)):
+        guess = q[i].copy()
+        q[i] += moved
         for _ in range(iterations):
             _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, turns, axes)
             _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
@@ -100,6 +105,7 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
                 largest = max(largest, abs(step[j]))
             if largest < _FITTED_RAD:
                 break
+        moved = q[i] - guess
 
 
 @numba.njit(cache=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -52,33 +52,51 @@ def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footst
     return {foot: (1 - stand) * s + stand * 0.5 for foot, s in shares.items()}
 
 
-def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array, pitch: Array) -> Array:
+def travel(steps: Sequence[Footstep], t: Array) -> Array:
+    """(N,) wanted centre of pressure under one foot by time alone, in parts of the toe hinge's x.
+
+    Args:
+        steps: The footsteps of this foot, in order.
+        t: (N,) s.
+    """
+    x = np.empty(len(t))
+    for step, on in _by_step(steps, t):
+        heel_first = step.arrival == "heel"
+        knots = np.column_stack([TRAVEL_KNOTS, step.style.travel]) if heel_first else np.array(_TRAVEL[step.arrival])
+        if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
+            u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)
+            x[on] = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
+        elif np.isfinite(step.t_off):
+            x[on] = _STANDING + (knots[-1, 1] - _STANDING) * ease((t[on] - step.t_off + SHIFT_S) / SHIFT_S)
+        else:
+            x[on] = knots[0, 1] + (_STANDING - knots[0, 1]) * ease((t[on] - step.t_touch) / SETTLE_S)
+    return x
+
+
+def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array, wanted: Array, pitch: Array) -> Array:
     """(N, 3) wanted centre of pressure of one foot in the world; in swing where the next stance begins.
 
     Args:
         steps: The footsteps of this foot, in order.
         shoe: Its sole.
         t: (N,) s.
+        wanted: (N,) by time alone (`travel`).
         pitch: (N,) rad, of the foot against its ground, toes down positive: only the parts of the sole that it leaves
             on the ground can press.
     """
     p = np.empty((len(t), 3))
-    order = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
-    for i, step in enumerate(steps):
-        on = order == i
-        heel_first = step.arrival == "heel"
-        knots = np.column_stack([TRAVEL_KNOTS, step.style.travel]) if heel_first else np.array(_TRAVEL[step.arrival])
-        if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
-            u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)
-            x = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
-        elif np.isfinite(step.t_off):
-            x = _STANDING + (knots[-1, 1] - _STANDING) * ease((t[on] - step.t_off + SHIFT_S) / SHIFT_S)
-        else:
-            x = knots[0, 1] + (_STANDING - knots[0, 1]) * ease((t[on] - step.t_touch) / SETTLE_S)
-        x = _on_what_touches(x, t[on], step, pitch[on], shoe)
-        local = np.stack([x * shoe.toe_hinge_x, np.zeros_like(x), np.zeros_like(x)], -1)
-        p[on] = step.p_foot_in_world + local @ step.R_world_sole.T
+    for step, on in _by_step(steps, t):
+        x = _on_what_touches(wanted[on], t[on], step, pitch[on], shoe)
+        p[on] = step.p_foot_in_world + (x * shoe.toe_hinge_x)[:, None] * step.R_world_sole[:, 0]
     return p
+
+
+def _by_step(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, slice]]:
+    """Each footstep and the rows of (N,) increasing times from its touch-down to the next one's."""
+    begin = np.searchsorted(t, [step.t_touch for step in steps])
+    begin[0] = 0
+    for step, a, b in zip(steps, begin, [*begin[1:], len(t)]):
+        yield step, slice(int(a), int(b))
 
 
 def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:

@@ -20,6 +20,7 @@ KNEE_HARD_MIN_RAD = np.radians(1.5)
 # and so much lower on stairs: down, people land on a bent knee; up, a leg behind that is as good as straight would
 # have to bend at hundreds of rad/s² as soon as its foot leaves the tread, and the other foot slips under that
 _KNEE_OF_MODE_RAD = {"SD": np.radians(16.0), "SA": np.radians(12.0)}
+_SETTLED_M = 1e-5
 _SMOOTHNESS = 2e-3
 _STANDING_HEIGHT = 0.99  # in legs
 _ABOVE_REACH = 5e3  # how much more a height beyond the legs' reach counts than one off the goal
@@ -114,8 +115,8 @@ def height_near(goal: Array, limit: Array, dt: float) -> Array:
     for _ in range(40):
         system = bands.copy()
         system[3] += np.where(above, _ABOVE_REACH, 1.0)
-        z = solveh_banded(system, np.where(above, _ABOVE_REACH * limit, goal))
-        above, before = z > limit, above
-        if np.array_equal(above, before):
+        before, z = z, solveh_banded(system, np.where(above, _ABOVE_REACH * limit, goal))
+        if np.abs(z - before).max() < _SETTLED_M:
             break
+        above = z > limit
     return z

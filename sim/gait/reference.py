@@ -22,7 +22,7 @@ from stridetwin.sim.gait.exo_fit import ExoLeg, fit_leg, limbs, settle
 from stridetwin.sim.gait.foot_path import FootPath, foot_path, heel_given
 from stridetwin.sim.gait.footsteps import Footstep, plan
 from stridetwin.sim.gait.leg_ik import LegAngles
-from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend
+from stridetwin.sim.gait.load import load_shares, pressure_centres, standing_blend, travel
 from stridetwin.sim.gait.pelvis import cart_table, height_near, highest, least_knee, level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.rhythm import Rhythm
@@ -39,6 +39,7 @@ _ZMP_ROUNDS = 6
 # When the frame's weight is let onto its couplings: what that shifts is corrected after. As the couplings are stiff,
 # the frame follows the last shift of the pelvis in the last round.
 _WEIGHED_ROUND = 3
+_SETTLING_ROUNDS = 2
 _HEEL_ROUNDS = (0, 1)  # after which the heels give way, as the pelvis shows how far the ankles bend
 _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
@@ -79,6 +80,10 @@ class Reference:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
         return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
 
+    def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+        """The first two of `state`, in less time."""
+        return self.coordinates.moving(self.splines, np.clip(t, 0.0, self.duration_s))
+
 
 def reference(
     config: TwinConfig, model: mujoco.MjModel, size: Wearer, terrain: Terrain, rng: np.random.Generator
@@ -102,7 +107,8 @@ def reference(
     t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end where the fine one does
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
-    centres, wanted = _pressed(steps, paths, shares, size, t)
+    travels = {side: travel(steps[side], t) for side in SIDES}
+    centres, wanted = _pressed(steps, paths, shares, travels, size, t)
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
     pose = posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
@@ -120,8 +126,10 @@ def reference(
         legs_ = legs(size, p_pelvis, R_pelvis, paths)
         if round_ == 0:  # costly, so not in every round
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
-        elif round_ in (_WEIGHED_ROUND, _ZMP_ROUNDS - 1):
+        elif round_ == _WEIGHED_ROUND:
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose))
+        elif round_ == _ZMP_ROUNDS - 1:
+            exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), exo)
         splines = make_interp_spline(t, coordinates(layout, p_pelvis, pose, legs_, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
             coarse = t[::_STRIDE]
@@ -136,7 +144,7 @@ def reference(
                 side: heel_given(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
-            centres, wanted = _pressed(steps, paths, shares, size, t)
+            centres, wanted = _pressed(steps, paths, shares, travels, size, t)
     worst = max(float(leg.stretch.max()) for leg in legs_.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())
@@ -152,20 +160,23 @@ def reference(
 
 
 def _pressed(
-    steps: dict[str, list[Footstep]], paths: dict[str, FootPath], shares: dict[str, Array], size: Wearer, t: Array
+    steps: dict[str, list[Footstep]], paths: dict[str, FootPath], shares: dict[str, Array], travels: dict[str, Array],
+    size: Wearer, t: Array,
 ) -> tuple[dict[str, Array], Array]:  # fmt: skip
     """(N, 3) centre of pressure under each foot, by side, and (N, 3) that of both, m in the world."""
-    centres = {side: pressure_centres(steps[side], size.shoe, t, paths[side].pitch) for side in SIDES}
+    centres = {side: pressure_centres(steps[side], size.shoe, t, travels[side], paths[side].pitch) for side in SIDES}
     return centres, np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
 
 
 def _exo(
     size: Wearer, t: Array, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles],
     stride: int, weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
+    settled: dict[str, Array] | None = None,
 ) -> dict[str, Array]:  # fmt: skip
     """(N, 6) angles of both legs of the exoskeleton, found at every `stride`-th instant and splined between.
 
-    They are those of weightless legs, or where `weighing` says what to weigh with, of legs with weight.
+    They are those of weightless legs, or where `weighing` says what to weigh with, of legs with weight, near those that
+    have `settled` before.
     """
     if size.exo is None:
         return {}
@@ -182,11 +193,12 @@ def _exo(
             size, side, R_thigh, R_thigh @ rot_y(leg.knee_flexion[k]), p_foot, to_pelvis @ path.R_world_foot[k]
         )
         frames[side] = ExoLeg(size, side)
-        coarse[side] = fit_leg(frames[side], wearers[side])
+        coarse[side] = fit_leg(frames[side], wearers[side]) if settled is None else settled[side][k]
     fine = {side: make_interp_spline(t[k], coarse[side], k=5)(t) for side in SIDES}
     if weighing is None:
         return fine
     model, layout, pose = weighing
     splines = make_interp_spline(t, coordinates(layout, p_pelvis, pose, legs, fine, paths), k=5)
-    settled = settle(frames, coarse, wearers, model, layout, splines, t[k])
-    return {side: make_interp_spline(t[k], settled[side], k=5)(t) for side in SIDES}
+    rounds = _SETTLING_ROUNDS if settled is None else 1
+    angles = settle(frames, coarse, wearers, model, layout, splines, t[k], rounds)
+    return {side: make_interp_spline(t[k], angles[side], k=5)(t) for side in SIDES}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from scipy.special import betainc
 
@@ -10,16 +11,18 @@ from stridetwin.streams.samples import Array
 _SOFTNESS = 3.4
 
 
-def ease(s: Array | float) -> Array:
-    """Minimum-jerk step from 0 at s = 0 to 1 at s = 1 (Flash & Hogan 1985), held outside."""
-    s = np.clip(s, 0.0, 1.0)
-    return s**3 * (10.0 + s * (-15.0 + 6.0 * s))
+@numba.vectorize(["float64(float64)"], cache=True)
+def ease(s):  # type: ignore[no-untyped-def]
+    """Minimum-jerk step from 0 at s = 0 to 1 at s = 1 (Flash & Hogan 1985), held outside; of numbers and arrays."""
+    s = min(max(s, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (-15.0 + 6.0 * s))
 
 
-def ease_rate(s: Array | float) -> Array:
+@numba.vectorize(["float64(float64)"], cache=True)
+def ease_rate(s):  # type: ignore[no-untyped-def]
     """Derivative of `ease` by s."""
-    s = np.clip(s, 0.0, 1.0)
-    return np.asarray(30.0 * s**2 * (1.0 - s) ** 2)
+    s = min(max(s, 0.0), 1.0)
+    return 30.0 * (s * (1.0 - s)) ** 2
 
 
 def soft_ease(s: Array | float) -> Array:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.noise import Noise
@@ -36,10 +37,10 @@ class AhrsModel:
     def __init__(self, calibration: OtherSensor, part: AhrsPart, noise: Noise) -> None:
         self._calibration, self._part, self._noise = calibration, part, noise
         self._bias = noise.normal(part.tilt_bias, 2)
-        self._tilt = noise.normal(part.tilt_still, 2)
+        self._keep = math.exp(-1 / (calibration.rate_hz * _TILT_S))
+        self._tilt = self._keep * noise.normal(part.tilt_still, 2)[None]
         self._heading = float(noise.normal(part.heading_bias, 1)[0])
         self._drift = part.heading_drift * float(2 * noise.uniform(1)[0] - 1)
-        self._keep = math.exp(-1 / (calibration.rate_hz * _TILT_S))
 
     def read(self, body: Track) -> Block[Ahrs]:
         """Samples at the instants of the carrying body's track."""
@@ -60,9 +61,7 @@ class AhrsModel:
         """(N, 3) rotation vectors in the world."""
         part, moving = self._part, np.minimum(rate / _FULL_MOTION_RADPS, 1.0)
         step = (part.tilt_still + (part.tilt_moving - part.tilt_still) * moving) * math.sqrt(1 - self._keep**2)
-        tilt = np.empty((len(rate), 2))
-        for k in range(len(rate)):
-            tilt[k] = self._tilt = self._keep * self._tilt + step[k] * white[k, :2]
+        tilt, self._tilt = lfilter([1.0], [1.0, -self._keep], step[:, None] * white[:, :2], axis=0, zi=self._tilt)
         walked = np.cumsum(part.heading_walk * moving / math.sqrt(self._calibration.rate_hz) * white[:, 2])
         heading = self._heading + walked + self._drift * (t_ns * 1e-9)
         self._heading += float(walked[-1])

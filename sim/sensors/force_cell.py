@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt
 
@@ -63,11 +64,17 @@ class ForceCells:
         share = self._part.hysteresis / (2 * _PLAY)
         if not share:
             return load
-        low, high = (1 - _PLAY) * load, (1 + _PLAY) * load
-        play = np.empty_like(load)
-        for k in range(len(load)):
-            play[k] = self._play = np.minimum(np.maximum(self._play, low[k]), high[k])
-        return load + share * (play - load)
+        return load + share * (_played(self._play, load) - load)
+
+
+@numba.njit(cache=True)
+def _played(last: Array, load: Array) -> Array:
+    """What follows (N, count) loads with play, from (count,) the last of it on, which becomes the new last."""
+    play = np.empty(load.shape)
+    for k in range(len(load)):
+        for i in range(len(last)):
+            last[i] = play[k, i] = min(max(last[i], (1 - _PLAY) * load[k, i]), (1 + _PLAY) * load[k, i])
+    return play
 
 
 def _counted(force: Array, b1: float, b2: float) -> Array:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
+import numba
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.rotation import cross
+from stridetwin.sim.quaternions import composed, conjugate, exp, log, quaternion, rotated
 from stridetwin.sim.track import Track
+from stridetwin.sim.triples import Triple, cross, dot, minus, plus, put, times, triple
 from stridetwin.streams.samples import Array
+
+_SMALL = 1e-3  # rad: below this, series
 
 
 def increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Array, Array]:
@@ -23,22 +30,39 @@ def increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Arr
         gravity: (3,) in the world, m/s².
 
     Returns:
-        (N, 1) s, (N, 3) rad/s and (N, 3) m/s², in the sensor frame.
+        (N,) s, (N, 3) rad/s and (N, 3) m/s², in the sensor frame.
     """
-    dt = np.diff(sensor.t_ns, prepend=before.t_ns)[:, None] * 1e-9
-    rotation = Rotation.concatenate([before.rotation, sensor.rotation])
-    velocity = np.concatenate([before.v_body_in_world, sensor.v_body_in_world])
-    start = rotation[:-1].inv()
-    phi = (start * rotation[1:]).as_rotvec()
-    push = start.apply(np.diff(velocity, axis=0) / dt - gravity)
-    return dt, phi / dt, _left_jacobian_inverse_times(phi, push)
+    return _increments(*_columns(before), *_columns(sensor), gravity)
 
 
+def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
+    return track.t_ns, track.q_world_body, track.v_body_in_world
+
+
+@numba.njit(cache=True)
+def _increments(
+    t0: NDArray[np.int64], q0: Array, v0: Array, t: NDArray[np.int64], q: Array, v: Array, gravity: Array
+) -> tuple[Array, Array, Array]:
+    n = len(t)
+    dts, rates, forces = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
+    t_last, back, v_last, g = t0[0], conjugate(quaternion(q0[0])), triple(v0[0]), triple(gravity)
+    for i in range(n):
+        dt, attitude, velocity = (t[i] - t_last) * 1e-9, quaternion(q[i]), triple(v[i])
+        phi = log(composed(back, attitude))
+        push = rotated(back, minus(times(1 / dt, minus(velocity, v_last)), g))
+        dts[i] = dt
+        put(times(1 / dt, phi), rates[i])
+        put(_left_jacobian_inverse_times(phi, push), forces[i])
+        t_last, back, v_last = t[i], conjugate(attitude), velocity
+    return dts, rates, forces
+
+
+@numba.njit(cache=True)
 def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
     """One rate and force for every `steps` intervals, free of coning and sculling: same turn, same change of velocity.
 
     Args:
-        dt: (N, 1) s.
+        dt: (N,) s.
         rate: (N, 3) rad/s.
         force: (N, 3) m/s².
         steps: Divides N.
@@ -46,16 +70,20 @@ def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Arr
     Returns:
         (N / steps, 3) rad/s and (N / steps, 3) m/s².
     """
-    dt, rate, force = (a.reshape(-1, steps, a.shape[1]) for a in (dt, rate, force))
-    phi = rate * dt
-    push = _left_jacobian_times(phi, force * dt)
-    turned = Rotation.identity(len(dt))
-    change = np.zeros((len(dt), 3))
-    for k in range(steps):
-        change += turned.apply(push[:, k])
-        turned = turned * Rotation.from_rotvec(phi[:, k])
-    whole, total = dt.sum(axis=1), turned.as_rotvec()
-    return total / whole, _left_jacobian_inverse_times(total, change / whole)
+    n = len(dt) // steps
+    rates, forces = np.empty((n, 3)), np.empty((n, 3))
+    for i in range(n):
+        turned, change, whole = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+        for k in range(i * steps, (i + 1) * steps):
+            phi = times(dt[k], triple(rate[k]))
+            push = _left_jacobian_times(phi, times(dt[k], triple(force[k])))
+            change = plus(change, rotated(turned, push))
+            turned = composed(turned, exp(phi))
+            whole += dt[k]
+        total = log(turned)
+        put(times(1 / whole, total), rates[i])
+        put(_left_jacobian_inverse_times(total, times(1 / whole, change)), forces[i])
+    return rates, forces
 
 
 def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
@@ -71,20 +99,23 @@ def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
     )
 
 
-def _left_jacobian_times(phi: Array, v: Array) -> Array:
-    """(..., 3): Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37)."""
-    theta = np.linalg.norm(phi, axis=-1, keepdims=True)
-    safe = np.maximum(theta, 1e-4)
-    a = np.where(theta < 1e-4, 0.5, (1 - np.cos(safe)) / safe**2)
-    b = np.where(theta < 1e-4, 1 / 6, (safe - np.sin(safe)) / safe**3)
+@numba.njit(cache=True)
+def _left_jacobian_times(phi: Triple, v: Triple) -> Triple:
+    """Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37)."""
+    theta = math.sqrt(dot(phi, phi))
+    if theta < _SMALL:
+        a, b = 0.5 - theta**2 / 24, 1 / 6 - theta**2 / 120
+    else:
+        a, b = (1 - math.cos(theta)) / theta**2, (theta - math.sin(theta)) / theta**3
     once = cross(phi, v)
-    return v + a * once + b * cross(phi, once)
+    return plus(v, plus(times(a, once), times(b, cross(phi, once))))
 
 
-def _left_jacobian_inverse_times(phi: Array, v: Array) -> Array:
-    """(N, 3): Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
-    theta = np.linalg.norm(phi, axis=-1, keepdims=True)
-    half = np.maximum(theta, 1e-4) / 2
-    c = np.where(theta < 1e-4, 1 / 12, (1 - half / np.tan(half)) / (4 * half**2))
+@numba.njit(cache=True)
+def _left_jacobian_inverse_times(phi: Triple, v: Triple) -> Triple:
+    """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
+    theta = math.sqrt(dot(phi, phi))
+    half = 0.5 * theta
+    c = 1 / 12 + theta**2 / 720 if theta < _SMALL else (1 - half / math.tan(half)) / theta**2
     once = cross(phi, v)
-    return v - once / 2 + c * cross(phi, once)
+    return plus(minus(v, times(0.5, once)), times(c, cross(phi, once)))

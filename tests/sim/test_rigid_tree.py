@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.body import add_wearer, compile_model
 from stridetwin.sim.config import SIDES, Exo, Person
 from stridetwin.sim.exoskeleton import EXO_LEG_BODIES
-from stridetwin.sim.rigid_tree import Tree, chain_loads, motion, root_wrench
+from stridetwin.sim.rigid_tree import Tree, chain_loads, hinge_torques, motion, root_wrench
 from stridetwin.streams.samples import Array
 
 N = 12
@@ -62,6 +62,20 @@ def test_root_wrench_is_that_of_inverse_dynamics(model: mujoco.MjModel) -> None:
         R = data.body("root").xmat.reshape(3, 3)
         np.testing.assert_allclose(R.T @ moment[i], needed[3:6], rtol=1e-10, atol=1e-8)
         np.testing.assert_allclose(com[i], data.subtree_com[0], atol=1e-12)
+
+
+def test_hinge_torques_are_those_of_inverse_dynamics_less_what_pushes(model: mujoco.MjModel) -> None:
+    data, needed, push = mujoco.MjData(model), np.empty(model.nv), np.empty(model.nv)
+    (q, v, a), tree, rng = moves(model), Tree.of(model), np.random.default_rng(5)
+    bodies = np.array([len(tree.ids) - 1, 0, 5, 5])
+    forces, moments = rng.normal(0.0, 100.0, (2, len(bodies), N, 3))
+    torque = hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
+    for i in range(N):
+        rne(model, data, q[i], v[i], a[i], needed)
+        push[:] = 0.0
+        for k, body in enumerate(tree.ids[bodies]):
+            mujoco.mj_applyFT(model, data, forces[k, i], moments[k, i], data.xpos[body], body, push)
+        np.testing.assert_allclose(torque[i], (needed - push)[tree.dof], rtol=1e-9, atol=1e-8)
 
 
 @pytest.mark.parametrize("alone", [False, True], ids=["whole", "only"])
