@@ -1,9 +1,9 @@
 """Cameras rendered by two processes beside the twin's own, so that both cores draw.
 
-Software rendering is what a walk with cameras spends its time on. Each process is this module run by the same Python:
-it reads the model and its sensors, then chunks of poses, and answers with the finished pictures in order. A picture's
-noise depends on seed, topic and time alone, and a camera whose gain follows from the picture before keeps to one
-process, so the number of processes changes no byte.
+Software rendering is what a walk with cameras spends its time on. Each process is `sim.rendering` run by the same
+Python: it reads the model and its sensors, then chunks of poses, and answers with pictures in order. A picture's noise
+depends on seed, topic and time alone, and exposing is left to this side where the gain follows from the picture before:
+neither the number of processes nor who draws what changes a byte.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ import mujoco
 import numpy as np
 
 from stridetwin.sim.bystanders import Crowd
-from stridetwin.sim.cameras import Cameras, Due, Patch, board_seen_by
+from stridetwin.sim.cameras import Due, Patch, board_seen_by, follows, sensor_of
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.sensor_suite import instants
 from stridetwin.sim.sensors.stamps import Stamps
@@ -40,7 +39,7 @@ PROCESSES = 2
 _PIPE_BYTES = 1 << 20
 _DRAWING = {"GALLIVM_PERF": "brilinear,rho_approx"}  # llvmpipe: textures in two thirds of the time, alike to the eye
 _AHEAD = 48  # pictures that a process may be ahead of those that are asked for
-_COST_BOARD, _COST_WHOLE = 1.0, 4.0  # of a picture with nothing but the board's surroundings, and of a whole one
+_COST_BOARD, _COST_WHOLE = 1.0, 5.0  # of a picture with nothing but the board's surroundings, and of a whole one
 
 
 class CameraProcesses:
@@ -52,7 +51,7 @@ class CameraProcesses:
         crowd: Bystanders.
         seed: Seed of the walk.
         straps: What holds the cameras.
-        processes: How many.
+        processes: How many; None: `PROCESSES`.
     """
 
     def __init__(
@@ -62,14 +61,15 @@ class CameraProcesses:
         crowd: Crowd,
         seed: int,
         straps: Straps | None = None,
-        processes: int = PROCESSES,
+        processes: int | None = None,
     ) -> None:
         self._cameras = list(outfit.rig.cameras.values())
         self._seen = {c.topic: board_seen_by(outfit, c.topic) for c in self._cameras}
-        count = processes if self._cameras else 0
+        count = (processes or PROCESSES) if self._cameras else 0
         what = _pickled((model, outfit, crowd, seed, straps)) if count else b""
         self._workers = [_Worker(what) for _ in range(count)]
         self._dealer = _Dealer(outfit, len(self._workers))
+        self._sensors = {c.topic: sensor_of(outfit, c.topic, seed) for c in self._cameras if follows(outfit, c.topic)}
         self._stamps = {
             c.topic: Stamps(outfit.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
             for c in self._cameras
@@ -109,11 +109,13 @@ class CameraProcesses:
         order = [(self._workers[i], pictures[item.topic], stamps[item.topic, item.t_ns]) for i, item in zip(whose, due)]
         return self._answers(order)
 
-    @staticmethod
-    def _answers(order: list[tuple[_Worker, int, int]]) -> Iterator[Image | Depth]:
+    def _answers(self, order: list[tuple[_Worker, int, int]]) -> Iterator[Image | Depth]:
         for worker, count, stamp in order:
             for _ in range(count):
                 picture = worker.answer()
+                if isinstance(picture, Image) and picture.topic in self._sensors:
+                    pixels = self._sensors[picture.topic].exposed(picture.t_ns, picture.pixels)
+                    picture = replace(picture, pixels=pixels)
                 if stamp >= 0:
                     yield picture if stamp == picture.t_ns else replace(picture, t_ns=stamp)
 
@@ -131,16 +133,13 @@ class _Dealer:
     """Deals pictures out so that the processes have as much to do as each other."""
 
     def __init__(self, outfit: Outfit, workers: int) -> None:
-        self._load = np.zeros(max(workers, 1))
-        self._cost, self._home = {}, {}
-        for i, (topic, camera) in enumerate(outfit.rig.cameras.items()):
-            part, board_alone = outfit.sensors[topic].part, outfit.sensors[topic].fitting.frames == "board"
-            self._cost[topic] = _COST_WHOLE if camera.depth_topic or not board_alone else _COST_BOARD
-            if isinstance(part, CameraPart | RgbdPart) and part.imager.auto_exposure_s:
-                self._home[topic] = i % max(workers, 1)
+        self._load, self._cost = [0.0] * max(workers, 1), {}
+        for topic, camera in outfit.rig.cameras.items():
+            board_alone = outfit.sensors[topic].fitting.frames == "board" and not camera.depth_topic
+            self._cost[topic] = _COST_BOARD if board_alone else _COST_WHOLE
 
     def worker_for(self, topic: str) -> int:
-        chosen = self._home.get(topic, int(np.argmin(self._load)))
+        chosen = self._load.index(min(self._load))
         self._load[chosen] += self._cost[topic]
         return chosen
 
@@ -152,7 +151,7 @@ class _Worker:
         self._stopped = False
         environment = _DRAWING | os.environ | {"LP_NUM_THREADS": "0"}  # llvmpipe draws in the process's own thread
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "stridetwin.sim.camera_processes"],
+            [sys.executable, "-m", "stridetwin.sim.rendering"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
         )  # fmt: skip
         _widen(self._ends[1])
@@ -225,24 +224,3 @@ def _widen(pipe: IO[bytes]) -> None:
     if sys.platform == "linux":
         with contextlib.suppress(OSError):  # the system's limit is lower: slower, but right
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-
-
-def _serve(asked: IO[bytes], answers: IO[bytes]) -> None:
-    with Cameras(*pickle.load(asked)) as rendering:
-        while True:
-            try:
-                due, qpos, uppers = pickle.load(asked)
-            except EOFError:
-                return
-            for picture in rendering.frames(due, qpos, uppers):
-                pickle.dump(picture, answers, protocol=5)
-            answers.flush()
-
-
-if __name__ == "__main__":
-    out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing that a library prints gets between the pictures
-    try:
-        _serve(sys.stdin.buffer, out)
-    except (BrokenPipeError, KeyboardInterrupt):
-        os._exit(0)  # the twin has left: nobody waits for the rest

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.crowd_bodies import pose as pose_crowd
 from stridetwin.sim.noise import Noise
-from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
+from stridetwin.sim.parts.kinds import CameraPart, Imager, RgbdPart
 from stridetwin.sim.render import SensorView, camera_pose
 from stridetwin.sim.rig_bodies import UPPERS
 from stridetwin.sim.sensors.imager import BLANK, Pixels, Sensor
@@ -108,13 +108,13 @@ class Cameras:
         self._model = model = copy.copy(model)  # the uppers of the shoes are moved in it
         self._data, self._crowd, self._straps = mujoco.MjData(model), crowd, straps or Straps()
         self._cameras = {t: _Camera(outfit, t, seed) for t in outfit.rig.cameras}
-        sizes = {(c.lens.width, c.lens.height) for c in self._cameras.values()}
-        self._views = {size: SensorView(model, *size) for size in sorted(sizes)}
+        lenses = [c.lens for c in self._cameras.values()]
+        self._view = SensorView(model, max(lens.width for lens in lenses), max(lens.height for lens in lenses))
 
     def frames(
         self, due: Sequence[Due], qpos: Array, uppers: Mapping[str, Array] | None = None
     ) -> Iterator[Image | Depth | Patch]:
-        """Pictures in the order asked for.
+        """Pictures in the order asked for; where `follows`, they are still to be exposed.
 
         Args:
             due: In order of time.
@@ -134,8 +134,8 @@ class Cameras:
                 mujoco.mj_camlight(self._model, self._data)
                 posed = item.t_ns
             camera = self._cameras[item.topic]
-            view = self._views[camera.lens.width, camera.lens.height]
-            yield from camera.take(view, self._data, item, self._straps.T_body_frame(item.topic, item.t_ns))
+            T_body_frame = self._straps.T_body_frame(item.topic, item.t_ns)
+            yield from camera.take(self._view, self._data, item, T_body_frame)
 
     def __enter__(self) -> Self:
         return self
@@ -143,14 +143,31 @@ class Cameras:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for view in self._views.values():
-            view.close()
+        self._view.close()
 
 
 def board_seen_by(outfit: Outfit, topic: str) -> Board | None:
     """The board of the other shoe, for a shoe's camera."""
     seen = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
     return outfit.rig.boards.get(seen) if seen else None
+
+
+def follows(outfit: Outfit, topic: str) -> bool:
+    """Whether a camera's gain follows from its pictures before, so that they have to be exposed in order of time."""
+    return bool(_imager(outfit, topic).auto_exposure_s)
+
+
+def sensor_of(outfit: Outfit, topic: str, seed: int) -> Sensor:
+    """What makes grey values or colours of a camera's pictures."""
+    told, imager = outfit.rig.cameras[topic], _imager(outfit, topic)
+    shape = (told.height, told.width) if imager.colour == "grey" else (told.height, told.width, 3)
+    return Sensor(shape, imager, outfit.sensors[topic].fitting.light, Noise.of_topic(seed, topic))
+
+
+def _imager(outfit: Outfit, topic: str) -> Imager:
+    part = outfit.sensors[topic].part
+    assert isinstance(part, CameraPart | RgbdPart)
+    return part.imager
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,8 +189,7 @@ class _Camera:
         self._told, self._imager = told, part.imager
         self._board = board_seen_by(outfit, topic)
         self._grey = self._imager.colour == "grey"
-        shape = (told.height, told.width) if self._grey else (told.height, told.width, 3)
-        self._sensor = Sensor(shape, self._imager, worn.fitting.light, Noise.of_topic(seed, topic))
+        self._sensor = None if follows(outfit, topic) else sensor_of(outfit, topic, seed)
         self.lens = Lens(told)
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
@@ -195,10 +211,11 @@ class _Camera:
         if self._around_board:
             yield self._board_alone(view, data, due, T_world_camera, board)
             return
+        size = self.lens.width, self.lens.height
         if self._depth is None:
-            rgb, away = view.color(data, T_world_camera, self.lens.intrinsics), _SURROUNDINGS_M
+            rgb, away = view.color(data, T_world_camera, self.lens.intrinsics, size), _SURROUNDINGS_M
         else:
-            rgb, depth = view.frame(data, T_world_camera, self.lens.intrinsics)
+            rgb, depth = view.frame(data, T_world_camera, self.lens.intrinsics, size)
             away = _middle(depth)
         clean = self._clean(rgb)
         swept = self._swept(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
@@ -207,7 +224,7 @@ class _Camera:
             piece = np.ascontiguousarray(clean[board.box])
             swept = swept.copy() if swept is clean else swept
             swept[board.box] = self._swept(piece, board.sweep.of_piece(rows.start, columns.start))
-        pixels = self._sensor.exposed(due.t_ns, self.lens.bent(swept))
+        pixels = self._exposed(due.t_ns, self.lens.bent(swept))
         yield Image(topic=due.topic, t_ns=due.t_ns, pixels=pixels)
         if self._depth is not None:
             grey = rgb[..., 1] if self.lens.straight else self.lens.bent(np.ascontiguousarray(rgb[..., 1]))
@@ -226,9 +243,12 @@ class _Camera:
             row, column = board.box[0].start, board.box[1].start
             clean = self._clean(view.piece(data, T_world_camera, self.lens.intrinsics, *board.box))
             swept = self._swept(clean, board.sweep.of_piece(row, column))
-            pixels = self._sensor.exposed(due.t_ns, swept, row, column)
+            pixels = self._exposed(due.t_ns, swept, row, column)
         whole = (self._told.height, self._told.width)
         return Patch(topic=due.topic, t_ns=due.t_ns, whole=whole, pixels=pixels, row=row, column=column)
+
+    def _exposed(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
+        return clean if self._sensor is None else self._sensor.exposed(t_ns, clean, row, column)
 
     def _swept(self, clean: Pixels, sweep: Sweep) -> Pixels:
         if self._imager.shutter == "rolling" and self._imager.readout_s:
@@ -288,5 +308,7 @@ def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Arr
 
 def _middle(depth: NDArray[np.float32]) -> float:
     """Distance of the middle of what is seen, m."""
-    some = depth[::16, ::16]
-    return float(np.median(some[some > 0])) if np.any(some > 0) else _FAR_M
+    some = np.sort(depth[::16, ::16], axis=None)
+    seen = some[np.searchsorted(some, 0.0, "right") :]
+    half = len(seen) // 2
+    return float((seen[half] + seen[-half - 1]) / 2) if len(seen) else _FAR_M

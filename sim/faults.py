@@ -1,4 +1,4 @@
-"""Faults between a sensor and the recorder: each is a generator that passes samples on, and spoils some.
+"""Faults between a sensor and the recorder: each is a generator that passes one topic's samples on, and spoils some.
 
 A fault knows what goes wrong; an `Event` (`sim.fault_plan`) says when and on which stream. Faults see every sample
 with the time at which it was taken, so that one fault may move stamps and the next still finds its events.
@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import groupby
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any, ClassVar
 
@@ -96,36 +95,57 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
         items: Blocks and samples as the sensors send them.
         faults: Each with its events by topic; they act in this order.
     """
-    faults = list(faults)
-    stream = _apart(items, {topic for _, events in faults for topic in events})
+    lines: dict[str, list[_Stage]] = {}
     for fault, events in faults:
-        stream = fault.through(stream, events)
-    return _together(stream)
-
-
-def _apart(items: Iterable[Block[Any] | Sample], topics: set[str]) -> Iterator[Arrival]:
+        for topic in events:
+            if not isinstance(fault, LooseStrap):
+                lines.setdefault(topic, []).append(_Stage(fault, events[topic]))
     for item in items:
-        if item.topic not in topics:
+        if item.topic not in lines:
             yield Arrival(item=item)
-        else:
-            for sample in item if isinstance(item, Block) else (item,):
-                yield Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
+            continue
+        stream: Iterable[Arrival] = _apart(item)
+        for stage in lines[item.topic]:
+            stream = stage.through(stream)
+        yield from _together(stream)
+    for line in lines.values():
+        stream = ()
+        for stage in line:
+            stream = stage.last(stream)
+        yield from _together(stream)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """A fault on one stream, its events there in order of time, and what it keeps from sample to sample."""
+
+    fault: Fault
+    events: tuple[Event, ...]
+    memory: dict[Any, Any] = field(default_factory=dict)
+
+    def through(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
+        """What comes out of a piece of the stream."""
+        return self.fault.through(stream, self.events, self.memory)
+
+    def last(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
+        """What comes out of the last piece."""
+        yield from self.through(stream)
+        yield from self.fault.left(self.memory)
+
+
+def _apart(item: Block[Any] | Sample) -> Iterator[Arrival]:
+    for sample in item if isinstance(item, Block) else (item,):
+        yield Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
 
 
 def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
-    """Neighbours of one topic as a block again, pictures one by one."""
-
-    def loose(arrival: Arrival) -> str:
-        apart = arrival.log_ns is not None and not isinstance(arrival.item, PICTURES)
-        return arrival.topic if apart else ""
-
-    for topic, group in groupby(stream, loose):
-        if not topic:
-            yield from group
-        else:
-            some = list(group)
-            block = block_of([a.item for a in some if isinstance(a.item, Sample)])
-            yield Arrival(item=block, log_ns=np.array([a.log_ns for a in some], np.int64))
+    """Samples of one topic as a block, pictures one by one."""
+    some = list(stream)
+    if some and isinstance(some[0].item, PICTURES):
+        yield from some
+    elif some:
+        block = block_of([a.item for a in some if isinstance(a.item, Sample)])
+        yield Arrival(item=block, log_ns=np.array([a.log_ns for a in some], np.int64))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,22 +178,33 @@ class Fault:
         """Whether it can act on such samples of such a part."""
         return sample in self.fits
 
-    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
-        """What comes out of `stream`, given the events of this fault by topic, in order of time."""
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
+        """What comes out of a piece of one topic's stream.
+
+        Args:
+            stream: The piece.
+            events: Of this fault on this topic, in order of time.
+            memory: The fault's own; what it keeps there from piece to piece.
+        """
         for arrival in stream:
             event = at(events, arrival)
             yield from (arrival,) if event is None else self.spoiled(arrival, event)
+
+    def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
+        """What is still on its way when the stream has ended."""
+        return ()
 
     def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """What becomes of one sample during an event."""
         return (arrival,)
 
 
-def at(events: Events, arrival: Arrival) -> Event | None:
+def at(events: tuple[Event, ...], arrival: Arrival) -> Event | None:
     """The event during which a sample was taken."""
-    own = events.get(arrival.topic, ())
-    i = bisect_right(own, arrival.taken_ns, key=attrgetter("from_ns")) - 1
-    return own[i] if i >= 0 and arrival.taken_ns < own[i].until_ns else None
+    i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
+    return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
 
 
 @dataclass(frozen=True, kw_only=True)

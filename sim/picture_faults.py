@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults import PICTURES, Arrival, Event, Fault
+from stridetwin.sim.faults import PICTURES, Arrival, Event, Fault, at
 from stridetwin.streams.samples import Depth, Image
 
 _CLOTH = 28  # grey value of what hangs before the lens
@@ -20,7 +23,38 @@ _HOLE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Occlusion(Fault):
+class _PictureFault(Fault):
+    """What comes between a scene and its pictures, and is the same as long as an event lasts."""
+
+    fits = PICTURES
+    common_to = "housing"
+
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
+        """As `Fault.through`; pictures with nothing in view share their pixels before and after."""
+        for arrival in stream:
+            event = at(events, arrival)
+            if event is None:
+                yield arrival
+                continue
+            name, picture = _picture(arrival)
+            if picture.flags.writeable:
+                yield arrival.but(**{name: self.seen(picture, event)})
+                continue
+            if memory.get("event") is not event or memory["clean"] is not picture:
+                spoiled = self.seen(picture, event)
+                spoiled.setflags(write=False)
+                memory.update(event=event, clean=picture, spoiled=spoiled)
+            yield arrival.but(**{name: memory["spoiled"]})
+
+    @abstractmethod
+    def seen(self, picture: NDArray, event: Event) -> NDArray:
+        """A new picture, or depth picture (float32), of what is left to see."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Occlusion(_PictureFault):
     """A strap or cloth that covers part of the picture from one side; depth has no reading there.
 
     Attributes:
@@ -28,23 +62,20 @@ class Occlusion(Fault):
     """
 
     kind = "occlusion"
-    fits = PICTURES
-    common_to = "housing"
     share: float = 0.3
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def seen(self, picture: NDArray, event: Event) -> NDArray:
         """The picture, partly covered."""
         side = int(event.rng().integers(4))
-        name, picture = _picture(arrival)
         covered = picture.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
         width = math.ceil(self.share * across.shape[0])
-        across[slice(width) if side < 2 else slice(-width, None)] = _CLOTH if name == "pixels" else 0
-        return (arrival.but(**{name: covered}),)
+        across[slice(width) if side < 2 else slice(-width, None)] = 0 if _is_depth(picture) else _CLOTH
+        return covered
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensDirt(Fault):
+class LensDirt(_PictureFault):
     """Spots on the lens, through which the picture is dim and blurred; depth has no reading in their middle.
 
     Attributes:
@@ -53,20 +84,20 @@ class LensDirt(Fault):
     """
 
     kind = "lens_dirt"
-    fits = PICTURES
-    common_to = "housing"
     spots: int = 6
     size: float = 0.08
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def seen(self, picture: NDArray, event: Event) -> NDArray:
         """The picture through the dirty lens."""
-        name, picture = _picture(arrival)
         height, width = picture.shape[:2]
-        dirt = _dirt(event, self.spots, self.size, height, width)
-        if name == "depth":
-            return (arrival.but(depth=np.where(dirt > _HOLE, np.float32(0), picture)),)
-        dim = cv2.convertScaleAbs(_blurred(picture, self.size * height / 2), alpha=_DIM)
-        return (arrival.but(pixels=cv2.blendLinear(picture, dim, 1 - dirt, dirt)),)
+        dirt, spoiled = _dirt(event, self.spots, self.size, height, width), picture.copy()
+        if _is_depth(picture):
+            spoiled.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
+        else:
+            blurred = _blurred(picture, _coarse(self.size, height), self.size * height / 2)
+            each = math.prod(picture.shape[2:])
+            _smear(spoiled.reshape(-1, each), blurred.reshape(-1, each), *dirt)
+        return spoiled
 
 
 def _picture(arrival: Arrival) -> tuple[str, NDArray]:
@@ -78,17 +109,64 @@ def _picture(arrival: Arrival) -> tuple[str, NDArray]:
     raise TypeError(f"{arrival.topic} carries no pictures")
 
 
-def _blurred(picture: NDArray[np.uint8], sd_px: float) -> NDArray[np.uint8]:
-    """A picture blurred widely: on a grid that is coarse, but fine against the blur."""
+def _is_depth(picture: NDArray) -> bool:
+    return picture.dtype == np.float32
+
+
+class _Dirt(NamedTuple):
+    """Where dirt is in a picture, and how it mixes the picture with its blur on a coarser grid.
+
+    Attributes:
+        places: (N,) pixels, counted row by row.
+        clear: (N,) share of the pixel itself, 0-1.
+        corners: (N,) upper left one of the four pixels of the blur about it, counted row by row.
+        shares: (N, 4) of those four: the two upper ones, then the two lower ones.
+        width: Of the blur.
+    """
+
+    places: NDArray[np.int32]
+    clear: NDArray[np.float32]
+    corners: NDArray[np.int32]
+    shares: NDArray[np.float32]
+    width: int
+
+
+def _coarse(size: float, height: int) -> int:
+    """Pixels of a picture to one of its blur: a grid that is coarse, but fine against the blur."""
+    return max(1, int(size * height / 6))
+
+
+def _blurred(picture: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
+    """A picture blurred widely, on a coarser grid with one pixel more all around."""
     height, width = picture.shape[:2]
-    coarse = max(1, int(sd_px / 3))
     small = cv2.resize(picture, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.resize(cv2.GaussianBlur(small, (0, 0), sd_px / coarse), (width, height)), np.uint8)
+    blurred = cv2.GaussianBlur(small, (0, 0), sd_px / coarse)
+    return np.asarray(cv2.copyMakeBorder(blurred, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.uint8)
+
+
+@numba.njit(cache=True)
+def _smear(
+    picture: NDArray[np.uint8],
+    blurred: NDArray[np.uint8],
+    places: NDArray[np.int32],
+    clear: NDArray[np.float32],
+    corners: NDArray[np.int32],
+    shares: NDArray[np.float32],
+    width: int,
+) -> None:
+    """Mixes its blur into a picture, both as rows of (N, C) pixels; the rest as of `_Dirt`."""
+    for k in range(len(places)):
+        at, first, share = places[k], corners[k], shares[k]
+        for c in range(picture.shape[1]):
+            mixed = clear[k] * np.float32(picture[at, c]) + np.float32(0.5)
+            mixed += share[0] * np.float32(blurred[first, c]) + share[1] * np.float32(blurred[first + 1, c])
+            mixed += share[2] * np.float32(blurred[first + width, c])
+            mixed += share[3] * np.float32(blurred[first + width + 1, c])
+            picture[at, c] = np.uint8(mixed)
 
 
 @lru_cache(maxsize=16)
-def _dirt(event: Event, spots: int, size: float, height: int, width: int) -> NDArray[np.float32]:
-    """(H, W) how much of the light comes through dirt, 0-1."""
+def _dirt(event: Event, spots: int, size: float, height: int, width: int) -> _Dirt:
     rng = event.rng()
     v, u = np.mgrid[:height, :width].astype(np.float32)
     clear = np.ones((height, width), np.float32)
@@ -96,4 +174,16 @@ def _dirt(event: Event, spots: int, size: float, height: int, width: int) -> NDA
         row, column, stretch = rng.random(3)
         away = np.hypot((u - column * width) * (0.7 + 0.6 * stretch), v - row * height) / (size * height)
         clear *= 1 - np.clip(1.5 - away, 0, 1)  # a dense middle, and an edge that fades
-    return 1 - clear
+    places = np.flatnonzero(clear < 1)
+    clear = clear.reshape(-1)[places]
+    rows, columns = (-(-n // _coarse(size, height)) for n in (height, width))
+    y, x = (places // width + 0.5) * (rows / height) + 0.5, (places % width + 0.5) * (columns / width) + 0.5
+    down, across = y % 1, x % 1
+    shares = np.stack([(1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across], axis=1)
+    return _Dirt(
+        places=places.astype(np.int32),
+        clear=clear,
+        corners=(y.astype(np.int32) * (columns + 2) + x.astype(np.int32)).astype(np.int32),
+        shares=(_DIM * (1 - clear)[:, None] * shares).astype(np.float32),
+        width=columns + 2,
+    )

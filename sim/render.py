@@ -128,19 +128,24 @@ class SensorView(_OffScreen):
 
     Args:
         model: Compiled model.
-        width: Pixels.
-        height: Pixels.
+        width: Of the largest picture, pixels.
+        height: Of it.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
-        with _one_piece(model):
+        self._endless = endless_planes(model)
+        with _one_piece(model, self._endless):
             super().__init__(model, width, height, _SENSOR)
         self._anywhere = mujoco.MjvCamera()
         self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
         self._sky = Sky.of(model, FAR_M)
 
     def frame(
-        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: tuple[float, float, float, float]
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        size: tuple[int, int] | None = None,
     ) -> tuple[Rgb, DepthImage]:
         """Colour and depth from one render.
 
@@ -148,20 +153,25 @@ class SensorView(_OffScreen):
             data: State of the model, kinematics up to date.
             T_world_camera: (4, 4) pose of the optical frame in the world.
             intrinsics: (fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0).
+            size: (W, H) of the picture, up to the view's own, which is the default.
 
         Returns:
             (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m; 0 where nothing is seen
             nearer than `SEEN_M`.
         """
-        rgb, depth = self._look(data, T_world_camera, intrinsics, self.width, self.height)
+        rgb, depth = self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))
         depth[depth > SEEN_M] = 0
         return rgb, depth
 
     def color(
-        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: tuple[float, float, float, float]
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        size: tuple[int, int] | None = None,
     ) -> Rgb:
         """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as `frame`."""
-        return self._look(data, T_world_camera, intrinsics, self.width, self.height)[0]
+        return self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
 
     def piece(
         self,
@@ -206,7 +216,7 @@ class SensorView(_OffScreen):
         shown = self.model.geom_group.copy()
         seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
         self.model.geom_group[~seen] = _HIDDEN_GROUP
-        with _one_piece(self.model, data, np.asarray(T_world_camera)[:2, 3]):
+        with _one_piece(self.model, self._endless, data, np.asarray(T_world_camera)[:2, 3]):
             self.update(data, self._anywhere)
         self.model.geom_group[:] = shown
         T_world_mujoco = swap_camera_convention(T_world_camera)
@@ -273,10 +283,12 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
 
 @contextmanager
 def _one_piece(
-    model: mujoco.MjModel, data: mujoco.MjData | None = None, about: ArrayLike = (0.0, 0.0)
+    model: mujoco.MjModel,
+    endless: NDArray[np.intp],
+    data: mujoco.MjData | None = None,
+    about: ArrayLike = (0.0, 0.0),
 ) -> Iterator[None]:
     """Bounds endless level planes for a moment, about a place in the world: MuJoCo draws them as 40 000 pieces."""
-    endless = endless_planes(model)
     sizes = model.geom_size[endless]
     model.geom_size[endless] = _GROUND_M, _GROUND_M, 2 * _GROUND_M
     if data is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.sim.faults import NUMBERS, Arrival, Event, Events, Fault, at
+from stridetwin.sim.faults import NUMBERS, Arrival, Event, Fault, at
 from stridetwin.sim.parts.full_scale import full_scales
 from stridetwin.streams.samples import Array, Imu, Insole, Interaction, Sample
 
@@ -32,16 +32,16 @@ class Freeze(Fault):
 
     kind = "freeze"
 
-    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
         """As `Fault.through`; a stream that begins frozen holds its first value."""
-        last: dict[str, Any] = {}
         for arrival in stream:
             if at(events, arrival) is None:
-                if arrival.topic in events:
-                    last[arrival.topic] = arrival.item
+                memory["last"] = arrival.item
                 yield arrival
             else:
-                held = last.setdefault(arrival.topic, arrival.item)
+                held = memory.setdefault("last", arrival.item)
                 yield replace(arrival, item=replace(held, t_ns=arrival.item.t_ns))
 
 
@@ -80,16 +80,14 @@ class Late(Fault):
     kind = "late"
     delay_s: float = 0.25
 
-    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
         """As `Fault.through`: stamps stay, arrival times move."""
-        free: dict[str, int] = {}
         for arrival in stream:
-            if arrival.topic in events:
-                late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
-                log_ns = max(arrival.log_ns + late, free.get(arrival.topic, 0))
-                free[arrival.topic] = log_ns
-                arrival = replace(arrival, log_ns=log_ns)
-            yield arrival
+            late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
+            memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
+            yield arrival if log_ns == arrival.log_ns else replace(arrival, log_ns=log_ns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,19 +96,23 @@ class OutOfOrder(Fault):
 
     kind = "out_of_order"
 
-    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
         """As `Fault.through`; what is overtaken arrives together with what overtook it."""
-        held: dict[str, Arrival] = {}
         for arrival in stream:
-            overtaken = held.pop(arrival.topic, None)
+            overtaken = memory.pop("held", None)
             if overtaken is not None:
                 yield arrival
                 yield replace(overtaken, log_ns=arrival.log_ns)
             elif at(events, arrival) is not None:
-                held[arrival.topic] = arrival
+                memory["held"] = arrival
             else:
                 yield arrival
-        yield from held.values()
+
+    def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
+        """A sample that nothing came to overtake."""
+        return tuple(memory.values())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,13 +167,15 @@ class DeadCell(Fault):
     cell: str = "heel"
     stuck: bool = False
 
-    def through(self, stream: Iterable[Arrival], events: Events) -> Iterator[Arrival]:
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
         """As `Fault.through`."""
-        number, values = CELLS.index(self.cell), dict[Event, float]()
+        number = CELLS.index(self.cell)
         for arrival in stream:
             event = at(events, arrival)
             if event is not None and isinstance(arrival.item, Insole):
                 force: Array = arrival.item.force.copy()
-                force[number] = values.setdefault(event, float(force[number])) if self.stuck else 0.0
+                force[number] = memory.setdefault(event, float(force[number])) if self.stuck else 0.0
                 arrival = arrival.but(force=force)
             yield arrival

@@ -11,11 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.smooth import ease, ease_rate

@@ -79,7 +79,7 @@ class RecordingWriter:
         self._next_info: dict[str, int] = {}
         self._cameras = _by_picture_topic(rig)
         self._queue: deque[tuple[str, Future[bytes], int]] = deque()
-        self._shared: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
+        self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
         self._pool = ThreadPoolExecutor(_ENCODERS)
         told = rig_to_yaml(rig).encode()
         try:
@@ -176,19 +176,21 @@ class RecordingWriter:
             info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
             self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
         if isinstance(sample, Image):
-            encode = partial(image_message, sample, self._quality, self._known_data(sample.pixels))
+            encode = partial(image_message, sample, self._quality, self._known_data(sample))
             self._submit(sample.topic, COMPRESSED, encode, log_ns)
         else:
             self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
         self._drain(_PICTURES_IN_FLIGHT)
 
-    def _known_data(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-        """Encoded pixels that nobody can write to: many pictures with nothing in view share them."""
-        if pixels.flags.writeable:
+    def _known_data(self, sample: Image) -> NDArray[np.uint8] | None:
+        """Encoded pixels that nobody can write to: many pictures of a topic, with nothing in view, share them."""
+        if sample.pixels.flags.writeable:
             return None
-        if self._shared is None or self._shared[0] is not pixels:
-            self._shared = pixels, image_data(pixels, self._quality)
-        return self._shared[1]
+        pixels, data = self._shared.get(sample.topic, (None, None))
+        if pixels is not sample.pixels or data is None:
+            data = image_data(sample.pixels, self._quality)
+            self._shared[sample.topic] = sample.pixels, data
+        return data
 
     def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
         self._channel(topic, typename)

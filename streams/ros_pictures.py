@@ -50,8 +50,9 @@ def image_message(sample: Image, quality: int | None, data: NDArray[np.uint8] | 
 def depth_message(sample: Depth, encoding: str) -> bytes:
     """A depth picture as an Image: 16UC1 in mm as the RealSense driver, or 32FC1 in m; 0 = none."""
     if encoding == "16UC1":
-        mm = np.rint(sample.depth * np.float32(1000.0))  # what is no number is not valid below
-        pixels: NDArray[Any] = np.where((mm > 0) & (mm < 65535), mm, 0).astype("<u2")
+        # Rounds to 16 bits at once; what is no number gives 0.
+        mm = np.asarray(cv2.multiply(sample.depth, 1000.0, dtype=cv2.CV_16U))  # type: ignore[call-overload]
+        pixels: NDArray[Any] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
     else:
         pixels = np.ascontiguousarray(sample.depth, "<f4")
     height, width = pixels.shape

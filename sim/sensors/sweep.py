@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,22 +36,17 @@ class Sweep:
     velocity: Array
     rate: Array
 
-    @cached_property
-    def _K_inverse(self) -> Array:
-        return np.asarray(np.linalg.inv(self.K))
+    def homographies(self, dt: Array) -> Array:
+        """(N, 3, 3) from the picture to those `dt` (N,) seconds later: K (R + t nᵀ / d) K⁻¹, lower right element 1."""
+        return _homographies(self.K, self.normal, self.distance, self.velocity, self.rate, dt)
 
     def homography(self, dt: float) -> Array:
-        """(3, 3) from the picture to the one `dt` seconds later: K (R + t nᵀ / d) K⁻¹, lower right element 1."""
-        x, y, z = self.rate * dt  # a degree at most: the second order of the turn is enough
-        hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        R = np.eye(3) + hat + hat @ hat / 2
-        H = self.K @ (R + np.outer(self.velocity * (dt / self.distance), self.normal)) @ self._K_inverse
-        return np.asarray(H / H[2, 2])
+        """(3, 3) from the picture to the one `dt` seconds later."""
+        return np.asarray(self.homographies(np.array([dt]))[0])
 
     def way_px(self, dt: float, u: float, v: float) -> float:
         """How far the point at column u and row v moves in `dt` seconds, pixels."""
-        x, y, z = self.homography(dt) @ [u, v, 1.0]
-        return math.hypot(x / z - u, y / z - v)
+        return _way_px(self.homography(dt), u, v)
 
     def of_piece(self, row: int, column: int) -> Sweep:
         """The same in the pixels of a piece of the picture, whose upper left pixel is given."""
@@ -66,10 +61,8 @@ class Sweep:
         copies = min(max(math.ceil(way / _COPY_PX), _COPIES[0]), _COPIES[1])
         shares = (np.arange(copies) + 0.5) / copies - 0.5
         moved = (
-            cv2.warpPerspective(
-                picture, self.homography(share * exposure_s), (width, height), borderMode=cv2.BORDER_REPLICATE
-            )
-            for share in shares
+            cv2.warpPerspective(picture, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
+            for H in self.homographies(shares * exposure_s)
         )
         if copies == 2:
             return np.asarray(cv2.addWeighted(next(moved), 0.5, next(moved), 0.5, 0.0))
@@ -87,3 +80,44 @@ class Sweep:
         from_u, from_v = u - late * (x / z - u), v - late * (y / z - v)
         maps = from_u.astype(np.float32), from_v.astype(np.float32)
         return np.asarray(cv2.remap(picture, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+@numba.njit(cache=True)
+def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rate: Array, dt: Array) -> Array:
+    """As `Sweep.homographies`: K is upper triangular, and so is its inverse."""
+    inverse = np.zeros((3, 3))
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = 1 / K[0, 0], 1 / K[1, 1], 1.0
+    inverse[0, 1] = -K[0, 1] / (K[0, 0] * K[1, 1])
+    inverse[0, 2] = (K[0, 1] * K[1, 2] / K[1, 1] - K[0, 2]) / K[0, 0]
+    inverse[1, 2] = -K[1, 2] / K[1, 1]
+    H = np.empty((len(dt), 3, 3))
+    for k in range(len(dt)):
+        turn = rate * dt[k]  # a degree at most: the second order of it is enough
+        squared = np.sum(turn * turn)
+        M = np.empty((3, 3))
+        for i in range(3):
+            for j in range(3):
+                M[i, j] = turn[i] * turn[j] / 2 + velocity[i] * (dt[k] / distance) * normal[j]
+            M[i, i] += 1 - squared / 2
+        M[0, 1] -= turn[2]
+        M[1, 0] += turn[2]
+        M[2, 0] -= turn[1]
+        M[0, 2] += turn[1]
+        M[1, 2] -= turn[0]
+        M[2, 1] += turn[0]
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for a in range(i, 3):
+                    for b in range(j + 1):
+                        total += K[i, a] * M[a, b] * inverse[b, j]
+                H[k, i, j] = total
+        H[k] /= H[k, 2, 2]
+    return H
+
+
+@numba.njit(cache=True)
+def _way_px(H: Array, u: float, v: float) -> float:
+    z = H[2, 0] * u + H[2, 1] * v + H[2, 2]
+    x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]
+    return math.hypot(x / z - u, y / z - v)

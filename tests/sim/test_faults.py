@@ -179,6 +179,28 @@ def test_dirt_spoils_spots_and_spares_the_rest() -> None:
     assert blurred[no_depth].mean() > 0.95
 
 
+def test_pictures_that_share_their_pixels_share_them_behind_dirt() -> None:
+    pixels = np.full((48, 64, 3), 90, np.uint8)
+    pixels.setflags(write=False)
+    own = pixels.copy()
+    items = [Image(topic=COLOR, t_ns=t, pixels=p) for t, p in ((10, pixels), (20, own), (30, pixels))]
+    first, second, third = (
+        a.item.pixels for a in arrivals(items, plan_faults([LensDirt(topic=COLOR, at_s=0)], RIG, 1, DURATION_S))
+    )
+    assert third is first
+    assert not first.flags.writeable
+    np.testing.assert_array_equal(first, second)
+    assert (own == 90).all()
+
+
+def test_what_is_overtaken_last_still_arrives_through_the_faults_after_it() -> None:
+    block = imu_block(seconds=0.05)
+    twice = OutOfOrder(topic=LEFT, at_s=0.04), OutOfOrder(topic=LEFT, at_s=0.03, name="other"), Late(topic=LEFT, at_s=0)
+    stamps, logs, _ = spoiled(block, *twice)
+    np.testing.assert_array_equal(np.sort(stamps), block.t_ns)
+    assert (np.diff(logs) >= 0).all()
+
+
 FAULTS = (
     Dropout(topic=LEFT, rate_per_min=60, duration_s=0.1),
     Freeze(topic=LEFT, rate_per_min=30, duration_s=0.2),
