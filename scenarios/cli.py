@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import NoReturn
 
 from stridetwin.scenarios.commands import (
+    ESTIMATORS,
     Outcome,
     check_command,
     estimate_command,
+    experiment_command,
     export_command,
     generate_command,
     import_command,
@@ -23,8 +25,10 @@ from stridetwin.scenarios.commands import (
     view_command,
 )
 from stridetwin.scenarios.console import Console
+from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.streams.errors import StrideTwinError
 
+METHODS = ("stridetwin", "published", "zupt_relative_position", "zupt_relative_distance", "zupt")
 FORMATS = ("euroc", "tum", "rosbag2", "opensim", "table")
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 _PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
@@ -64,7 +68,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for the files (default runs/SCENARIO)")
     p.add_argument("--no-film", action="store_true", help="leave the film out of the report")
 
-    command("list", "list scenarios, sensors, parts and estimators", list_command)
+    command("list", "list scenarios, sensors, parts, estimators and experiments", list_command)
 
     p = command("generate", "make a recording of a walk, without estimates", generate_command)
     walk(p)
@@ -93,10 +97,25 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("-o", "--output", type=Path, metavar="PATH", required=True, help="file or folder to make")
 
     p = command("estimate", "run one estimator on a recording or an IMU table", estimate_command)
-    p.add_argument("estimator", choices=("foot_ins",), metavar="ESTIMATOR", help="foot_ins: IMU of one foot")
+    p.add_argument(
+        "estimator",
+        choices=tuple(ESTIMATORS),
+        metavar="ESTIMATOR",
+        help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars where there are any",
+    )
     _importable(p)
-    p.add_argument("--foot", choices=("l", "r"), help="which foot of a recording (default l)")
-    p.add_argument("-o", "--output", type=Path, metavar="FILE", required=True, help="TUM trajectory to write")
+    p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot of a recording (default l)")
+    p.add_argument(
+        "--method", choices=METHODS, default="stridetwin", help="foot_to_foot: which algorithm (default stridetwin)"
+    )
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        required=True,
+        help="TUM trajectory to write; foot_to_foot: _l and _r are added",
+    )
 
     p = command("score", "score estimates against the truth of recordings", score_command)
     p.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help="recordings, .mcap")
@@ -112,6 +131,21 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--tolerance", type=_share, default=10.0, metavar="PCT", help="how much worse may be (default 10 %%)"
     )
+
+    p = command("experiment", "run a paper's experiment and print its table beside ours", experiment_command)
+    p.add_argument("experiment", choices=tuple(EXPERIMENT_NAMES), metavar="NAME", help=", ".join(EXPERIMENT_NAMES))
+    p.add_argument("--workers", type=_whole, default=1, metavar="N", help="cases at a time (default 1)")
+    p.add_argument("--seed", type=_seed, metavar="FIRST", help="seed of the first case (default 1000)")
+    p.add_argument("--subset", type=_whole, metavar="K", help="so many cases (default all: 100 runs, or 10 walks)")
+    p.add_argument(
+        "--physics",
+        choices=("kinematic", "dynamic"),
+        default="dynamic",
+        help="how the body moves, where one walks (default dynamic)",
+    )
+    p.add_argument("--resume", action="store_true", help="go on where an earlier run of it stopped")
+    p.add_argument("--keep", action="store_true", help="leave the recordings of the walks in the folder")
+    p.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for the cases (default runs/NAME)")
 
     p = command("view", "look at a recording in Rerun", view_command)
     _source(p, "RECORDING", "recording, .mcap")
@@ -182,6 +216,12 @@ def _positive(text: str) -> float:
 def _seed(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not valid; valid: a whole number from 0 on")
+    return int(text)
+
+
+def _whole(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; valid: a whole number from 1 on")
     return int(text)
 
 

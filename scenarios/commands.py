@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from stridetwin.streams.recording import Recording
 
 Progress = Callable[[str, float], None]
-ESTIMATORS = {"foot_ins": "path of one foot from its IMU alone (zero-velocity updates)"}
+ESTIMATORS = {
+    "foot_ins": "path of one foot from its IMU alone (zero-velocity updates)",
+    "foot_to_foot": "paths of both feet, tied together by what shoe cameras and sonars tell of each other",
+}
 _SHOWN = {
     "end_error_m": "end m",
     "end_error_pct": "end %",
@@ -79,6 +82,7 @@ def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`list`."""
+    from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
     from stridetwin.scenarios.fault_fields import KINDS
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
     from stridetwin.sim.parts.library import kind_of, library, part
@@ -90,6 +94,7 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         "scenarios": scenarios,
         "sensors": list(SENSORS),
         "estimators": ESTIMATORS,
+        "experiments": EXPERIMENT_NAMES,
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
         "faults": sorted(KINDS),
         "physics": list(PHYSICS),
@@ -98,6 +103,9 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     lines = ["Scenarios", *(f"  {n:<16} {words}" for n, words in scenarios.items()), "", "Estimators"]
     lines += [
         *(f"  {n:<16} {words}" for n, words in ESTIMATORS.items()),
+        "",
+        "Experiments",
+        *(f"  {n:<16} {words}" for n, words in EXPERIMENT_NAMES.items()),
         "",
         "Sensors",
         f"  {', '.join(SENSORS)}",
@@ -172,18 +180,34 @@ def check_command(arguments: Namespace, progress: Progress) -> Outcome:
 def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`estimate`."""
     from stridetwin.estimators.foot_ins import FootIns
-    from stridetwin.scenarios.evaluate import estimate_foot
+    from stridetwin.scenarios.evaluate import estimate_feet, estimate_foot
     from stridetwin.scenarios.imu_table import TABLES
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
 
-    if arguments.source.suffix in TABLES:
-        path = FootIns().run(read_imu_table(arguments.source)).trajectory
+    if arguments.estimator == "foot_to_foot":
+        if arguments.foot:
+            raise StrideTwinError("--foot goes with foot_ins; foot_to_foot writes a file for each foot")
+        progress("estimate", 0.0)
+        made = estimate_feet(_imported(arguments), arguments.method)
+        paths = {_for_foot(arguments.output, e.frame[len("foot_")]): e.path for e in made}
+    elif arguments.method != "stridetwin":
+        raise StrideTwinError(f"--method {arguments.method} goes with foot_to_foot; valid for foot_ins: stridetwin")
+    elif arguments.source.suffix in TABLES:
+        paths = {arguments.output: FootIns().run(read_imu_table(arguments.source)).trajectory}
     else:
-        path = estimate_foot(_imported(arguments), arguments.foot or "l").path
-    write_tum(path, arguments.output)
-    data = {"file": str(arguments.output), "estimator": arguments.estimator, "rows": len(path)}
-    return Outcome(data=data, lines=[f"{arguments.output}: {len(path)} poses"])
+        paths = {arguments.output: estimate_foot(_imported(arguments), arguments.foot or "l").path}
+    for file, path in paths.items():
+        write_tum(path, file)
+    rows = sum(map(len, paths.values()))
+    data = {"file": str(next(iter(paths))), "files": [str(f) for f in paths], "estimator": arguments.estimator}
+    lines = [f"{file}: {len(path)} poses" for file, path in paths.items()]
+    return Outcome(data=data | {"rows": rows}, lines=lines)
+
+
+def _for_foot(file: Path, foot: str) -> Path:
+    """`path.txt` becomes `path_l.txt`."""
+    return file.with_name(f"{file.stem}_{foot}{file.suffix}")
 
 
 def score_command(arguments: Namespace, progress: Progress) -> Outcome:
@@ -235,6 +259,23 @@ def view_command(arguments: Namespace, progress: Progress) -> Outcome:
         subprocess.Popen([sys.executable, "-m", "rerun", str(target)])
     words = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"
     return Outcome(data={"file": str(target), "opened": display}, lines=[f"{target}: {words}"])
+
+
+def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`experiment`."""
+    from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
+
+    asked = Asked(
+        folder=arguments.output or Path("runs") / arguments.experiment,
+        workers=arguments.workers,
+        first=arguments.seed,
+        subset=arguments.subset,
+        physics=arguments.physics,
+        resume=arguments.resume,
+        keep=arguments.keep,
+    )
+    result = run_experiment(arguments.experiment, asked, progress)
+    return Outcome(data=result, lines=named(arguments.experiment).table(result))
 
 
 def score_table(scores: dict[str, Scores]) -> list[str]:

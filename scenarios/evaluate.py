@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.estimators.foot_ins import FootIns, FootInsPath
+from stridetwin.estimators.foot_to_foot import FootToFoot, follow
+from stridetwin.scenarios.alignment import Rigid
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.errors import RecordingError
@@ -25,12 +27,14 @@ class Estimate:
         frame: Frame whose path it is, such as `foot_l/imu`.
         path: Poses in the estimator's own world.
         ready_ns: From when on it is scored: an estimator may look for the vertical first.
+        world: Estimates of one world are laid over the truth together, as the first of them is; "" = each has its own.
     """
 
     name: str
     frame: str
     path: Trajectory
     ready_ns: int = 0
+    world: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,16 +58,42 @@ def estimate_foot(recording: Recording, foot: str) -> Estimate:
     """
     frame = f"foot_{foot}/imu"
     block: Block[Imu] = recording.block(f"/{frame}")
-    path = FootIns(recording.rig.imu(f"/{frame}")).run(block)
+    return _estimate(recording, "foot_ins", foot, FootIns(recording.rig.imu(f"/{frame}")).run(block))
+
+
+def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Estimate]:
+    """Both feet together, with what their cameras and sonars say of each other, where there are any.
+
+    Args:
+        recording: Needs the IMUs of both feet and their calibration.
+        method: See `FootToFoot`.
+
+    Raises:
+        StrideTwinError: As `estimate_foot`.
+    """
+    rig = recording.rig
+    mounts = {c.topic: c.mount for c in rig.cameras.values()}
+    mounts |= {s.topic: s.mount for s in rig.others.values() if s.kind == "range"}
+    aids = [t for t, mount in mounts.items() if mount.body in ("foot_l", "foot_r") and t in recording.topics]
+    imus = [f"/foot_{foot}/imu" for foot in FEET]
+    paths = follow(FootToFoot(rig, method=method), recording.samples([*imus, *aids]))
+    world = "foot_to_foot" if method == "stridetwin" else f"foot_to_foot_{method}"
+    return [_estimate(recording, world, foot, path, world) for foot, path in paths.items()]
+
+
+def _estimate(recording: Recording, name: str, foot: str, path: FootInsPath, world: str = "") -> Estimate:
+    frame = f"foot_{foot}/imu"
     if not path.aligned.any():
         raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
     ready = int(path.trajectory.t_ns[path.aligned.argmax()])
-    return Estimate(name=f"foot_ins_{foot}", frame=frame, path=path.trajectory, ready_ns=ready)
+    return Estimate(name=f"{name}_{foot}", frame=frame, path=path.trajectory, ready_ns=ready, world=world)
 
 
 def estimates(recording: Recording) -> list[Estimate]:
     """Every estimate that the recording feeds."""
-    return [estimate_foot(recording, foot) for foot in FEET if f"/foot_{foot}/imu" in recording.topics]
+    there = [foot for foot in FEET if f"/foot_{foot}/imu" in recording.topics]
+    alone = [estimate_foot(recording, foot) for foot in there]
+    return [*alone, *estimate_feet(recording)] if len(there) == len(FEET) else alone
 
 
 def true_path(recording: Recording, frame: str) -> TruePath:
@@ -87,9 +117,12 @@ def true_frames(topics: Iterable[str]) -> list[str]:
 def evaluate(recording: Recording, made: Iterable[Estimate], alignment: str = "start") -> list[Result]:
     """Scores estimates against the truth of the recording."""
     results = []
+    worlds: dict[str, Rigid] = {}
     for estimate in made:
         path = true_path(recording, estimate.frame).since(estimate.ready_ns)
-        comparison = compare(estimate.path, path, alignment)
+        comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
+        if estimate.world:
+            worlds.setdefault(estimate.world, comparison.laid)
         results.append(Result(estimate=estimate, comparison=comparison, scores=score(comparison)))
     return results
 

@@ -146,11 +146,20 @@ def mapping(fields: Mapping[str, Field], build: Callable[..., Any]) -> Reader:
 
 def triple(item: Reader) -> Reader:
     """A list of three items that `item` reads."""
+    return _exactly(3, "three", item)
+
+
+def pair(item: Reader) -> Reader:
+    """A list of two items that `item` reads."""
+    return _exactly(2, "two", item)
+
+
+def _exactly(count: int, words: str, item: Reader) -> Reader:
     read_all = sequence(item)
 
     def read(node: object, where: Where) -> Any:
-        if not isinstance(node, list) or len(node) != 3:
-            raise where.error(node, "a list of three items")
+        if not isinstance(node, list) or len(node) != count:
+            raise where.error(node, f"a list of {words} items")
         return read_all(node, where)
 
     return read

@@ -14,6 +14,7 @@ from stridetwin.streams.samples import Array, Block, Footprint
 
 INK = "#0f1c2e"
 COLORS = {"l": "#0b6bcb", "r": "#d9480f"}
+_TOGETHER = {"l": "#0a7d7d", "r": "#a3327a"}
 _SHADES = {"l": "#9cc4ee", "r": "#f3b898"}
 _GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
 _FOOT_M, _HALF_FOOT_M = 0.26, 0.045
@@ -24,6 +25,16 @@ _Lines = tuple[tuple[Array, Array], tuple[Array, Array]]  # (horizontal, vertica
 def foot_of(name: str) -> str:
     """`l` or `r`, from the name of an estimator or a frame of that foot."""
     return name.split("/")[0][-1]
+
+
+def label_of(name: str) -> str:
+    """How a figure calls an estimate: `left`, or `left, feet together`."""
+    words = FEET[foot_of(name)]
+    return f"{words}, feet together" if name.startswith("foot_to_foot") else words
+
+
+def _colour(name: str) -> str:
+    return (_TOGETHER if name.startswith("foot_to_foot") else COLORS)[foot_of(name)]
 
 
 def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
@@ -95,6 +106,7 @@ def error_over_time(results: Sequence[Result]) -> str:
         )
         for result, error, bound in zip(results, errors, bounds):
             foot, t = foot_of(result.estimate.name), _seconds(result)
+            together = result.estimate.name.startswith("foot_to_foot")
             if bound is not None:
                 shown = np.where(1000 * bound <= plot.y[1], 1000 * bound, np.nan)
                 plot.line(
@@ -102,9 +114,10 @@ def error_over_time(results: Sequence[Result]) -> str:
                     shown,
                     _SHADES[foot],
                     dash="4 3",
-                    label=f"{FEET[foot]}, own 95 %" if width > 600 else "",
+                    label=f"{label_of(result.estimate.name)}, own 95 %" if width > 600 and not together else "",
                 )
-            plot.line(t, 1000 * error, COLORS[foot], label=FEET[foot], stroke=1.8)
+            name = result.estimate.name
+            plot.line(t, 1000 * error, _colour(name), label=label_of(name), stroke=1.8)
         return plot
 
     return wide_and_narrow(draw)
@@ -114,8 +127,8 @@ def _paths(plot: Plot, results: Sequence[Result], lines: Sequence[_Lines]) -> No
     for i, (truth, _) in enumerate(lines):
         plot.line(*truth, INK, stroke=1.0, label="truth" if i == 0 else "")
     for result, (_, estimate) in zip(results, lines):
-        foot = foot_of(result.estimate.name)
-        plot.line(*estimate, COLORS[foot], dash="5 3", label=FEET[foot], stroke=1.6)
+        name = result.estimate.name
+        plot.line(*estimate, _colour(name), dash="5 3", label=label_of(name), stroke=1.6)
 
 
 def _from_above(result: Result) -> _Lines:

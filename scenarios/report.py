@@ -10,9 +10,9 @@ from string import Template
 
 import numpy as np
 
-from stridetwin.scenarios.evaluate import FEET, Result
+from stridetwin.scenarios.evaluate import Result
 from stridetwin.scenarios.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
-from stridetwin.scenarios.figures_path import error_over_time, foot_of, plan_view, side_view
+from stridetwin.scenarios.figures_path import error_over_time, foot_of, label_of, plan_view, side_view
 from stridetwin.scenarios.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.scenarios.film import Film, data_uri, jpeg_uri
 from stridetwin.scenarios.ground import from_metadata
@@ -132,7 +132,8 @@ def _score_cards(results: Sequence[Result]) -> str:
     def foot_value(result: Result, key: str, unit: str, scale: float, digits: int) -> str:
         foot = foot_of(result.estimate.name)
         value = _number(result.scores[key] * scale, digits)
-        return f'<div><b>{value}<small>{unit}</small></b><span class="{foot}">{FEET[foot]}</span></div>'
+        words = label_of(result.estimate.name)
+        return f'<div><b>{value}<small>{unit}</small></b><span class="{foot}">{words}</span></div>'
 
     cards = []
     for key, title, unit, scale, digits, words in _CARDS:
@@ -141,8 +142,8 @@ def _score_cards(results: Sequence[Result]) -> str:
             values = f'<div class="feet">{feet}</div>'
             cards.append(f'<div class="card"><h3>{title}</h3>{values}<p>{words}</p></div>')
     lead = (
-        "Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else. "
-        "Scored against the twin's truth."
+        "Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else. Feet together: both IMUs in "
+        "one filter, with what shoe cameras and sonars tell of each other. Scored against the twin's truth."
     )
     return _section("How well the estimate did", lead, "".join(cards), "cards") if cards else ""
 

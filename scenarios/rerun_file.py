@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.scenarios.evaluate import FEET, Result, true_frames
+from stridetwin.scenarios.evaluate import Result, true_frames
 from stridetwin.scenarios.figures_path import foot_of
 from stridetwin.scenarios.figures_streams import curves_of, scalar_topics
 from stridetwin.scenarios.ground import Layout, from_metadata
@@ -102,7 +102,7 @@ def _curves(rr: Any, stream: Any, recording: Recording, results: Sequence[Result
     for result in results:
         error = np.linalg.norm(result.comparison.error_m, axis=1)[:, None] * 1000.0
         t, values = _thinned(result.comparison.truth.t_ns, _CURVES_HZ, error)
-        _send(rr, stream, f"error_mm/{FEET[foot_of(result.estimate.name)]}", t, values, ("",))
+        _send(rr, stream, f"error_mm/{result.estimate.name}", t, values, ("",))
 
 
 def _send(rr: Any, stream: Any, entity: str, t: Array, values: Array, labels: tuple[str, ...]) -> None:

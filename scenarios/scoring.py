@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.alignment import align, vertical_turn
+from stridetwin.scenarios.alignment import Rigid, align, vertical_turn
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.samples import Array
@@ -34,12 +34,14 @@ class Comparison:
         truth: The N true poses.
         distance_m: (N,) m travelled by the true frame since the truth's first sample.
         coverage: Share of the truth's duration that the estimate spans, 0-1.
+        laid: From the estimate's own world to the truth's.
     """
 
     estimate: Trajectory
     truth: Trajectory
     distance_m: Array
     coverage: float
+    laid: Rigid
 
     @property
     def error_m(self) -> Array:
@@ -47,13 +49,14 @@ class Comparison:
         return self.estimate.p_frame_in_world - self.truth.p_frame_in_world
 
 
-def compare(estimate: Trajectory, path: TruePath, alignment: str = "start") -> Comparison:
+def compare(estimate: Trajectory, path: TruePath, alignment: str = "start", laid: Rigid | None = None) -> Comparison:
     """Lays an estimate over the truth.
 
     Args:
         estimate: Poses in any world that differs from the truth's by a shift and a turn (see `align`).
         path: The true path of the same frame.
         alignment: `start`, `yaw` or `se3`.
+        laid: In place of an alignment, where another frame in the same world has fixed it.
 
     Raises:
         RecordingError: The estimate is not finite, or has fewer than two stamps within the truth's span.
@@ -76,11 +79,13 @@ def compare(estimate: Trajectory, path: TruePath, alignment: str = "start") -> C
         covariance=covariance,
     )
     truth = path.at(kept.t_ns)
+    laid = laid or align(kept, truth, alignment)
     return Comparison(
-        estimate=align(kept, truth, alignment).apply(kept),
+        estimate=laid.apply(kept),
         truth=truth,
         distance_m=np.interp(kept.t_ns, path.t_ns, path.distance_m),
         coverage=float((kept.t_ns[-1] - kept.t_ns[0]) / (path.t_ns[-1] - path.t_ns[0])),
+        laid=laid,
     )
 
 

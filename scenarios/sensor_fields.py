@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, suggest, triple
-from stridetwin.sim.fitting import KIND, Clock, Fitting
+from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, pair, suggest, triple
+from stridetwin.sim.fitting import KIND, Clock, Fitting, ShoeMount
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
 
@@ -24,6 +25,12 @@ _CLOCK = mapping(
     },
     Clock,
 )
+_POSITION = Field(attribute="position_m", read=triple(number(-300, 300, scale=1e-3)), required=True)
+_DEG = math.pi / 180
+_FACES = Field(attribute="faces_rad", read=pair(number(-180, 180, scale=_DEG)), required=True)
+_ROLL = Field(attribute="roll_rad", read=number(-180, 180, scale=_DEG))
+_BOARD = mapping({"position_mm": _POSITION, "faces_deg": _FACES}, ShoeMount)
+_MOUNT = mapping({"position_mm": _POSITION, "faces_deg": _FACES, "roll_deg": _ROLL}, ShoeMount)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +93,8 @@ def _options(group: str) -> dict[str, Field]:
         options["light"] = Field(attribute="light", read=number(0.001, 10))
     if group == "foot_camera":
         options["frames"] = Field(attribute="frames", read=choice({"board": "board", "full": "full"}))
+        options["mount"] = Field(attribute="mount", read=_MOUNT)
+        options["board"] = Field(attribute="board", read=_BOARD)
     if group == "foot_imu":
         options["position_mm"] = Field(attribute="position_m", read=triple(number(-300, 300, scale=1e-3)))
     return options

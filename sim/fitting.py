@@ -65,6 +65,21 @@ class Clock:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShoeMount:
+    """Where something sits on a shoe; the same numbers serve both, mirrored.
+
+    Attributes:
+        position_m: In the foot's frame: forward, towards the other foot, up.
+        faces_rad: From forward towards the other foot, and up: where a camera looks, or what a board faces.
+        roll_rad: A camera's turn about where it looks, the picture's top towards the other foot positive.
+    """
+
+    position_m: tuple[float, float, float]
+    faces_rad: tuple[float, float]
+    roll_rad: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Fitting:
     """What a group of sensors has that the standard one has not.
 
@@ -76,6 +91,8 @@ class Fitting:
         light: Light on the scene over what the camera is set for; cameras alone.
         frames: `board`, where the shoe cameras draw nothing but the surroundings of the other shoe's board, or `full`.
         position_m: Where a shoe's IMU sits instead, in the foot's frame: forward, outward, up.
+        mount: Where a shoe's camera sits instead.
+        board: Where a shoe's board sits instead; with the cameras.
     """
 
     part: Part | None = None
@@ -85,6 +102,8 @@ class Fitting:
     light: float = 1.0
     frames: str = "board"
     position_m: tuple[float, float, float] | None = None
+    mount: ShoeMount | None = None
+    board: ShoeMount | None = None
 
 
 def part_of(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from stridetwin.sim.actuation import modules
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, Clock, Fitting, part_of
+from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, Clock, Fitting, ShoeMount, part_of
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
 from stridetwin.sim.parts.told import TOLD
 from stridetwin.streams.errors import ConfigError
@@ -28,6 +28,8 @@ _DEG = math.pi / 180
 _WALK_S = 100.0
 
 _FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
+FOOT_CAMERA = ShoeMount(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
+FOOT_BOARD = ShoeMount(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
 RGBD_PITCH_RAD = 25 * _DEG
 _RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
 # D455 data sheet: the IMU relative to the imagers, optical axes.
@@ -97,7 +99,7 @@ def outfit(config: TwinConfig) -> Outfit:
     rig = Rig(
         imus={s.topic: s for s in told if isinstance(s, ImuCalibration)},
         cameras={s.topic: s for s in told if isinstance(s, CameraCalibration)},
-        boards={b.name: b for b in map(_board, SIDES)} if "foot_camera" in on else {},
+        boards={b.name: b for b in _boards(config)} if "foot_camera" in on else {},
         others={s.topic: s for s in told if isinstance(s, OtherSensor)},
     )
     return Outfit(rig=rig, sensors=sensors)
@@ -181,12 +183,19 @@ def _told_shift(config: TwinConfig, group: str) -> float:
 
 
 def _foot_cameras(config: TwinConfig) -> Iterator[WornSensor]:
+    sits = config.fittings.get("foot_camera", Fitting()).mount or FOOT_CAMERA
     for side in SIDES:
-        inward = -_outward(side)
-        forward = _direction(27 * _DEG * inward, 24 * _DEG)
-        pose = _pose(_looking(forward, roll=math.pi / 2 * inward), (-0.070, 0.045 * inward, 0.036))
+        position, forward = _on_shoe(sits, side)
+        pose = _pose(_looking(forward, roll=sits.roll_rad * -_outward(side)), position)
         mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
         yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
+
+
+def _on_shoe(sits: ShoeMount, side: str) -> tuple[Array, Array]:
+    """(3,) place, m, and (3,) direction that it faces, in the foot's frame."""
+    forward, inward, up = sits.position_m
+    towards, upward = sits.faces_rad
+    return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
 
 
 def _rgbd(config: TwinConfig) -> Iterator[WornSensor]:
@@ -199,18 +208,19 @@ def _rgbd_mount(where: str) -> Mount:
     return Mount(body=body, T_body_sensor=_pose(_looking(_direction(0.0, -RGBD_PITCH_RAD)), position))
 
 
-def _board(side: str) -> Board:
-    inward = -_outward(side)
-    out = _direction(167 * _DEG * inward, 2 * _DEG)
-    up = np.array([0.0, 0.0, 1.0]) - out[2] * out
-    up /= np.linalg.norm(up)
-    rotation = np.column_stack([np.cross(up, out), up, out])
-    return Board(
-        name=f"foot_{side}",
-        mount=Mount(body=f"foot_{side}", T_body_sensor=_pose(rotation, (-0.074, -0.005 * inward, 0.066))),
-        squares=(6, 9),
-        square_m=0.005,
-    )
+def _boards(config: TwinConfig) -> Iterator[Board]:
+    sits = config.fittings.get("foot_camera", Fitting()).board or FOOT_BOARD
+    for side in SIDES:
+        position, out = _on_shoe(sits, side)
+        up = np.array([0.0, 0.0, 1.0]) - out[2] * out
+        up /= np.linalg.norm(up)
+        rotation = np.column_stack([np.cross(up, out), up, out])
+        yield Board(
+            name=f"foot_{side}",
+            mount=Mount(body=f"foot_{side}", T_body_sensor=_pose(rotation, position)),
+            squares=(6, 9),
+            square_m=0.005,
+        )
 
 
 def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> WornSensor:

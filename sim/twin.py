@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import copy
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -23,6 +25,7 @@ from stridetwin.sim.dynamics.simulate import simulate
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
 from stridetwin.sim.fault_plan import plan_faults
+from stridetwin.sim.fitting import Fitting
 from stridetwin.sim.gait.reference import Reference, reference
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.render import FilmCamera
@@ -90,6 +93,20 @@ class Twin:
         s = (plan.paths["l"].s + plan.paths["r"].s) / 2
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(3,)))
         return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, plan.splines(plan.grid)[:, :2], rng)
+
+    def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, Fitting]) -> Twin:
+        """The same walk, neither planned nor simulated again, with other sensors at the same places.
+
+        Args:
+            sensors: Groups of this twin's sensors.
+            fittings: As in `TwinConfig`; those that place an IMU elsewhere do not count.
+        """
+        _ = self.walk  # made before the copy, so that both share it
+        other = copy(self)
+        other.config = replace(self.config, sensors=sensors, fittings=fittings)
+        other.outfit = outfit(other.config)
+        other.rig = other.outfit.rig
+        return other
 
     @property
     def duration_s(self) -> float:

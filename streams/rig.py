@@ -105,7 +105,7 @@ class CameraCalibration:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Board:
-    """Checkerboard that a camera looks at.
+    """Checkerboard that a camera looks at: its square at the least x and y is dark, a white margin surrounds it.
 
     Attributes:
         name: Such as `foot_l`.

@@ -50,6 +50,18 @@ def exponential(x: float, y: float, z: float) -> Array:
 
 
 @njit
+def force_at_middle(f: Array, x: float, y: float, z: float) -> Array:
+    """(3,) force at the middle of a turn by (x, y, z) rad that changes the velocity as the constant `f` does in it.
+
+    The velocity changes by Γ₁(φ) f dt, Γ₁ the left Jacobian of SO(3), which is Exp(φ/2) (1 + [φ]x²/24) to the second
+    order (Barfoot 2017, ch. 7).
+    """
+    along = (x * f[0] + y * f[1] + z * f[2]) / 24.0
+    less = 1.0 - (x * x + y * y + z * z) / 24.0
+    return np.array([less * f[0] + along * x, less * f[1] + along * y, less * f[2] + along * z])
+
+
+@njit
 def skew(v: Array) -> Array:
     """(3, 3) matrix whose product with a vector is v × that vector."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

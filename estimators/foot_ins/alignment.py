@@ -13,27 +13,29 @@ from stridetwin.estimators.foot_ins.memory import (
     ATTITUDE,
     D_ACCEL_BIAS,
     D_ATTITUDE,
+    D_CONTACT,
     D_GYRO_BIAS,
     D_POSITION,
     D_VELOCITY,
     FILL,
     HEADED,
+    LANDED,
     LEVERED,
+    NEVER_LANDED,
     PHASE,
     STATES,
     T_ALIGN,
     T_KNOWN,
     T_LAST,
     T_STILL,
+    T_STOOD,
     TRACKING,
     VELOCITY,
     Memory,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import across_sole
 from stridetwin.streams.samples import Array
-
-START_POSITION_SD = 1e-4  # m; the start is where the world's origin is
-START_HEADING_SD = 1e-3  # rad; and its heading is the world's
 
 
 @njit
@@ -43,6 +45,8 @@ def begin(memory: Memory, t_ns: int) -> None:
     memory.clock[T_ALIGN] = t_ns
     memory.clock[T_STILL] = t_ns
     memory.clock[FILL] = 0
+    memory.clock[LANDED] = NEVER_LANDED
+    memory.clock[T_STOOD] = t_ns
     memory.force_sum[:] = 0.0
     memory.nominal[VELOCITY : VELOCITY + 3] = 0.0
 
@@ -69,6 +73,8 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
         if clock[LEVERED] == 0:
             clock[LEVERED] = 1
             memory.lever[:] = -parameters.lever_arm * rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])[2]
+            o = memory.row + D_CONTACT
+            memory.covariance[o : o + 3, o : o + 3] = across_sole(memory, parameters.contact_sd**2)
 
 
 @njit
@@ -96,22 +102,23 @@ def level(memory: Memory, force_sum: Array) -> None:
 @njit
 def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float) -> None:
     """Covariance of an alignment: the variances of position, heading and biases outlive it."""
-    P, clock = memory.covariance, memory.clock
+    P, clock, o = memory.covariance, memory.clock, memory.row
     variance = np.zeros(STATES)
     if clock[LEVERED] == 0:
-        variance[D_POSITION : D_POSITION + 3] = START_POSITION_SD**2
-        variance[D_ATTITUDE + 2] = START_HEADING_SD**2
+        variance[D_POSITION : D_POSITION + 3] = memory.start_sd[0] ** 2
+        variance[D_ATTITUDE + 2] = memory.start_sd[1] ** 2
         variance[D_GYRO_BIAS : D_GYRO_BIAS + 3] = parameters.gyro_bias_sd**2
         variance[D_ACCEL_BIAS : D_ACCEL_BIAS + 3] = parameters.accel_bias_sd**2
     else:
         for i in range(STATES):
-            variance[i] = P[i, i]
+            variance[i] = P[o + i, o + i]
         lost, lost_before = (t_ns - clock[T_KNOWN]) * 1e-9, (clock[T_LAST] - clock[T_KNOWN]) * 1e-9
         growth = lost**2 - lost_before**2
         variance[D_POSITION : D_POSITION + 3] += parameters.gap_speed**2 * growth
         variance[D_ATTITUDE + 2] += parameters.gap_turn_rate**2 * growth
     variance[D_VELOCITY : D_VELOCITY + 3] = speed_sd**2
     variance[D_ATTITUDE : D_ATTITUDE + 2] = tilt_sd**2
-    P[:] = 0.0
+    P[o : o + STATES] = 0.0
+    P[:, o : o + STATES] = 0.0
     for i in range(STATES):
-        P[i, i] = variance[i]
+        P[o + i, o + i] = variance[i]

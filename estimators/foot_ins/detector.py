@@ -44,7 +44,7 @@ def motion(memory: Memory, parameters: KernelParameters) -> float:
         n += 1
     g = parameters.gravity
     spread2 = force2 / n - 2.0 * g * math.sqrt(fx * fx + fy * fy + fz * fz) / n + g * g
-    return spread2 / parameters.accel_scale**2 + rate2 / n / parameters.gyro_scale**2
+    return max(spread2, 0.0) / parameters.accel_scale**2 + rate2 / n / parameters.gyro_scale**2
 
 
 @njit

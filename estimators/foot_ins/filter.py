@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,17 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.foot_ins import kernel
 from stridetwin.estimators.foot_ins.memory import (
-    ALIGNING,
     ATTITUDE,
     HEADED,
     IGNORED,
     POSITION,
+    START_HEADING_SD,
+    START_POSITION_SD,
+    T_LAST,
+    TOLD,
     TRACKING,
     VELOCITY,
+    Memory,
     blank,
 )
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
@@ -32,10 +37,14 @@ class StartPose:
     Attributes:
         p_imu_in_world: (3,) m.
         q_world_imu: (4,) unit quaternion (w, x, y, z); its heading is taken as it is.
+        position_sd: How well the position is known, m.
+        heading_sd: How well the heading is known, rad.
     """
 
     p_imu_in_world: Array
     q_world_imu: Array
+    position_sd: float = START_POSITION_SD
+    heading_sd: float = START_HEADING_SD
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value has another shape, is not finite or is no unit quaternion."""
@@ -45,6 +54,17 @@ class StartPose:
                 raise ConfigError("StartPose", name, getattr(self, name), f"{size} finite numbers")
         if abs(np.linalg.norm(self.q_world_imu) - 1.0) > 1e-3:
             raise ConfigError("StartPose", "q_world_imu", self.q_world_imu, "a unit quaternion (w, x, y, z)")
+        for name in ("position_sd", "heading_sd"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise ConfigError("StartPose", name, getattr(self, name), "a finite number ≥ 0")
+
+    def place(self, memory: Memory) -> None:
+        """Puts a foot that has seen no sample yet where this says."""
+        q = np.asarray(self.q_world_imu, dtype=float)
+        memory.nominal[POSITION : POSITION + 3] = self.p_imu_in_world
+        memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
+        memory.start_sd[:] = self.position_sd, self.heading_sd
+        memory.clock[HEADED] = 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,6 +90,20 @@ class FootInsEstimate:
     covariance: Array
     standing_speed_sd: float
     aligned: bool
+
+    @classmethod
+    def of(cls, memory: Memory, phase: int, standing_speed_sd: float) -> FootInsEstimate:
+        """What the memory holds, copied, after a sample that was used in `phase` (ALIGNING or TRACKING)."""
+        x, o = memory.nominal.copy(), memory.row
+        return cls(
+            t_ns=int(memory.clock[T_LAST]),
+            p_imu_in_world=x[POSITION : POSITION + 3],
+            q_world_imu=x[ATTITUDE : ATTITUDE + 4],
+            v_imu_in_world=x[VELOCITY : VELOCITY + 3],
+            covariance=memory.covariance[o : o + TOLD, o : o + TOLD].copy(),
+            standing_speed_sd=standing_speed_sd,
+            aligned=phase == TRACKING,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,27 +147,12 @@ class FootIns:
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = blank()
         if start is not None:
-            q = np.asarray(start.q_world_imu, dtype=float)
-            self._memory.nominal[POSITION : POSITION + 3] = start.p_imu_in_world
-            self._memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
-            self._memory.clock[HEADED] = 1
+            start.place(self._memory)
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
         """Takes one sample; returns the new estimate, or None where the sample is ignored."""
-        phase, speed, state, _ = self._run(
-            np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None]
-        )
-        if phase[0] == IGNORED:
-            return None
-        return FootInsEstimate(
-            t_ns=int(sample.t_ns),
-            p_imu_in_world=state[0, POSITION : POSITION + 3],
-            q_world_imu=state[0, ATTITUDE : ATTITUDE + 4],
-            v_imu_in_world=state[0, VELOCITY : VELOCITY + 3],
-            covariance=self._memory.covariance.copy(),
-            standing_speed_sd=float(speed[0]),
-            aligned=bool(phase[0] != ALIGNING),
-        )
+        phase, speed, _, _ = self._run(np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None])
+        return None if phase[0] == IGNORED else FootInsEstimate.of(self._memory, int(phase[0]), float(speed[0]))
 
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
@@ -154,7 +173,7 @@ class FootIns:
         )
 
     def _run(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
-        """Phase (N,), standing speed (N,), nominal state (N, 16), pose covariance (N, 6, 6)."""
+        """Phase (N,), standing speed (N,), nominal state (N, 20), pose covariance (N, 6, 6)."""
         n = len(t_ns)
         phase, speed = np.empty(n, np.int8), np.empty(n)
         state, covariance = np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))

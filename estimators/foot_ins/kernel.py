@@ -12,7 +12,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.foot_ins.alignment import align, begin
+from stridetwin.estimators.foot_ins.clipping import restore
 from stridetwin.estimators.foot_ins.detector import motion, push, standing_speed
+from stridetwin.estimators.foot_ins.floor import stand
 from stridetwin.estimators.foot_ins.memory import (
     ALIGNING,
     D_ATTITUDE,
@@ -26,12 +28,21 @@ from stridetwin.estimators.foot_ins.memory import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.stance import zero_rate, zero_velocity
+from stridetwin.estimators.foot_ins.stance import roll, zero_rate, zero_velocity
 from stridetwin.estimators.foot_ins.strapdown import predict
 from stridetwin.streams.samples import Array
 
 MAX_RATE = 100.0  # rad/s; no gyro that a foot could carry measures more
 MAX_FORCE = 5000.0  # m/s²
+
+
+@njit
+def possible(rate: Array, force: Array) -> bool:
+    """Whether a sensor on a foot can have measured this; NaN cannot be."""
+    fine = True
+    for i in range(3):
+        fine = fine and abs(rate[i]) <= MAX_RATE and abs(force[i]) <= MAX_FORCE
+    return fine
 
 
 @njit
@@ -50,9 +61,8 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
         standing foot's speed, m/s, inf while nothing says that it stands.
     """
     clock = memory.clock
-    for i in range(3):  # written so that a NaN fails
-        if not (abs(rate[i]) <= MAX_RATE and abs(force[i]) <= MAX_FORCE):
-            return IGNORED, math.inf
+    if not possible(rate, force):
+        return IGNORED, math.inf
     if clock[PHASE] == EMPTY:
         begin(memory, t_ns)
         clock[T_LAST] = t_ns
@@ -73,14 +83,34 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
     clock[T_KNOWN] = t_ns
     memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / parameters.peak_decay_s))
     predict(memory, parameters, rate, force, dt)
+    restore(memory, parameters)
+    roll(memory, parameters, dt)
     speed = standing_speed(statistic, memory.peak[0], parameters)
     if speed < parameters.max_velocity_sd:
         zero_velocity(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf
+    stand(memory, parameters, t_ns, speed)
     if memory.peak[0] < parameters.rest_level:
         zero_rate(memory, parameters, rate, dt)
     return TRACKING, speed
+
+
+@njit
+def note_pose_covariance(memory: Memory, covariance: Array) -> None:
+    """Writes the foot's (6, 6) of position (m) and attitude (rad), world axes, into `covariance`."""
+    P, o = memory.covariance, memory.row
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] = P[o + D_POSITION + i, o + D_POSITION + j]
+            covariance[i, 3 + j] = P[o + D_POSITION + i, o + D_ATTITUDE + j]
+            covariance[3 + i, j] = P[o + D_ATTITUDE + i, o + D_POSITION + j]
+            covariance[3 + i, 3 + j] = P[o + D_ATTITUDE + i, o + D_ATTITUDE + j]
+
+
+def digest_of_sources(*folders: Path) -> int:
+    """Checksum, ≥ 0, of every Python file that lies in the folders."""
+    return zlib.crc32(b"".join(f.read_bytes() for folder in folders for f in sorted(folder.glob("*.py"))))
 
 
 def _compiled(sources: int) -> Callable[..., None]:
@@ -115,22 +145,16 @@ def _compiled(sources: int) -> Callable[..., None]:
             force: (N, 3) m/s².
             phase: (N,) int8, out: phase in which the sample was used.
             speed: (N,) out: standard deviation of the standing foot's speed, m/s.
-            state: (N, 16) out: nominal state.
+            state: (N, 20) out: nominal state.
             covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
         """
         assert sources >= 0  # a constant of the closure, and so a part of the cache's key
-        P = memory.covariance
         for k in range(len(t_ns)):
             phase[k], speed[k] = step(memory, parameters, t_ns[k], rate[k], force[k])
             state[k] = memory.nominal
-            for i in range(3):
-                for j in range(3):
-                    covariance[k, i, j] = P[D_POSITION + i, D_POSITION + j]
-                    covariance[k, i, 3 + j] = P[D_POSITION + i, D_ATTITUDE + j]
-                    covariance[k, 3 + i, j] = P[D_ATTITUDE + i, D_POSITION + j]
-                    covariance[k, 3 + i, 3 + j] = P[D_ATTITUDE + i, D_ATTITUDE + j]
+            note_pose_covariance(memory, covariance[k])
 
     return run
 
 
-run = _compiled(zlib.crc32(b"".join(f.read_bytes() for f in sorted(Path(__file__).parent.glob("*.py")))))
+run = _compiled(digest_of_sources(Path(__file__).parent))

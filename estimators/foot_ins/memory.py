@@ -1,4 +1,4 @@
-"""All that the filter remembers, as arrays of fixed size that the compiled kernel changes in place."""
+"""All that the filter remembers of a foot, as arrays of fixed size that the compiled kernel changes in place."""
 
 from __future__ import annotations
 
@@ -9,29 +9,41 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
 
-# Nominal state (16,): position, velocity, quaternion, gyro bias, accelerometer bias.
-POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS = 0, 3, 6, 10, 13
-# Error state (15,): true = nominal + error; that of the attitude is a rotation vector in the world,
+# Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, how far the point of the sole that
+# stands still has wandered from the end of the lever arm (sensor frame), height of the floor.
+POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR = 0, 3, 6, 10, 13, 16, 19
+NOMINAL = 20
+# Error state (19,): true = nominal + error; that of the attitude is a rotation vector in the world,
 # R_true = exp([e]x) R.
-D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
-STATES = 15
+D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR = 0, 3, 6, 9, 12, 15, 18
+STATES = 19
+TOLD = 15  # of them are in an estimate
 
-# Clock (9,): last sample, since when the foot stands still, since when the filter aligns, last sample that it
-# tracked, all in ns; head and fill of the ring; phase; is the heading known, is the lever arm.
-T_LAST, T_STILL, T_ALIGN, T_KNOWN, HEAD, FILL, PHASE, HEADED, LEVERED = range(9)
+# Clock (11,): last sample, since when the foot stands still, since when the filter aligns, last sample that it tracked,
+# last sample of which it was not sure to stand, all in ns; head and fill of the ring; phase; is the heading known, is
+# the lever arm; has the foot landed.
+T_LAST, T_STILL, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED = range(11)
+CLOCKS = 11
 IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
+NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
+
+START_POSITION_SD = 1e-4  # m; the start is where the world's origin is
+START_HEADING_SD = 1e-3  # rad; and its heading is the world's
 
 RING = 64  # samples that the statistic can look back on; 35 ms at 1.8 kHz
 
 
 class Memory(NamedTuple):
-    """Everything the filter remembers.
+    """Everything the filter remembers of one foot; covariance and error may be those of a filter of more.
 
     Attributes:
-        nominal: (16,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
-            bias m/s².
-        covariance: (15, 15) of the error state.
-        clock: (9,) int64, see the constants above.
+        nominal: (20,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
+            bias m/s², wandering of the contact m, height of the floor m.
+        covariance: (n, n) of the filter's error state.
+        error: (n,) found by updates, but not yet moved into the nominal state of the foot that it belongs to.
+        row: First of the 19 rows of `covariance` and `error` that are this foot's.
+        start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
+        clock: (11,) int64, see the constants above.
         ring_t_ns: (RING,) times of the last samples.
         ring: (RING, 6) their angular rate and specific force.
         force_sum: (2, 4) sum and count of the specific force since the foot stands still, and since the
@@ -43,6 +55,9 @@ class Memory(NamedTuple):
 
     nominal: Array
     covariance: Array
+    error: Array
+    row: int
+    start_sd: Array
     clock: NDArray[np.int64]
     ring_t_ns: NDArray[np.int64]
     ring: Array
@@ -52,14 +67,23 @@ class Memory(NamedTuple):
     extreme: Array
 
 
-def blank() -> Memory:
-    """Memory of a filter that has seen no sample and stands at the origin."""
-    nominal = np.zeros(16)
+def blank(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> Memory:
+    """Memory of a foot that has seen no sample and stands at the origin.
+
+    Args:
+        covariance: (n, n) of the filter that the foot is part of; a filter of its own without.
+        error: (n,) of that filter.
+        row: First of the foot's 19 rows in it.
+    """
+    nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
     return Memory(
         nominal=nominal,
-        covariance=np.zeros((STATES, STATES)),
-        clock=np.zeros(9, np.int64),
+        covariance=np.zeros((STATES, STATES)) if covariance is None else covariance,
+        error=np.zeros(STATES) if error is None else error,
+        row=row,
+        start_sd=np.array([START_POSITION_SD, START_HEADING_SD]),
+        clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64),
         ring=np.zeros((RING, 6)),
         force_sum=np.zeros((2, 4)),

@@ -17,11 +17,14 @@ class FootInsParameters:
     Attributes:
         gravity: m/s².
         lever_arm: From the sensor straight down (as it first stood) to the point that stands still, m.
-        lever_sd: How far that point may be from there, as the foot rolls from heel to ball, m.
+        lever_sd: How far that point may be from there in any one sample, m.
+        contact_sd: How far the point that stands still wanders along the sole, and remembers that it did, m.
+        contact_s: How long it remembers, s.
         gyro_noise: Scale and sampling errors of the angular rate, rad/s/√Hz, beside the calibration's noise.
         gyro_limit_noise: Added about an axis that is at its limit, rad/s/√Hz.
         accel_noise: Noise of the specific force at rest, m/s²/√Hz, beside the calibration's.
         accel_motion_noise: What scale, alignment and sampling errors add for 1 m/s², 1/√Hz.
+        accel_jerk_noise: What sampling adds where the specific force changes by 1 m/s³, s/√Hz.
         accel_limit_noise: Added along an axis that is at a known limit, m/s²/√Hz.
         accel_extreme_noise: Added where the limit is not known, and may be none.
         gyro_bias_walk: rad/s²/√Hz, beside the calibration's.
@@ -45,6 +48,11 @@ class FootInsParameters:
         still_correlation_s: How long such a speed lasts: updates within this time share their error, s.
         max_velocity_sd: An update less certain than this is left out, m/s.
         max_surprise: Innovation, in standard deviations, beyond which an update is trusted less.
+        level_step: A smaller change of the floor's height between two steps is none, m; 0 = each floor is new.
+        level_tilt: A foot that leans more, against how it first stood, is on no level floor, rad.
+        floor_sd: How far the height of a foot on the same floor differs from step to step, m.
+        stand_speed: A foot whose speed is known no better does not stand on a floor yet, m/s.
+        stand_s: How long it has to stand before its height counts, s.
         rest_level: Peak of the statistic below which the foot rests: its mean rate is the gyro's bias.
         rest_rate_noise: Turning of a foot at rest, rad/s/√Hz.
         align_s: Still time that an alignment takes, s.
@@ -62,13 +70,16 @@ class FootInsParameters:
 
     gravity: float = 9.8029
     lever_arm: float = 0.072
-    lever_sd: float = 0.1
+    lever_sd: float = 0.04
+    contact_sd: float = 0.058
+    contact_s: float = 10.0
     gyro_noise: float = 0.0022
-    gyro_limit_noise: float = 0.09
+    gyro_limit_noise: float = 0.057
     accel_noise: float = 0.0034
-    accel_motion_noise: float = 0.004
-    accel_limit_noise: float = 1.0
-    accel_extreme_noise: float = 0.19
+    accel_motion_noise: float = 0.0019
+    accel_jerk_noise: float = 2.3e-5
+    accel_limit_noise: float = 3.0
+    accel_extreme_noise: float = 0.141
     gyro_bias_walk: float = 1e-5
     accel_bias_walk: float = 1e-4
     gyro_bias_sd: float = 3.3e-4
@@ -78,17 +89,22 @@ class FootInsParameters:
     gyro_range_min: float = 7.0
     accel_range_min: float = 45.0
     limit_share: float = 0.94
-    window_s: float = 0.035
+    window_s: float = 0.0243
     gyro_scale: float = 0.0017
     accel_scale: float = 0.0045
-    peak_decay_s: float = 0.36
-    still_level: float = 1440.0
-    still_share: float = 0.007
-    still_power: float = 4.0
+    peak_decay_s: float = 0.2
+    still_level: float = 2890.0
+    still_share: float = 0.008
+    still_power: float = 4.63
     still_velocity: float = 0.01
     still_correlation_s: float = 0.018
     max_velocity_sd: float = 2.0
     max_surprise: float = 3.0
+    level_step: float = 0.018
+    level_tilt: float = 0.06
+    floor_sd: float = 0.0053
+    stand_speed: float = 0.02
+    stand_s: float = 0.03
     rest_level: float = 880.0
     rest_rate_noise: float = 3.2e-4
     align_s: float = 0.1
@@ -105,7 +121,7 @@ class FootInsParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        may_be_zero = {"gyro_range", "accel_range", "lever_arm", "lever_sd", "rest_level"}
+        may_be_zero = {"gyro_range", "accel_range", "lever_arm", "lever_sd", "contact_sd", "level_step", "rest_level"}
         for name, value in asdict(self).items():
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError("FootInsParameters", name, value, "a finite number ≥ 0")
@@ -119,11 +135,14 @@ class KernelParameters(NamedTuple):
     gravity: float
     lever_arm: float
     lever_sd: float
+    contact_sd: float
+    contact_s: float
     gyro_noise: float
     gyro_limit_noise: float
     accel_noise: float
     accel_motion_noise: float
     accel_limit_noise: float
+    accel_jerk_noise: float
     gyro_bias_walk: float
     accel_bias_walk: float
     gyro_bias_sd: float
@@ -144,6 +163,11 @@ class KernelParameters(NamedTuple):
     still_correlation_s: float
     max_velocity_sd: float
     max_surprise: float
+    level_step: float
+    level_tilt: float
+    floor_sd: float
+    stand_speed: float
+    stand_s: float
     rest_level: float
     rest_rate_noise: float
     align_s: float

@@ -8,15 +8,19 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix, skew
-from stridetwin.estimators.foot_ins.covariance import correct
+from stridetwin.estimators.foot_ins.covariance import correct, shift
 from stridetwin.estimators.foot_ins.memory import (
     ACCEL_BIAS,
     ATTITUDE,
+    CONTACT,
     D_ACCEL_BIAS,
     D_ATTITUDE,
+    D_CONTACT,
+    D_FLOOR,
     D_GYRO_BIAS,
     D_POSITION,
     D_VELOCITY,
+    FLOOR,
     GYRO_BIAS,
     POSITION,
     STATES,
@@ -28,8 +32,33 @@ from stridetwin.streams.samples import Array
 
 
 @njit
+def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
+    """Lets the point that stands still wander along the sole over `dt` (s).
+
+    A first-order Gauss-Markov process of deviation `contact_sd` and time constant `contact_s`, across the lever arm: a
+    foot rolls over the same ball in every step.
+    """
+    x, P, o = memory.nominal, memory.covariance, memory.row + D_CONTACT
+    kept = math.exp(-dt / parameters.contact_s)
+    x[CONTACT : CONTACT + 3] *= kept
+    P[o : o + 3] *= kept
+    P[:, o : o + 3] *= kept
+    P[o : o + 3, o : o + 3] += (1.0 - kept * kept) * across_sole(memory, parameters.contact_sd**2)
+
+
+@njit
+def across_sole(memory: Memory, variance: float) -> Array:
+    """(3, 3) covariance of a point of the sole, sensor frame: `variance` in every direction across the lever arm."""
+    down = memory.lever / max(math.sqrt(memory.lever @ memory.lever), 1e-9)
+    return variance * (np.eye(3) - np.outer(down, down))
+
+
+@njit
 def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
+
+    It is a measurement in the axes of the sensor, where a turn of the whole world changes nothing; so the Jacobian on
+    the attitude is [v]x.
 
     Which point of the sole stands still wanders from heel to ball as the foot rolls. An arm uncertain by
     σ_r in every direction adds σ_r² (|w|² I - w wᵀ) to the noise, so a turning foot tells little about the
@@ -46,26 +75,28 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     x = memory.nominal
     R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
     w = R @ (rate - x[GYRO_BIAS : GYRO_BIAS + 3])
-    r = R @ memory.lever
+    r = R @ (memory.lever + x[CONTACT : CONTACT + 3])
     u = skew(w) @ r
     H = np.zeros((3, STATES))
     H[:, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
-    H[:, D_ATTITUDE : D_ATTITUDE + 3] = -skew(u)
+    H[:, D_ATTITUDE : D_ATTITUDE + 3] = skew(x[VELOCITY : VELOCITY + 3])
     H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = skew(r) @ R
+    H[:, D_CONTACT : D_CONTACT + 3] = skew(w) @ R
     shared = math.sqrt(max(1.0, parameters.still_correlation_s / dt))
     W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd)
     H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
-    error = np.zeros(STATES)
-    doubt = max(1.0, _surprise(memory.covariance, H, z) / parameters.max_surprise)
+    o = memory.row
+    own = np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
+    doubt = max(1.0, surprise(own, H, z) / parameters.max_surprise)
     for i in range(3):
-        correct(memory.covariance, error, H[i] / doubt, z[i] / doubt, 1.0)
-    inject(memory, error)
+        correct(memory.covariance, memory.error, o, H[i] / doubt, z[i] / doubt, 1.0)
+    inject(memory)
 
 
 @njit
-def _surprise(P: Array, H: Array, z: Array) -> float:
-    """Length of the innovation z (3,), of unit noise and Jacobian H (3, 15), in standard deviations."""
-    return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(3), z))
+def surprise(P: Array, H: Array, z: Array) -> float:
+    """Length of the innovation z (m,), of unit noise and Jacobian H (m, n), in standard deviations."""
+    return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(len(z)), z))
 
 
 @njit
@@ -79,23 +110,28 @@ def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
 @njit
 def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
     """Update with ω = b_g: a foot that has long been quiet does not turn."""
-    error, h = np.zeros(STATES), np.zeros(STATES)
+    h = np.zeros(STATES)
     for i in range(3):
         h[:] = 0.0
         h[D_GYRO_BIAS + i] = 1.0
         innovation = rate[i] - memory.nominal[GYRO_BIAS + i]
-        correct(memory.covariance, error, h, innovation, parameters.rest_rate_noise**2 / dt)
-    inject(memory, error)
+        correct(memory.covariance, memory.error, memory.row, h, innovation, parameters.rest_rate_noise**2 / dt)
+    inject(memory)
 
 
 @njit
-def inject(memory: Memory, error: Array) -> None:
-    """Moves the error (15,) into the nominal state, in place."""
+def inject(memory: Memory) -> None:
+    """Moves the foot's own error into its nominal state, in place."""
     x = memory.nominal
+    error = memory.error[memory.row : memory.row + STATES]
     for i in range(3):
         x[POSITION + i] += error[D_POSITION + i]
         x[VELOCITY + i] += error[D_VELOCITY + i]
         x[GYRO_BIAS + i] += error[D_GYRO_BIAS + i]
         x[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
+        x[CONTACT + i] += error[D_CONTACT + i]
+    x[FLOOR] += error[D_FLOOR]
     turn = exponential(error[D_ATTITUDE], error[D_ATTITUDE + 1], error[D_ATTITUDE + 2])
     x[ATTITUDE : ATTITUDE + 4] = product(turn, x[ATTITUDE : ATTITUDE + 4])
+    shift(memory.covariance, memory.row, error[D_POSITION : D_POSITION + 3], error[D_VELOCITY : D_VELOCITY + 3])
+    error[:] = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix
+from stridetwin.estimators.foot_ins.algebra import exponential, force_at_middle, product, rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import propagate
 from stridetwin.estimators.foot_ins.memory import (
     ACCEL_BIAS,
@@ -13,13 +13,43 @@ from stridetwin.estimators.foot_ins.memory import (
     D_ATTITUDE,
     D_GYRO_BIAS,
     D_VELOCITY,
+    FILL,
     GYRO_BIAS,
+    HEAD,
     POSITION,
+    RING,
     VELOCITY,
     Memory,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.samples import Array
+
+
+@njit
+def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
+    """Moves a nominal state over one interval, in place; with a negative `dt` exactly back.
+
+    Args:
+        x: (20,) see `memory`.
+        rate: (3,) rad/s, sensor frame.
+        force: (3,) m/s², sensor frame.
+        dt: s.
+        gravity: m/s².
+
+    Returns:
+        (3, 3) attitude at the interval's middle, world <- sensor, and (3,) specific force in the world, m/s².
+    """
+    wx, wy, wz = rate[0] - x[GYRO_BIAS], rate[1] - x[GYRO_BIAS + 1], rate[2] - x[GYRO_BIAS + 2]
+    half = exponential(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
+    q_middle = product(x[ATTITUDE : ATTITUDE + 4], half)
+    R = rotation_matrix(q_middle)
+    force_in_world = R @ force_at_middle(force - x[ACCEL_BIAS : ACCEL_BIAS + 3], dt * wx, dt * wy, dt * wz)
+    for i in range(3):
+        a = force_in_world[i] - (gravity if i == 2 else 0.0)
+        x[POSITION + i] += dt * (x[VELOCITY + i] + 0.5 * dt * a)
+        x[VELOCITY + i] += dt * a
+    x[ATTITUDE : ATTITUDE + 4] = product(q_middle, half)
+    return R, force_in_world
 
 
 @njit
@@ -38,35 +68,31 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
         dt: s; longer than `max_step_s` means that samples are missing.
     """
     x, P = memory.nominal, memory.covariance
-    wx, wy, wz = rate[0] - x[GYRO_BIAS], rate[1] - x[GYRO_BIAS + 1], rate[2] - x[GYRO_BIAS + 2]
-    half = exponential(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
-    q_middle = product(x[ATTITUDE : ATTITUDE + 4], half)
-    R = rotation_matrix(q_middle)
-    force_in_world = R @ (force - x[ACCEL_BIAS : ACCEL_BIAS + 3])
-    acceleration2 = 0.0
-    for i in range(3):
-        a = force_in_world[i] - (parameters.gravity if i == 2 else 0.0)
-        acceleration2 += a * a
-        x[POSITION + i] += dt * (x[VELOCITY + i] + 0.5 * dt * a)
-        x[VELOCITY + i] += dt * a
-    x[ATTITUDE : ATTITUDE + 4] = product(q_middle, half)
-
-    propagate(P, 0, R, force_in_world, dt)
+    R, force_in_world = carry(x, rate, force, dt, parameters.gravity)
+    acceleration2 = force_in_world[0] ** 2 + force_in_world[1] ** 2 + (force_in_world[2] - parameters.gravity) ** 2
+    o = memory.row
+    propagate(P, o, R, force_in_world, dt)
     attitude_noise = parameters.gyro_noise**2
     velocity_noise = parameters.accel_noise**2 + parameters.accel_motion_noise**2 * acceleration2
+    if memory.clock[FILL] > 1:
+        before = memory.ring[(memory.clock[HEAD] - 1) % RING]
+        jerk2 = 0.0
+        for i in range(3):
+            jerk2 += ((force[i] - before[3 + i]) / dt) ** 2
+        velocity_noise += parameters.accel_jerk_noise**2 * jerk2
     if dt > parameters.max_step_s:
         attitude_noise += parameters.gap_gyro_noise**2
         velocity_noise += parameters.gap_accel_noise**2
     for i in range(3):
-        P[D_ATTITUDE + i, D_ATTITUDE + i] += attitude_noise * dt
-        P[D_VELOCITY + i, D_VELOCITY + i] += velocity_noise * dt
-        P[D_GYRO_BIAS + i, D_GYRO_BIAS + i] += parameters.gyro_bias_walk**2 * dt
-        P[D_ACCEL_BIAS + i, D_ACCEL_BIAS + i] += parameters.accel_bias_walk**2 * dt
+        P[o + D_ATTITUDE + i, o + D_ATTITUDE + i] += attitude_noise * dt
+        P[o + D_VELOCITY + i, o + D_VELOCITY + i] += velocity_noise * dt
+        P[o + D_GYRO_BIAS + i, o + D_GYRO_BIAS + i] += parameters.gyro_bias_walk**2 * dt
+        P[o + D_ACCEL_BIAS + i, o + D_ACCEL_BIAS + i] += parameters.accel_bias_walk**2 * dt
     for i in range(3):
         if _at_limit(memory.extreme, i, rate[i], parameters.gyro_range, parameters.gyro_range_min, parameters):
-            _add_along(P, D_ATTITUDE, R, i, parameters.gyro_limit_noise**2 * dt)
+            _add_along(P, o + D_ATTITUDE, R, i, parameters.gyro_limit_noise**2 * dt)
         if _at_limit(memory.extreme, 3 + i, force[i], parameters.accel_range, parameters.accel_range_min, parameters):
-            _add_along(P, D_VELOCITY, R, i, parameters.accel_limit_noise**2 * dt)
+            _add_along(P, o + D_VELOCITY, R, i, parameters.accel_limit_noise**2 * dt)
 
 
 @njit

@@ -99,7 +99,10 @@ def test_a_heel_that_rises_slowly_does_not_pull_the_path_down() -> None:
     uncertain, fixed = (
         FootIns(parameters=p, start=start_of(truth)).run(truth.imu).trajectory.p_frame_in_world[-1, 2]
         - truth.p_imu_in_world[-1, 2]
-        for p in (FootInsParameters(), FootInsParameters(lever_sd=0.0, max_surprise=1e9))
+        for p in (
+            FootInsParameters(level_step=0.0),
+            FootInsParameters(level_step=0.0, lever_sd=0.0, contact_sd=0.0, max_surprise=1e9),
+        )
     )
     assert fixed < -0.03 * truth.distance
     assert abs(uncertain) < 0.01 * truth.distance
@@ -255,7 +258,7 @@ def test_a_limited_gyro_costs_certainty_and_less_accuracy_than_trusting_it() -> 
     limited = block_like(truth, angular_rate=np.clip(truth.imu.columns["angular_rate"], -5.0, 5.0))
     told, untold = (
         FootIns(parameters=p, start=start_of(truth)).run(limited).trajectory
-        for p in (FootInsParameters(gyro_range=5.0), FootInsParameters())
+        for p in (FootInsParameters(gyro_range=5.0, level_step=0.0), FootInsParameters(level_step=0.0))
     )
     end = truth.p_imu_in_world[-1]
     assert np.trace(told.covariance[-1, :3, :3]) > np.trace(untold.covariance[-1, :3, :3])

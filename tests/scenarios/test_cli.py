@@ -12,8 +12,9 @@ from stridetwin.streams.recording import Recording, RecordingWriter
 from stridetwin.streams.samples import Imu
 from stridetwin.streams.tum import read_tum
 
-COMMANDS = ("run", "list", "generate", "check", "import", "export", "estimate", "score", "view")
+COMMANDS = ("run", "list", "generate", "check", "import", "export", "estimate", "score", "experiment", "view")
 FILES = {"recording.mcap", "scores.json", "report.html", "run.rrd", "foot_ins_l.txt", "foot_ins_r.txt"}
+FILES |= {"foot_to_foot_l.txt", "foot_to_foot_r.txt"}
 
 
 def call(capsys, *words):
@@ -43,7 +44,7 @@ def test_every_command_has_help(capsys, command):
 def test_run_leaves_every_file_and_says_where_the_report_is(walk):
     assert {p.name for p in walk.iterdir()} == FILES
     scores = json.loads((walk / "scores.json").read_text())
-    assert set(scores["estimators"]) == {"foot_ins_l", "foot_ins_r"}
+    assert set(scores["estimators"]) == {"foot_ins_l", "foot_ins_r", "foot_to_foot_l", "foot_to_foot_r"}
     assert scores["estimators"]["foot_ins_l"]["end_error_m"] < 0.1
     metadata = Recording(walk / "recording.mcap").metadata
     assert (metadata["scenario"], metadata["seed"]) == ("level_20m", "3")

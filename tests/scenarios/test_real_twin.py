@@ -24,7 +24,7 @@ def test_a_short_walk_is_recorded_estimated_and_scored(tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["run", str(scenario), "--no-film", "-o", str(folder), "--json"]) == 0
     scores = json.loads(capsys.readouterr().out)["estimators"]
-    assert set(scores) == {"foot_ins_l", "foot_ins_r"}
+    assert set(scores) == {"foot_ins_l", "foot_ins_r", "foot_to_foot_l", "foot_to_foot_r"}
     for foot in scores.values():
         assert foot["distance_m"] == pytest.approx(3, abs=1)
         assert foot["end_error_pct"] < 5

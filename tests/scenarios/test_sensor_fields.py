@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from stridetwin.scenarios.fields import Where
@@ -58,6 +59,19 @@ def test_a_part_of_ones_own_is_found_beside_the_scenario(tmp_path):
     assert worn.rig.imus["/foot_l/imu"].rate_hz == 100
 
 
+def test_shoe_cameras_and_boards_sit_where_the_file_says():
+    sits = {"position_mm": [-60, 40, 50], "faces_deg": [20, 30], "roll_deg": 0}
+    moved = fitted({"foot_camera": {"mount": sits, "board": {"position_mm": [-80, 0, 70], "faces_deg": [180, 0]}}}).rig
+    for side, inward in (("l", -1.0), ("r", 1.0)):
+        camera = moved.cameras[f"/foot_{side}/camera"].mount.T_body_sensor
+        np.testing.assert_allclose(camera[:3, 3], [-0.06, 0.04 * inward, 0.05])
+        ahead = [np.cos(np.pi / 6) * np.cos(np.pi / 9), np.cos(np.pi / 6) * np.sin(np.pi / 9) * inward, 0.5]
+        np.testing.assert_allclose(camera[:3, 2], ahead)
+        board = moved.boards[f"foot_{side}"].mount.T_body_sensor
+        np.testing.assert_allclose(board[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)
+        np.testing.assert_allclose(board[:3, 3], [-0.08, 0.0, 0.07])
+
+
 @pytest.mark.parametrize("told", [True, False])
 def test_a_trigger_offset_is_in_the_calibration_where_it_is_told(told):
     clock = {"offset_s": 0.004, "latency_s": 0.001, "drift_ppm": 20, "jitter_s": 0.0001, "told": told}
@@ -82,6 +96,12 @@ def test_a_trigger_offset_is_in_the_calibration_where_it_is_told(told):
         ({"foot_imu": {"position_mm": [1, 2]}}, ["sensors.foot_imu.position_mm: [1, 2]", "three items"]),
         ({"foot_imu": {"light": 1}}, ["sensors.foot_imu: 'light'"]),
         ({"foot_camera": {"frames": "half"}}, ["sensors.foot_camera.frames: 'half'", "board, full"]),
+        ({"foot_camera": {"mount": {"faces_deg": [27, 24]}}}, ["sensors.foot_camera.mount", "position_mm"]),
+        (
+            {"foot_camera": {"board": {"position_mm": [0, 0, 0], "faces_deg": [27]}}},
+            ["sensors.foot_camera.board.faces_deg: [27]", "two items"],
+        ),
+        ({"foot_camera": {"board": {"roll_deg": 90}}}, ["sensors.foot_camera.board: 'roll_deg'"]),
     ],
 )
 def test_what_is_wrong_is_told_with_its_place_and_what_is_valid(node, words):

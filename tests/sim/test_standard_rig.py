@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Level, Route, TwinConfig
+from stridetwin.sim.fitting import Fitting
 from stridetwin.sim.rig_bodies import add_rig
-from stridetwin.sim.standard_rig import GROUPS, standard_rig
+from stridetwin.sim.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 CONFIG = TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),)))
@@ -55,6 +56,22 @@ def test_left_and_right_are_mirrored():
     for name, axis in (("/foot_{}/camera", 2), ("/foot_{}/sonar", 0), ("foot_{}", 2)):
         left, right = (all_mounts[name.format(s)].T_body_sensor[:3, axis] for s in "lr")
         np.testing.assert_allclose(MIRROR @ left, right, atol=1e-12)
+
+
+def test_a_sweep_can_move_shoe_cameras_and_boards():
+    fitting = Fitting(
+        mount=replace(FOOT_CAMERA, position_m=(-0.05, 0.04, 0.05)), board=replace(FOOT_BOARD, faces_rad=(2.8, 0.1))
+    )
+    moved = standard_rig(replace(CONFIG, fittings={"foot_camera": fitting}))
+    for topic, camera in moved.cameras.items():
+        same = RIG.cameras[topic].mount.T_body_sensor
+        assert np.array_equal(camera.mount.T_body_sensor[:3, :3], same[:3, :3])
+        if topic.startswith("/foot"):
+            np.testing.assert_allclose(np.abs(camera.mount.T_body_sensor[:3, 3]), (0.05, 0.04, 0.05))
+    for name, board in moved.boards.items():
+        same = RIG.boards[name].mount.T_body_sensor
+        assert np.array_equal(board.mount.T_body_sensor[:3, 3], same[:3, 3])
+        assert not np.allclose(board.mount.T_body_sensor[:3, 2], same[:3, 2], atol=0.05)
 
 
 @pytest.mark.parametrize("side", ["l", "r"])

@@ -1,0 +1,111 @@
+"""What a sensor hid beyond its range, put back once it has returned."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.foot_ins.memory import FILL, HEAD, RING, Memory
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.strapdown import carry
+from stridetwin.streams.samples import Array
+
+AT_LIMIT = 0.99  # share of the range at which a sample is taken to be clipped
+LONGEST_S = 0.15  # a longer time at the limit has a shape that its two ends do not tell
+LEAST_RATES, LEAST_FORCES = 1, 3  # clipped samples; what hits an accelerometer for less rings, and has no such shape
+
+
+@njit
+def restore(memory: Memory, parameters: KernelParameters) -> None:
+    """Goes back to before a channel reached its range, and forth again with the peak that it hid.
+
+    As the foot pushes off, it turns faster than many a gyro measures, and as a fast one brakes before it lands, it
+    exceeds many an accelerometer: always the same way, by some tenths of a radian or a metre a second. A linear filter
+    puts that right but in part. The signal enters and leaves the range with a slope, and the cubic between (Hermite) is
+    the peak. A channel is looked at once two samples are back within the range. How far off that still is remains the
+    filter's noise at the limit.
+
+    Args:
+        memory: Its nominal state and ring are changed where a peak has ended.
+        parameters: With the ranges; nothing is done where they are not known.
+    """
+    first = 0
+    hidden = np.zeros((RING, 6))
+    for channel in range(6):
+        known = parameters.gyro_range if channel < 3 else parameters.accel_range
+        least = LEAST_RATES if channel < 3 else LEAST_FORCES
+        first = max(first, _peak(memory, channel, known, least, hidden))
+    if first == 0:
+        return
+    head = memory.clock[HEAD]
+    for back in range(first + 1):
+        i = (head - back) % RING
+        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity)
+    for back in range(first, -1, -1):
+        i = (head - back) % RING
+        memory.ring[i] += hidden[back]  # whoever looks back later sees the peak
+        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity)
+
+
+@njit
+def hides(memory: Memory, parameters: KernelParameters) -> bool:
+    """Whether a channel is at its range, or has left it too lately for `restore` to have put back what it hid.
+
+    What is seen meanwhile would be blamed on the state, and the same peak then put back a second time.
+    """
+    for back in range(2):
+        for channel in range(6):
+            known = parameters.gyro_range if channel < 3 else parameters.accel_range
+            if known > 0.0 and abs(memory.ring[(memory.clock[HEAD] - back) % RING, channel]) >= AT_LIMIT * known:
+                return True
+    return False
+
+
+@njit
+def _dt(memory: Memory, i: int) -> float:
+    """Length of the interval of the ring's sample `i`, s."""
+    return (memory.ring_t_ns[i] - memory.ring_t_ns[(i - 1) % RING]) * 1e-9
+
+
+@njit
+def _peak(memory: Memory, channel: int, known: float, least: int, hidden: Array) -> int:
+    """Writes what one channel hid into `hidden` (RING, 6), the newest sample first.
+
+    Args:
+        memory: Left alone.
+        channel: Of the ring.
+        known: Its range, 0 where that is not known.
+        least: Fewer clipped samples than this are left as they are.
+        hidden: Changed in place.
+
+    Returns:
+        How many samples back the peak began; 0 where none has just ended.
+    """
+    head, fill = memory.clock[HEAD], memory.clock[FILL]
+    limit = AT_LIMIT * known
+    last = memory.ring[(head - 2) % RING, channel]
+    if known <= 0.0 or fill < 6 or abs(last) < limit:
+        return 0
+    sign = 1.0 if last > 0.0 else -1.0
+    end = 2
+    while end < fill - 3 and sign * memory.ring[(head - end) % RING, channel] >= limit:
+        end += 1
+    x = np.empty(end + 2)
+    for back in range(end + 2):
+        x[back] = sign * memory.ring[(head - back) % RING, channel]
+    span = (memory.ring_t_ns[head] - memory.ring_t_ns[(head - end - 1) % RING]) * 1e-9
+    dt = span / (end + 1)
+    rise, fall = (x[end] - x[end + 1]) / dt, (x[1] - x[0]) / dt
+    if max(x[0], x[1], x[end]) >= limit or min(rise, fall) <= 0.0 or span > LONGEST_S or end - 2 < least:
+        return 0
+    top = x[2:end].mean()
+    before, after = min((top - x[end]) / rise, dt), min((top - x[1]) / fall, dt)
+    length = (end - 1) * dt - before - after
+    if length <= 0.0:
+        return 0
+    # the slopes were measured some way outside, and a peak that is curved evenly is flatter where it begins
+    flatter = 1.0 / (1.0 + (dt + before + after) / length)
+    for back in range(2, end):
+        u = min(max(((end - back) * dt - before) / length, 0.0), 1.0)
+        hidden[back, channel] = sign * flatter * length * u * (1.0 - u) * (rise * (1.0 - u) + fall * u)
+    return end

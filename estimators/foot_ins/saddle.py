@@ -1,0 +1,191 @@
+"""Where four squares meet: the corner of a checkerboard to a fraction of a pixel, and how surely."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from stridetwin.streams.samples import Array
+
+HALF = 0.55
+"""A corner is fitted to what lies within this many squares of it, along both edges."""
+X, Y, MEAN, STEP, BLUR_U, BLUR_V, RMS, V_XX, V_XY, V_YY, OK = range(11)
+COLUMNS = 11
+"""Columns of a fit: pixel, mean brightness and half the step, blur across both edges (squares), RMS residual,
+covariance of the pixel where every grey value has a variance of 1, and 1 where the fit holds."""
+
+_PARAMETERS = 6  # x, y, mean, contrast, blur across u, blur across v
+_MIN_PIXELS = 12
+_BLUR_LIMITS = (0.02, 0.6)
+_DAMPING = 1e-3
+_LONGEST = 0.2  # step of the corner, squares
+_ROUGH = 2  # rounds before the blur is fitted: far from the corner it would shrink to explain nothing
+_STEP_SD, _MOST_STEPS = 1.5, 12  # steps of an average over a motion: of this many blurs, and how many
+_PLENTY_PX2 = 64.0  # of larger squares that are smeared every other pixel each way will do
+_SETTLED_PX = 3e-3  # Gauss-Newton has converged quadratically: the next step would be a thousandth of this
+
+_Z_MAX, _PER_Z = 4.0, 64
+_Z = np.linspace(-_Z_MAX, _Z_MAX, int(2 * _Z_MAX * _PER_Z) + 1)
+_STEP_TABLE = np.append(erf(_Z / math.sqrt(2.0)), 1.0)  # a table is exact to 3e-5 and ten times faster
+_BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
+
+
+@njit(cache=True)
+def fit_corners(
+    picture: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
+    rounds: int,
+) -> Array:  # fmt: skip
+    """Fits the brightness around every corner, with the corner's place, two brightnesses and the blur unknown.
+
+    Around a corner the picture of a checkerboard is a + b s(u) s(v): u and v count squares along the board's axes from
+    the corner, and s is a square wave smoothed by the Gaussian that stands for pixel, lens and motion, whose width
+    differs between the two families of edges. A motion across both families is more than that: it smears the corner
+    along its own direction, so the product is averaged over the way.
+    Gauss-Newton over the pixels within `HALF` squares.
+
+    Args:
+        picture: (H, W) grey.
+        start: (N, 2) where each corner is expected, pixels.
+        edges: (N, 2, 2) one square along u (first row) and along v (second), pixels.
+        colour: (N,) +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
+        blur: (2,) standard deviation of the blur across the edges u = 0 and v = 0 to begin with, squares.
+        motion: (2,) way of the board during the exposure along u and v, squares, where `blur` does not hold it.
+        fit_blur: Whether each corner finds its own blur; otherwise it stays as given.
+        rounds: Most iterations.
+
+    Returns:
+        (N, COLUMNS); rows that are not OK left the picture or fit no corner of the right colours.
+    """
+    found = np.zeros((len(start), COLUMNS))
+    for n in range(len(start)):
+        if math.isfinite(start[n, 0] + start[n, 1]):
+            _fit(picture, start[n], edges[n], colour[n], blur, motion, fit_blur, rounds, found[n])
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _wave(u: float, sd: float) -> tuple[float, float, float]:
+    """Smoothed square wave of period 2 that rises at 0, its slope, and its derivative by sd; for |u| < 2."""
+    first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges whose smoothing reaches u
+    last = min(math.floor(u + _Z_MAX * sd), 2)
+    value, slope, by_sd = float((first + 2) % 2 - (2 - last) % 2), 0.0, 0.0
+    sign = 1.0 if first % 2 == 0 else -1.0
+    for k in range(first, last + 1):
+        z = (u - k) / sd
+        at = (min(max(z, -_Z_MAX), _Z_MAX) + _Z_MAX) * _PER_Z
+        i = int(at)
+        rest = at - i
+        value += sign * (_STEP_TABLE[i] + rest * (_STEP_TABLE[i + 1] - _STEP_TABLE[i]))
+        bell = sign * (_BELL_TABLE[i] + rest * (_BELL_TABLE[i + 1] - _BELL_TABLE[i])) / sd
+        slope += bell
+        by_sd -= z * bell
+        sign = -sign
+    return value, slope, by_sd
+
+
+@njit(cache=True, error_model="numpy")
+def _fit(
+    picture: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
+    fit_blur: bool, rounds: int, out: Array,
+) -> None:  # fmt: skip
+    height, width = picture.shape
+    area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
+    if abs(area) < 1.0:
+        return
+    ux, uy = edges[1, 1] / area, -edges[1, 0] / area  # gradients of u and v in the picture
+    vx, vy = -edges[0, 1] / area, edges[0, 0] / area
+    reach_x = HALF * (abs(edges[0, 0]) + abs(edges[1, 0]))
+    reach_y = HALF * (abs(edges[0, 1]) + abs(edges[1, 1]))
+    left, right = math.floor(start[0] - reach_x), math.ceil(start[0] + reach_x)
+    top, bottom = math.floor(start[1] - reach_y), math.ceil(start[1] + reach_y)
+    if left < 0 or top < 0 or right >= width or bottom >= height:
+        return
+    ways = min(1 + int(max(abs(motion[0]) / blur[0], abs(motion[1]) / blur[1]) / _STEP_SD), _MOST_STEPS)
+    pace = 2 if ways > 1 and abs(area) > _PLENTY_PX2 else 1
+    size = (right - left + 1) * (bottom - top + 1)
+    dx, dy, grey = np.empty(size), np.empty(size), np.empty(size)
+    count = 0
+    mean = 0.0
+    for row in range(top, bottom + 1, pace):
+        for column in range(left, right + 1, pace):
+            px, py = column - start[0], row - start[1]
+            if abs(ux * px + uy * py) <= HALF and abs(vx * px + vy * py) <= HALF:
+                dx[count], dy[count], grey[count] = px, py, picture[row, column]
+                mean += grey[count]
+                count += 1
+    if count < _MIN_PIXELS:
+        return
+    mean /= count
+    x, y, contrast, blur_u, blur_v = 0.0, 0.0, 0.0, blur[0], blur[1]
+    free = _PARAMETERS if fit_blur else _PARAMETERS - 2
+    N, g, J = np.zeros((free, free)), np.zeros(free), np.zeros(_PARAMETERS)
+    settled = False
+    for iteration in range(rounds + 1):
+        N[:], g[:] = 0.0, 0.0
+        squares = 0.0
+        for i in range(count):
+            u = ux * (dx[i] - x) + uy * (dy[i] - y)
+            v = vx * (dx[i] - x) + vy * (dy[i] - y)
+            by_x, by_y, by_contrast, by_blur_u, by_blur_v = 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(ways):
+                way = (k + 0.5) / ways - 0.5
+                wave_u, slope_u, widen_u = _wave(u + way * motion[0], blur_u)
+                wave_v, slope_v, widen_v = _wave(v + way * motion[1], blur_v)
+                du, dv = slope_u * wave_v, wave_u * slope_v
+                by_x -= du * ux + dv * vx
+                by_y -= du * uy + dv * vy
+                by_contrast += wave_u * wave_v
+                by_blur_u += widen_u * wave_v
+                by_blur_v += wave_u * widen_v
+            scale = contrast / ways
+            J[0], J[1], J[2], J[3] = scale * by_x, scale * by_y, 1.0, by_contrast / ways
+            J[4], J[5] = scale * by_blur_u, scale * by_blur_v
+            r = grey[i] - mean - contrast * J[3]
+            squares += r * r
+            for j in range(free):
+                g[j] += J[j] * r
+                for k in range(j + 1):
+                    N[j, k] += J[j] * J[k]
+        for j in range(free):
+            for k in range(j):
+                N[k, j] = N[j, k]
+        if iteration == 0:  # brightnesses first: the rest has no meaning without them
+            det = N[2, 2] * N[3, 3] - N[2, 3] ** 2
+            if det < 1e-9 * N[2, 2] * N[2, 2]:
+                return
+            mean += (N[3, 3] * g[2] - N[2, 3] * g[3]) / det
+            contrast = (N[2, 2] * g[3] - N[2, 3] * g[2]) / det
+            if contrast * colour <= 0.0:
+                return
+            continue
+        if settled or iteration == rounds:
+            break
+        for j in range(free):
+            N[j, j] *= 1.0 + _DAMPING
+            N[j, j] += 1e-9
+        if fit_blur:  # weak prior: a corner of few pixels cannot tell its blur
+            N[4, 4] += 0.1 * contrast * contrast
+            N[5, 5] += 0.1 * contrast * contrast
+        step = np.linalg.solve(N, g)
+        way = max(abs(ux * step[0] + uy * step[1]), abs(vx * step[0] + vy * step[1]))
+        step[:2] *= min(1.0, _LONGEST / (way + 1e-12))
+        x, y, mean, contrast = x + step[0], y + step[1], mean + step[2], contrast + step[3]
+        settled = abs(step[0]) + abs(step[1]) < _SETTLED_PX and (iteration > _ROUGH or not fit_blur)
+        if fit_blur and iteration > _ROUGH:
+            blur_u = min(max(blur_u + step[4], 0.5 * blur_u, _BLUR_LIMITS[0]), 2.0 * blur_u, _BLUR_LIMITS[1])
+            blur_v = min(max(blur_v + step[5], 0.5 * blur_v, _BLUR_LIMITS[0]), 2.0 * blur_v, _BLUR_LIMITS[1])
+        if abs(ux * x + uy * y) > HALF or abs(vx * x + vy * y) > HALF or contrast * colour <= 0.0:
+            return
+    det = N[0, 0] * N[1, 1] - N[0, 1] ** 2
+    if det <= 0.0 or count <= free:
+        return
+    out[X], out[Y] = start[0] + x, start[1] + y
+    out[MEAN], out[STEP] = mean, contrast * colour
+    out[BLUR_U], out[BLUR_V] = blur_u, blur_v
+    out[RMS] = math.sqrt(squares / (count - free))
+    out[V_XX], out[V_XY], out[V_YY] = N[1, 1] / det, -N[0, 1] / det, N[0, 0] / det
+    out[OK] = 1.0

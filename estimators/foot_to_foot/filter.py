@@ -1,0 +1,250 @@
+"""The inertial navigation of two shoes that see each other, as an estimator: samples in, poses of both feet out."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
+from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
+from stridetwin.estimators.foot_ins.memory import ATTITUDE, EMPTY, IGNORED, POSITION, STATES, TOLD, TRACKING, VELOCITY
+from stridetwin.estimators.foot_ins.parameters import for_sensor
+from stridetwin.estimators.foot_to_foot import kernel
+from stridetwin.estimators.foot_to_foot.events import Aid, in_order
+from stridetwin.estimators.foot_to_foot.eyes import Expected, Eyes, relative_position
+from stridetwin.estimators.foot_to_foot.memory import FEET, IMU, NEVER, Events, blank_pair
+from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters, for_kernel
+from stridetwin.estimators.foot_to_foot.rig import shoes_of, side_by_side
+from stridetwin.estimators.foot_to_foot.samples import RelativePosition
+from stridetwin.estimators.foot_to_foot.worn import Worn
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array, Block, Image, Imu, Range
+from stridetwin.streams.trajectory import Trajectory
+
+# Which aids each method listens to; `published` is the paper's name for its third one.
+METHODS: dict[str, tuple[type, ...]] = {
+    "stridetwin": (BoardSighting, Range),
+    "published": (RelativePosition,),
+    "zupt_relative_position": (RelativePosition,),
+    "zupt_relative_distance": (Range,),
+    "zupt": (),
+}
+Aiding = BoardSighting | RelativePosition | Range
+HELD = 16  # aids that may wait for the IMUs to reach their time; the oldest goes first
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FootToFootEstimate:
+    """What is believed of both feet after one sample.
+
+    Attributes:
+        t_ns: Time of the sample.
+        feet: Of each foot that has given a sample, by `l` and `r`, at that foot's newest sample.
+        covariance: (30, 30) of the left foot's 15 errors, then the right's; see `FootInsEstimate`.
+        sightings: Boards that were seen in the pictures whose time has come with this sample.
+    """
+
+    t_ns: int
+    feet: Mapping[str, FootInsEstimate]
+    covariance: Array
+    sightings: tuple[BoardSighting, ...] = ()
+
+
+class FootToFoot:
+    """Inertial navigation of two shoes, tied together by what one sees or hears of the other.
+
+    Causal, of constant memory and cost, deterministic. Each foot is filtered as by `FootIns`, within one covariance of
+    both; a foot alone, or two that know nothing of each other, give the same numbers as `FootIns`. A sighting or echo
+    is used once both IMUs have reached its time, at most one sample later.
+
+    Args:
+        rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.
+        method: `stridetwin`, or one of Jao, Wang, Shkel 2020: `published` (= `zupt_relative_position`),
+            `zupt_relative_distance`, `zupt`.
+        parameters: `FootToFootParameters` for `stridetwin`, `PublishedParameters` for the others.
+        start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without, one foot starts as `FootIns` does,
+            two stand side by side.
+        earth_rate_in_world: (3,) turning of the Earth, rad/s; 0 where latitude or north are unknown.
+
+    Raises:
+        ConfigError: An unknown method, or parameters of another one.
+        StrideTwinError: No IMU on either foot.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        *,
+        method: str = "stridetwin",
+        parameters: FootToFootParameters | PublishedParameters | None = None,
+        start: Mapping[str, StartPose] | None = None,
+        earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        if method not in METHODS:
+            raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
+        kind = FootToFootParameters if method == "stridetwin" else PublishedParameters
+        if not isinstance(parameters := parameters or kind(), kind):
+            raise ConfigError("FootToFoot", "parameters", type(parameters).__name__, f"{kind.__name__} for {method}")
+        self._listens_to = METHODS[method]
+        self._shoes = shoes = shoes_of(rig)
+        self._parameters = for_kernel(parameters)
+        foot, variance = parameters.foot, np.zeros((4, 6))
+        if isinstance(parameters, PublishedParameters):
+            foot = parameters.noise_of_the_calibration_alone
+        else:
+            variance[:2] = np.repeat([parameters.camera_position_sd, parameters.camera_rotation_sd], 3) ** 2
+            variance[2:] = np.repeat([parameters.board_position_sd, parameters.board_rotation_sd], 3) ** 2
+        self._foot_parameters = tuple(for_sensor(foot, shoes.imus.get(f)) for f in FEET)
+        self._pair = blank_pair(shoes.mounts, variance, shoes.sonars, shoes.sonars, np.asarray(earth_rate_in_world))
+        if start is None:
+            start = side_by_side(shoes, parameters) if len(shoes.imus) == 2 else {}
+        for name, pose in start.items():
+            pose.place(self._pair.feet[FEET.index(name)])
+        self._newest_ns = [NEVER, NEVER]
+        self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
+        self._held: deque[Aid] = deque(maxlen=HELD)
+        self._eyes, self._worn = Eyes(shoes, parameters.exposure_s), Worn(shoes.mounts)
+        self._camera_of = {camera.topic: FEET.index(f) for f, camera in shoes.cameras.items()}
+        self._imu_of = {imu.topic: FEET.index(f) for f, imu in shoes.imus.items()}
+        self._sonar_of = {topic: i for i, topic in enumerate(shoes.sonar_topics) if topic}
+
+    def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
+        """Takes one sample; returns the new estimate, or None where the sample is ignored or has to wait.
+
+        A picture is searched for the other shoe's board, by the methods that listen to sightings or relative positions.
+
+        Raises:
+            StrideTwinError: A sample of a topic that the rig does not have on a foot, or a picture that shows left and
+                right exchanged (`worn`).
+        """
+        if isinstance(sample, Imu):
+            events, phase = self._take({FEET[self._foot(sample, self._imu_of)]: _block(sample)}, [])[:2]
+            used = phase[events.kind == IMU][0] != IGNORED
+        elif isinstance(sample, Image):
+            self._foot(sample, self._camera_of)
+            used = bool({BoardSighting, RelativePosition} & set(self._listens_to)) and self._eyes.take(sample)
+        else:
+            used = len(self._take({}, [sample])[1]) > 0
+        if not used or ((seen := self._look()) is None and isinstance(sample, Image)):
+            return None
+        feet = {
+            FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f])
+            for f in range(2)
+            if self._phase[f] != EMPTY
+        }
+        told = np.r_[:TOLD, STATES : STATES + TOLD]
+        covariance = self._pair.covariance[np.ix_(told, told)]
+        return FootToFootEstimate(t_ns=sample.t_ns, feet=feet, covariance=covariance, sightings=tuple(seen or ()))
+
+    def foot_of(self, sample: Imu) -> str:
+        """`l` or `r`: the foot that carries the IMU of a sample.
+
+        Raises:
+            StrideTwinError: Neither does.
+        """
+        return FEET[self._foot(sample, self._imu_of)]
+
+    def run(self, imus: Mapping[str, Block[Imu]], aids: Iterable[Aiding] = ()) -> dict[str, FootInsPath]:
+        """Takes the samples as `update` would one by one in time order, an IMU's before an aid of the same time.
+
+        Args:
+            imus: Samples of each foot, by `l` and `r`.
+            aids: Sightings and echoes, in any order.
+
+        Returns:
+            Path of each foot over its usable samples, by `l` and `r`.
+
+        Raises:
+            ConfigError: A foot without IMU in the rig.
+            StrideTwinError: A sonar that the rig does not have on a foot.
+        """
+        if unknown := set(imus) - set(self._shoes.imus):
+            raise ConfigError("FootToFoot.run", "imus", sorted(unknown), f"by {' or '.join(self._shoes.imus)}")
+        events, phase, speed, state, covariance = self._take(imus, aids)
+        paths = {}
+        for foot in imus:
+            own = (events.kind == IMU) & (events.foot == FEET.index(foot)) & (phase != IGNORED)
+            paths[foot] = FootInsPath(
+                trajectory=Trajectory(
+                    t_ns=events.t_ns[own],
+                    p_frame_in_world=state[own, POSITION : POSITION + 3],
+                    q_world_frame=state[own, ATTITUDE : ATTITUDE + 4],
+                    covariance=covariance[own],
+                ),
+                v_imu_in_world=state[own, VELOCITY : VELOCITY + 3],
+                standing_speed_sd=speed[own],
+                aligned=phase[own] == TRACKING,
+            )
+        return paths
+
+    def _take(
+        self, imus: Mapping[str, Block[Imu]], aids: Iterable[Aiding]
+    ) -> tuple[Events, NDArray[np.int8], Array, Array, Array]:
+        """Events, and of each its phase, figure, state and covariance, see `kernel.run`."""
+        heard = [(foot, a) for foot, a in [(self._foot_of(a), a) for a in aids] if isinstance(a, self._listens_to)]
+        heard = [a for a in heard if not isinstance(a[1], Range) or 0.0 < a[1].distance < np.inf]
+        events, coming = in_order(imus, [*self._held, *heard], self._newest_ns)
+        self._held = deque(coming, maxlen=HELD)
+        n = len(events.t_ns)
+        phase, figure = np.empty(n, np.int8), np.empty(n)
+        state, covariance = np.empty((n, self._pair.feet[0].nominal.size)), np.empty((n, 6, 6))
+        kernel.run(self._pair, self._foot_parameters, self._parameters, events, phase, figure, state, covariance)
+        for f in range(2):
+            own = np.flatnonzero((events.kind == IMU) & (events.foot == f))
+            if len(own):
+                self._newest_ns[f] = max(self._newest_ns[f], int(events.t_ns[own].max()))
+            if len(own := own[phase[own] != IGNORED]):
+                self._phase[f], self._speed[f] = int(phase[own[-1]]), float(figure[own[-1]])
+        return events, phase, figure, state, covariance
+
+    def _foot_of(self, aid: Aiding) -> int:
+        return self._foot(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
+
+    def _look(self) -> list[BoardSighting] | None:
+        """Looks at the pictures whose time has come and uses what is seen; None where there is no such picture."""
+        ready = self._eyes.ready(min(self._newest_ns))
+        seen = []
+        for picture, foot, t_ns in ready:
+            expected = self._expected(foot, t_ns)
+            if expected is None or (sighting := self._eyes.look(picture, expected)) is None:
+                continue
+            seen.append(sighting)
+            if not self._worn.agrees(sighting, foot, self._attitudes()):
+                continue
+            aid: Aiding | None = sighting
+            if BoardSighting not in self._listens_to:
+                aid = relative_position(sighting, foot, self._pair.mounts, expected)
+            if aid is not None:
+                self._take({}, [aid])
+        return seen if ready else None
+
+    def _attitudes(self) -> Array:
+        """(2, 3, 3) world <- IMU of both feet at their newest samples."""
+        q = np.array([memory.nominal[ATTITUDE : ATTITUDE + 4] for memory in self._pair.feet])
+        return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
+
+    def _expected(self, foot: int, t_ns: int) -> Expected | None:
+        known, p, R, covariance, p_before, R_before = kernel.foresee(
+            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._eyes.exposure_ns
+        )
+        if not known:
+            return None
+        T, T_before = np.eye(4), np.eye(4)
+        T[:3, :3], T[:3, 3], T_before[:3, :3], T_before[:3, 3] = R, p, R_before, p_before
+        return Expected(T_camera_board=T, covariance=covariance, T_before=T_before)
+
+    def _foot(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:
+        if sample.topic not in known:
+            raise StrideTwinError(f"{sample.topic} is on neither foot of the rig; on its feet: {', '.join(known)}")
+        return known[sample.topic]
+
+
+def _block(sample: Imu) -> Block[Imu]:
+    columns = {"angular_rate": sample.angular_rate[None], "specific_force": sample.specific_force[None]}
+    return Block(topic=sample.topic, kind=Imu, t_ns=np.array([sample.t_ns]), columns=columns)

@@ -1,0 +1,137 @@
+"""One sample after the other, of either foot and either aid, through the filter of two feet, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators import foot_ins
+from stridetwin.estimators.foot_ins.algebra import rotation_matrix
+from stridetwin.estimators.foot_ins.clipping import hides
+from stridetwin.estimators.foot_ins.kernel import digest_of_sources, note_pose_covariance, step
+from stridetwin.estimators.foot_ins.memory import ATTITUDE, IGNORED, VELOCITY, Memory
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_to_foot.memory import IMU, RELATIVE, SIGHTING, Events, Pair, inject_all
+from stridetwin.estimators.foot_to_foot.parameters import PairParameters
+from stridetwin.estimators.foot_to_foot.published import published_step, relate
+from stridetwin.estimators.foot_to_foot.ranging import hear
+from stridetwin.estimators.foot_to_foot.rewind import rewind
+from stridetwin.estimators.foot_to_foot.vision import UNUSED, board_in_camera, see
+from stridetwin.streams.samples import Array
+
+
+@njit
+def still_world(memory: Memory, earth: Array, rate: Array, force: Array) -> tuple[Array, Array]:
+    """The sample (rad/s, m/s²) as a world that does not turn would have it: less the Earth's rate and Coriolis' force.
+
+    Titterton & Weston 2004, ch. 3; the centrifugal force is part of gravity.
+    """
+    w, v = earth, memory.nominal[VELOCITY : VELOCITY + 3]
+    coriolis = np.array([w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]])
+    to_sensor = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4]).T
+    return rate - to_sensor @ earth, force - to_sensor @ (2.0 * coriolis)
+
+
+def _compiled(sources: int) -> Callable[..., None]:
+    """The loop over events, compiled; cached under a digest, as `foot_ins.kernel` does."""
+
+    @njit(cache=True)
+    def run(
+        pair: Pair,
+        feet: tuple[KernelParameters, KernelParameters],
+        parameters: PairParameters,
+        events: Events,
+        phase: NDArray[np.int8],
+        figure: Array,
+        state: Array,
+        covariance: Array,
+    ) -> None:
+        """Takes N events and writes what is believed after each.
+
+        Args:
+            pair: Changed in place.
+            feet: What the filter believes of the left and of the right foot.
+            parameters: What it believes of both.
+            events: An aid stands right after the IMU sample by which both feet have reached its time.
+            phase: (N,) int8, out: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
+            figure: (N,) out: of an IMU sample, standard deviation of the standing foot's speed, m/s; of an aid, its
+                surprise, see `vision.see`.
+            state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
+            covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
+        """
+        assert sources >= 0  # a constant of the closure, and so a part of the cache's key
+        last = -1
+        for k in range(len(events.t_ns)):
+            kind, t_ns, f, row = events.kind[k], events.t_ns[k], events.foot[k], events.row[k]
+            if kind == IMU:
+                memory = pair.feet[f]
+                rate, force = still_world(memory, pair.earth, events.rate[row], events.force[row])
+                if parameters.published:
+                    phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
+                else:
+                    phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
+                inject_all(pair)
+                last = k
+            else:
+                phase[k] = IGNORED
+                if not parameters.published and (hides(pair.feet[0], feet[0]) or hides(pair.feet[1], feet[1])):
+                    figure[k] = UNUSED
+                elif kind == SIGHTING:
+                    m = events.numbers[row]
+                    points, rays, sd = events.points[row, :m], events.rays[row, :m], events.ray_sd[row, :m]
+                    figure[k] = see(pair, feet[f], parameters, f, t_ns, points, rays, sd)
+                elif kind == RELATIVE:
+                    relative, sd = events.relative[row], events.relative_sd[row]
+                    figure[k] = relate(pair, feet[f], parameters, f, t_ns, relative, sd)
+                else:
+                    figure[k] = hear(pair, feet[f], parameters, f, t_ns, events.distance[row])
+            if last >= 0:
+                memory = pair.feet[events.foot[last]]
+                state[last] = memory.nominal
+                note_pose_covariance(memory, covariance[last])
+
+    return run
+
+
+def _compiled_foresight(sources: int) -> Callable[..., tuple[bool, Array, Array, Array, Array, Array]]:
+    """Where the other shoe's board is before a camera, compiled and cached likewise."""
+
+    @njit(cache=True)
+    def foresee(
+        pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int
+    ) -> tuple[bool, Array, Array, Array, Array, Array]:
+        """Pose of the other foot's board in a foot's camera.
+
+        Args:
+            pair: Left alone.
+            foot: What the filter believes of the foot with the camera.
+            parameters: What it believes of both.
+            camera: Foot that carries the camera.
+            t_ns: Instant of a picture, not after the newest sample of either foot.
+            earlier_ns: How much earlier the second pose is.
+
+        Returns:
+            Whether it is known; (3,) m; (3, 3) camera <- board; (6, 6) their covariance, camera axes; the same pose
+            earlier.
+        """
+        assert sources >= 0
+        board, gravity, late = 1 - camera, foot.gravity, parameters.max_delay_s + 1e-9 * earlier_ns
+        known_a, p_a, R_a, age_a, led_a = rewind(pair.feet[camera], gravity, t_ns, parameters.max_delay_s)
+        known_b, p_b, R_b, age_b, led_b = rewind(pair.feet[board], gravity, t_ns, parameters.max_delay_s)
+        p, R, G = board_in_camera(pair, camera, p_a, R_a, age_a, led_a, p_b, R_b, age_b, led_b)
+        before_a, p_a, R_a, age_a, led_a = rewind(pair.feet[camera], gravity, t_ns - earlier_ns, late)
+        before_b, p_b, R_b, age_b, led_b = rewind(pair.feet[board], gravity, t_ns - earlier_ns, late)
+        p_0, R_0, _ = board_in_camera(pair, camera, p_a, R_a, age_a, led_a, p_b, R_b, age_b, led_b)
+        return known_a and known_b and before_a and before_b, p, R, G @ pair.covariance @ G.T, p_0, R_0
+
+    return foresee
+
+
+_FOLDERS = Path(__file__).parent, Path(foot_ins.__file__).parent
+_DIGEST = digest_of_sources(*_FOLDERS)
+run = _compiled(_DIGEST)
+foresee = _compiled_foresight(_DIGEST)

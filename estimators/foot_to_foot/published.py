@@ -1,0 +1,137 @@
+"""The system of Jao, Wang, Shkel 2020 (IEEE/ION PLANS): hard zero velocities and the vector between the feet.
+
+The 30 error states are the paper's in another order. Two misprints are read as the text has them: the columns of
+A(t) follow the state vector, and the foot stands where the variances are *low*. Measurements are linear in the
+error, so one update after the other is the paper's batch.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.foot_ins.alignment import align, begin
+from stridetwin.estimators.foot_ins.covariance import correct
+from stridetwin.estimators.foot_ins.detector import motion, push
+from stridetwin.estimators.foot_ins.kernel import possible
+from stridetwin.estimators.foot_ins.memory import (
+    ALIGNING,
+    D_POSITION,
+    D_VELOCITY,
+    EMPTY,
+    FILL,
+    HEAD,
+    IGNORED,
+    PHASE,
+    RING,
+    STATES,
+    T_KNOWN,
+    T_LAST,
+    TRACKING,
+    VELOCITY,
+    Memory,
+)
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import inject
+from stridetwin.estimators.foot_ins.strapdown import predict
+from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, Pair, inject_all
+from stridetwin.estimators.foot_to_foot.parameters import PairParameters
+from stridetwin.estimators.foot_to_foot.rewind import rewind
+from stridetwin.estimators.foot_to_foot.vision import UNUSED
+from stridetwin.streams.samples import Array
+
+
+@njit
+def variances(memory: Memory, parameters: PairParameters) -> float:
+    """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Sec. II-D)."""
+    newest = memory.ring_t_ns[memory.clock[HEAD]]
+    n, total, squares = 0, np.zeros(6), np.zeros(6)
+    for back in range(memory.clock[FILL]):
+        i = (memory.clock[HEAD] - back) % RING
+        if (newest - memory.ring_t_ns[i]) * 1e-9 >= parameters.window_s and back > 1:
+            break
+        total += memory.ring[i]
+        squares += memory.ring[i] ** 2
+        n += 1
+    spread = squares / n - (total / n) ** 2
+    return spread[:3].sum() / parameters.gyro_spread**2 + spread[3:].sum() / parameters.accel_spread**2
+
+
+@njit
+def published_step(
+    memory: Memory, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Array, force: Array
+) -> tuple[int, float]:
+    """Takes one sample of a foot; arguments and results as of `foot_ins.kernel.step`."""
+    clock = memory.clock
+    if not possible(rate, force):
+        return IGNORED, math.inf
+    if clock[PHASE] == EMPTY:
+        begin(memory, t_ns)
+        clock[T_LAST] = t_ns
+    elif t_ns <= clock[T_LAST]:
+        return IGNORED, math.inf
+    dt = (t_ns - clock[T_LAST]) * 1e-9
+    if dt > foot.max_gap_s:
+        begin(memory, t_ns)
+    push(memory, t_ns, rate, force)
+    if clock[PHASE] == ALIGNING:
+        align(memory, foot, t_ns, force, motion(memory, foot))
+        clock[T_LAST] = t_ns
+        return ALIGNING, math.inf
+    clock[T_LAST] = t_ns
+    clock[T_KNOWN] = t_ns
+    predict(memory, foot, rate, force, dt)
+    if variances(memory, parameters) >= parameters.threshold:
+        return TRACKING, math.inf
+    h = np.zeros(STATES)
+    for i in range(3):
+        h[:] = 0.0
+        h[D_VELOCITY + i] = 1.0
+        z = -memory.nominal[VELOCITY + i]
+        correct(memory.covariance, memory.error, memory.row, h, z, parameters.zero_velocity_sd**2)
+    inject(memory)
+    return TRACKING, parameters.zero_velocity_sd
+
+
+@njit
+def relate(
+    pair: Pair,
+    foot: KernelParameters,
+    parameters: PairParameters,
+    camera: int,
+    t_ns: int,
+    p_other_in_imu: Array,
+    sd: float,
+) -> float:
+    """Update with z_feet: the vector between the feet, turned into the world by the attitude of the camera's foot.
+
+    H_feet has ±I at the two positions and nothing at the attitudes: as printed, the error of the attitude that
+    turned the vector is left out, and the filter takes the heading of the foot that looks for the truth.
+
+    Args:
+        pair: Changed in place.
+        foot: What the filter believes of the foot with the camera.
+        parameters: What the filter of both believes.
+        camera: Foot that carries the camera.
+        t_ns: Middle of the exposure.
+        p_other_in_imu: (3,) position of the other foot's IMU in this foot's, m.
+        sd: Its standard deviation on each axis, m.
+
+    Returns:
+        Length of the innovation in units of `sd`, or UNUSED.
+    """
+    known_a, p_a, R_a, _, _ = rewind(pair.feet[camera], foot.gravity, t_ns, parameters.max_delay_s)
+    known_b, p_b, _, _, _ = rewind(pair.feet[1 - camera], foot.gravity, t_ns, parameters.max_delay_s)
+    if not (known_a and known_b):
+        return UNUSED
+    z = R_a @ p_other_in_imu - (p_b - p_a)
+    h = np.zeros(ALL_STATES)
+    for i in range(3):
+        h[:] = 0.0
+        h[STATES * (1 - camera) + D_POSITION + i] = 1.0
+        h[STATES * camera + D_POSITION + i] = -1.0
+        correct(pair.covariance, pair.error, 0, h, z[i], sd**2 + parameters.relative_position_sd**2)
+    inject_all(pair)
+    return math.sqrt(z @ z) / sd

@@ -1,0 +1,72 @@
+"""The sonar on one shoe hears the other: one number about the distance between the feet."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.foot_ins.covariance import correct
+from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_POSITION, STATES
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import surprise
+from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, Pair, inject_all
+from stridetwin.estimators.foot_to_foot.parameters import PairParameters
+from stridetwin.estimators.foot_to_foot.rewind import cross, rewind
+from stridetwin.estimators.foot_to_foot.vision import UNUSED
+
+
+@njit
+def hear(
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
+) -> float:
+    """Update with the distance between the two IMUs that a sonar's echo tells.
+
+    The published system knows the positions alone; ours lets the attitudes at both ends have their share, and listens
+    only where the other shoe has not been seen for `sonar_after_s`: an echo comes from some part of it, always with the
+    same sign, so that all within `sighting_correlation_s` share one error. Most echoes of a real walk are the floor's
+    or of things beyond: what is too far from the expected distance is left out.
+
+    Args:
+        pair: Changed in place.
+        foot: What the one-foot filter believes of the foot with the sonar.
+        parameters: What the filter of both believes.
+        sonar: Foot that carries the sonar.
+        t_ns: Time of the echo.
+        distance: m, from the sonar to the point of the other foot that answers.
+
+    Returns:
+        Length of the innovation in standard deviations, or UNUSED.
+    """
+    if not parameters.published and (t_ns - pair.seen.max()) * 1e-9 < parameters.sonar_after_s:
+        return UNUSED
+    other = 1 - sonar
+    known_a, p_a, R_a, _, _ = rewind(pair.feet[sonar], foot.gravity, t_ns, parameters.max_delay_s)
+    known_b, p_b, R_b, _, _ = rewind(pair.feet[other], foot.gravity, t_ns, parameters.max_delay_s)
+    arm_a, arm_b = R_a @ pair.sonars[sonar], R_b @ pair.echoes[other]
+    d = p_b + arm_b - p_a - arm_a
+    size = math.sqrt(d @ d)
+    if not (known_a and known_b and size > 0.0):
+        return UNUSED
+    to = np.ascontiguousarray((d / (size * parameters.range_sd)).reshape(1, 3))
+    H = np.zeros((1, ALL_STATES))
+    a, b = STATES * sonar, STATES * other
+    H[:, a + D_POSITION : a + D_POSITION + 3] = -to
+    H[:, b + D_POSITION : b + D_POSITION + 3] = to
+    if not parameters.published:
+        H[:, a + D_ATTITUDE : a + D_ATTITUDE + 3] = cross(to, arm_a)
+        H[:, b + D_ATTITUDE : b + D_ATTITUDE + 3] = -cross(to, arm_b)
+    z = np.array([(distance - size) / parameters.range_sd])
+    length = surprise(pair.covariance, H, z)
+    if parameters.published:
+        used, doubt = abs(distance - size) < parameters.max_range_misfit, 1.0
+    else:
+        echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.sighting_correlation_s)
+        used, doubt = length < parameters.max_range_surprise, math.sqrt(parameters.sighting_correlation_s / echo_s)
+    if not used:
+        return UNUSED
+    pair.heard[sonar] = t_ns
+    correct(pair.covariance, pair.error, 0, H[0] / doubt, z[0] / doubt, 1.0)
+    inject_all(pair)
+    return length

@@ -1,0 +1,118 @@
+"""How the parts sit on the two shoes, read from the rig's calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.foot_ins.filter import StartPose
+from stridetwin.estimators.foot_to_foot.memory import FEET
+from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.samples import Array
+
+SEPARATION = 0.2  # m between the feet where nobody says how they stand
+TOE_OUT = 0.1  # rad, of each foot
+
+
+class _Mounted(Protocol):
+    @property
+    def mount(self) -> Mount: ...
+
+
+M = TypeVar("M", bound=_Mounted)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shoes:
+    """Both shoes; what one does not carry has no calibration, and its pose is the identity.
+
+    Attributes:
+        imus: Calibration of the IMU of each foot that has one, by `l` and `r`.
+        cameras: The same of the cameras.
+        boards: The same of the boards.
+        mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each in its
+            foot's IMU.
+        sonars: (2, 3) each foot's sonar in its IMU, m.
+        sonar_topics: Topic of each foot's sonar, "" where there is none.
+    """
+
+    imus: dict[str, ImuCalibration]
+    cameras: dict[str, CameraCalibration]
+    boards: dict[str, Board]
+    mounts: Array
+    sonars: Array
+    sonar_topics: tuple[str, str]
+
+
+def shoes_of(rig: Rig) -> Shoes:
+    """The two shoes of a rig: whatever is mounted on the bodies `foot_l` and `foot_r`.
+
+    Raises:
+        StrideTwinError: No foot carries an IMU, or one carries two.
+    """
+    imus: dict[str, ImuCalibration] = {}
+    cameras: dict[str, CameraCalibration] = {}
+    boards: dict[str, Board] = {}
+    sonars, topics = np.zeros((2, 3)), ["", ""]
+    mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
+    for i, foot in enumerate(FEET):
+        imu = _on_foot(rig.imus.values(), foot, "IMU")
+        if imu is None:
+            continue
+        imus[foot] = imu
+        T_imu_foot = np.linalg.inv(imu.mount.T_body_sensor)
+        if (camera := _on_foot(rig.cameras.values(), foot, "camera")) is not None:
+            cameras[foot], mounts[i] = camera, _pose(T_imu_foot @ camera.mount.T_body_sensor)
+        if (board := _on_foot(rig.boards.values(), foot, "board")) is not None:
+            boards[foot], mounts[2 + i] = board, _pose(T_imu_foot @ board.mount.T_body_sensor)
+        sonar = _on_foot((s for s in rig.others.values() if s.kind == "range"), foot, "sonar")
+        if sonar is not None:
+            sonars[i], topics[i] = (T_imu_foot @ sonar.mount.T_body_sensor)[:3, 3], sonar.topic
+    if not imus:
+        raise StrideTwinError("the rig has no IMU on foot_l or foot_r")
+    return Shoes(
+        imus=imus, cameras=cameras, boards=boards, mounts=mounts, sonars=sonars, sonar_topics=(topics[0], topics[1])
+    )
+
+
+def side_by_side(shoes: Shoes, parameters: FootToFootParameters | PublishedParameters) -> dict[str, StartPose]:
+    """How a wearer probably stands at the start: both feet flat, side by side, the toes a little out.
+
+    The world's origin is on the ground between the heels, its x axis points forward. The left foot's place and heading
+    are this by definition; the right foot's are a guess.
+
+    Args:
+        shoes: For the IMUs' mounts.
+        parameters: How good the guess is.
+    """
+    start = {}
+    for foot, imu in shoes.imus.items():
+        side = 1.0 if foot == "l" else -1.0
+        T_world_foot = np.eye(4)
+        T_world_foot[:3, :3] = Rotation.from_euler("z", side * TOE_OUT).as_matrix()
+        T_world_foot[1, 3] = side * SEPARATION / 2
+        T = T_world_foot @ imu.mount.T_body_sensor
+        q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        guess = {} if foot == "l" else {
+            "position_sd": parameters.start_position_sd, "heading_sd": parameters.start_heading_sd
+        }  # fmt: skip
+        start[foot] = StartPose(p_imu_in_world=T[:3, 3], q_world_imu=q, **guess)
+    return start
+
+
+def _on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
+    found = [p for p in parts if p.mount.body == f"foot_{foot}"]
+    if len(found) > 1:
+        raise StrideTwinError(f"foot_{foot} carries {len(found)} {kind}s; one is what the filter of two feet takes")
+    return found[0] if found else None
+
+
+def _pose(T: Array) -> Array:
+    """(7,) position and quaternion of a (4, 4) pose."""
+    return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)])

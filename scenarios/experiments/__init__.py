@@ -1,0 +1,1 @@
+"""Experiments of papers: each says what its cases are, runs one, and lays the paper's table beside ours."""

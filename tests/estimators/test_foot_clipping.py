@@ -1,0 +1,47 @@
+"""Peaks beyond a sensor's range: known from their flanks, and left alone where nothing was cut."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from foot_motion import ADIS16485, Walk, walk
+
+from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.streams.samples import Array
+
+EXACT = replace(ADIS16485, gyroscope_range=1e3, accelerometer_range=1e4)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Walk:
+    return walk(strides=12)
+
+
+def clipped(truth: Walk, name: str, limit: float) -> Walk:
+    columns = {**truth.imu.columns, name: np.clip(truth.imu.columns[name], -limit, limit)}
+    return replace(truth, imu=replace(truth.imu, columns=columns))
+
+
+def end_error(truth: Walk, path: Array) -> float:
+    went = truth.p_imu_in_world[-1] - truth.p_imu_in_world[0]
+    return float(np.linalg.norm(path[-1] - path[0] - went))
+
+
+@pytest.mark.parametrize(
+    ("name", "told", "share"),
+    [("angular_rate", "gyroscope_range", 0.75), ("specific_force", "accelerometer_range", 0.75)],
+)
+def test_a_hidden_peak_is_put_back(truth: Walk, name: str, told: str, share: float) -> None:
+    limit = share * float(np.abs(truth.imu.columns[name]).max())
+    cut = clipped(truth, name, limit)
+    knows, blind = (
+        FootIns(calibration).run(cut.imu).trajectory.p_frame_in_world
+        for calibration in (replace(EXACT, **{told: limit}), EXACT)
+    )
+    assert end_error(truth, knows) < 0.5 * end_error(truth, blind)
+
+
+def test_a_range_that_is_not_reached_changes_nothing(truth: Walk) -> None:
+    wider = replace(EXACT, gyroscope_range=2e3, accelerometer_range=2e4)
+    a, b = (FootIns(c).run(truth.imu).trajectory.p_frame_in_world for c in (EXACT, wider))
+    np.testing.assert_array_equal(a, b)

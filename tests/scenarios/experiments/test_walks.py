@@ -1,0 +1,145 @@
+"""The experiments that walk, on a walk as short as it gets: one recording, every method, every case."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.foot_ins import FootInsPath
+from stridetwin.scenarios.experiments import jao_faults, jao_walk
+from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.two_feet import FEET, METHODS, figures
+from stridetwin.scenarios.experiments.walks import recorded_walk
+from stridetwin.scenarios.truth import TruePath
+from stridetwin.streams.samples import Image, Imu
+from stridetwin.streams.trajectory import Trajectory
+
+pytest.importorskip("mujoco")
+
+SHORT = """
+description: a few steps
+terrain:
+  - level: {length_m: 5}
+gait: {stand_s: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory) -> tuple[str, Case, dict]:
+    """Scenario, case and result of a walk whose recordings are kept."""
+    folder = tmp_path_factory.mktemp("walk")
+    scenario = folder / "short.yaml"
+    scenario.write_text(SHORT)
+    case = Case(seed=3, folder=folder, physics="kinematic", keep=True)
+    return str(scenario), case, jao_walk.run_walk(str(scenario), case)
+
+
+def test_every_method_is_told_of_in_every_case(short) -> None:
+    _, _, result = short
+    assert set(result["cases"]) == set(jao_walk.CASES)
+    for case in result["cases"].values():
+        assert set(case) == {*METHODS, "sightings"}
+        assert np.abs(case["stridetwin"]["end_error_m"]).max() < 0.06
+        assert case["stridetwin"]["feet_disagree_rms_m"] < 0.03
+    seen = {name: case["sightings"] for name, case in result["cases"].items()}
+    assert 0 < seen["half_blind"] < 0.8 * seen["unclipped"]
+
+
+def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
+    scenario, case, _ = short
+    with recorded_walk(scenario, replace(case, resume=True)) as walk:
+        limit = walk.rig().imu("/foot_l/imu").gyroscope_range
+        assert limit == pytest.approx(math.radians(450), rel=0.1)
+        assert walk.rig(wide=True).imu("/foot_l/imu").gyroscope_range == 0.0
+        part, wide = walk.imus()["l"], walk.imus(wide=True)["l"]
+        assert np.array_equal(part.t_ns, wide.t_ns)
+        rates = part.columns["angular_rate"], wide.columns["angular_rate"]
+        assert np.abs(rates[0]).max() <= 1.01 * limit < np.abs(rates[1]).max()
+        standing = part.t_ns < 900_000_000
+        np.testing.assert_allclose(rates[0][standing], rates[1][standing], atol=1e-3)
+        samples = list(walk.samples(wide=True))
+        assert [s.t_ns for s in samples] == sorted(s.t_ns for s in samples)
+        assert sum(isinstance(s, Imu) for s in samples) == 2 * len(wide)
+        lost = list(jao_walk.without_every_second_step(samples, jao_walk.touches_ns(walk)))
+        assert 0 < sum(isinstance(s, Image) for s in lost) < sum(isinstance(s, Image) for s in samples)
+        assert sum(isinstance(s, Imu) for s in lost) == 2 * len(wide)
+
+
+def test_recordings_are_used_again_and_go_unless_they_are_kept(short, tmp_path) -> None:
+    scenario, case, _ = short
+    stamps = [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")]
+    with recorded_walk(scenario, replace(case, resume=True)):
+        pass
+    assert [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")] == stamps
+    other = replace(case, folder=tmp_path, resume=True, keep=False)
+    for end in (".mcap", "_wide.mcap"):
+        other.file(end).write_bytes(case.file(end).read_bytes())
+    with recorded_walk(scenario, other):
+        assert other.file(".mcap").exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_table_has_the_papers_figures_beside_ours(short) -> None:
+    _, _, result = short
+    found = jao_walk.collect("jao_loop_126m", [result, result])
+    lines = jao_walk.table({**found, "cases": [result, result]})
+    (row, *_) = [line for line in lines if line.startswith("  zupt_relative_position")]
+    assert row.split()[3:5] == ["1.53", "0.87"]
+    assert {key for key in found["summary"] if key.startswith("mean_end_error")} == {
+        f"mean_end_error{case}_{unit}" for case in ("", "_clipped", "_half_blind") for unit in ("m", "pct")
+    }
+
+
+def test_exchanged_parts_are_refused_and_named_on_rendered_pictures(short, monkeypatch) -> None:
+    scenario, case, _ = short
+    named = ("none", "shoes_exchanged", "cameras_exchanged", "imus_exchanged")
+    monkeypatch.setattr(jao_faults, "SCENARIO", scenario)
+    monkeypatch.setattr(jao_faults, "FAULTS", {name: jao_faults.FAULTS[name] for name in named})
+    result = jao_faults.run_case(replace(case, resume=True))
+    found = jao_faults.collect([result])
+    assert np.max(found["summary"]["none"]["end_error_m"]) < 0.06
+    for name, words in zip(named[1:], ("IMUs and cameras", "the cameras", "the IMUs")):
+        assert words in found["summary"][name]["error"]
+    assert len(jao_faults.table({**found, "cases": [result]})) == 2 + len(named)
+
+
+def straight(side: float) -> tuple[TruePath, FootInsPath]:
+    """A foot that goes 10 m forward, and a path of it that is true, 0.1 m sure on each axis."""
+    t_ns = np.arange(101) * 100_000_000
+    p = np.column_stack([np.linspace(0.0, 10.0, 101), np.full(101, side), np.zeros(101)])
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (101, 1))
+    truth = TruePath(t_ns=t_ns, p_frame_in_world=p, v_frame_in_world=np.tile([1.0, 0, 0], (101, 1)), q_world_frame=q)
+    covariance = np.tile(0.01 * np.eye(6), (101, 1, 1))
+    path = Trajectory(t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, covariance=covariance)
+    still = np.zeros(101)
+    return truth, FootInsPath(
+        trajectory=path, v_imu_in_world=truth.v_frame_in_world, standing_speed_sd=still, aligned=still == 0
+    )
+
+
+def test_figures_of_paths_whose_errors_are_known() -> None:
+    made = {"l": straight(0.1), "r": straight(-0.1)}
+    truth = {f: made[f][0] for f in FEET}
+    off = made["r"][1].trajectory.p_frame_in_world + [0.0, 0.0, 0.05]
+    higher = replace(made["r"][1], trajectory=replace(made["r"][1].trajectory, p_frame_in_world=off))
+    found = figures({"l": made["l"][1], "r": higher}, truth)
+    np.testing.assert_allclose(found["end_error_m"], [[0, 0, 0], [0, 0, 0.05]], atol=1e-12)
+    np.testing.assert_allclose(found["end_nees"], [0.0, 0.25], atol=1e-6)
+    assert found["feet_disagree_max_m"] == pytest.approx(0.05)
+    assert found["end_error_pct"] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+def test_a_heading_that_both_feet_share_is_not_their_disagreement() -> None:
+    made = {"l": straight(0.1), "r": straight(-0.1)}
+    turn = Rotation.from_euler("z", 0.2)
+    paths = {}
+    for foot, (_, path) in made.items():
+        p, q = turn.apply(path.trajectory.p_frame_in_world), np.tile(turn.as_quat(scalar_first=True), (101, 1))
+        paths[foot] = replace(path, trajectory=replace(path.trajectory, p_frame_in_world=p, q_world_frame=q))
+    found = figures(paths, {f: made[f][0] for f in FEET})
+    assert found["feet_disagree_max_m"] < 1e-9
+    assert found["end_error_pct"][0] == pytest.approx(20.0, abs=0.2)
