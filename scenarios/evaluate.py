@@ -123,7 +123,7 @@ def evaluate(recording: Recording, made: Iterable[Estimate], alignment: str = "s
         comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
         if estimate.world:
             worlds.setdefault(estimate.world, comparison.laid)
-        results.append(Result(estimate=estimate, comparison=comparison, scores=score(comparison)))
+        results.append(Result(estimate=estimate, comparison=comparison, scores=score(comparison, not estimate.world)))
     return results
 
 

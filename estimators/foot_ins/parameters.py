@@ -77,7 +77,7 @@ class FootInsParameters:
     gyro_limit_noise: float = 0.057
     accel_noise: float = 0.0034
     accel_motion_noise: float = 0.0019
-    accel_jerk_noise: float = 2.3e-5
+    accel_jerk_noise: float = 2.15e-5
     accel_limit_noise: float = 3.0
     accel_extreme_noise: float = 0.141
     gyro_bias_walk: float = 1e-5
@@ -100,11 +100,11 @@ class FootInsParameters:
     still_correlation_s: float = 0.018
     max_velocity_sd: float = 2.0
     max_surprise: float = 3.0
-    level_step: float = 0.018
+    level_step: float = 0.0175
     level_tilt: float = 0.06
     floor_sd: float = 0.0053
     stand_speed: float = 0.02
-    stand_s: float = 0.03
+    stand_s: float = 0.0298
     rest_level: float = 880.0
     rest_rate_noise: float = 3.2e-4
     align_s: float = 0.1
