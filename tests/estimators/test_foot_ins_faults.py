@@ -13,6 +13,7 @@ from stridetwin.sim.fault_plan import plan_faults
 from stridetwin.sim.faults import Fault, arrivals
 from stridetwin.sim.sample_faults import ClockJump, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
 from stridetwin.streams.rig import Rig
+from stridetwin.streams.ros_samples import block_of
 from stridetwin.streams.samples import Block, Imu
 
 TOPIC = ADIS16485.topic
@@ -23,7 +24,7 @@ def under(truth: Walk, *faults: Fault, seed: int = 0) -> tuple[Block[Imu], FootI
     """What arrives of a walk's samples, in the order of arrival, and the path that the filter makes of it."""
     rig = Rig(imus={TOPIC: ADIS16485})
     planned = plan_faults(faults, rig, seed, truth.t_ns[-1] * 1e-9)
-    (arrived,) = (a.item for a in arrivals([truth.imu], planned))
+    arrived = block_of([sample for a in arrivals([truth.imu], planned) for sample in a.item])
     start = StartPose(p_imu_in_world=truth.p_imu_in_world[0], q_world_imu=truth.q_world_imu[0])
     return arrived, FootIns(ADIS16485, start=start).run(arrived)
 
