@@ -94,14 +94,16 @@ class FootToFoot:
         self._listens_to = METHODS[method]
         self._shoes = shoes = shoes_of(rig)
         self._parameters = for_kernel(parameters)
-        foot, variance = parameters.foot, np.zeros((4, 6))
+        foot, variance, clock_variance = parameters.foot, np.zeros((4, 6)), 0.0
         if isinstance(parameters, PublishedParameters):
             foot = parameters.noise_of_the_calibration_alone
         else:
             variance[:2] = np.repeat([parameters.camera_position_sd, parameters.camera_rotation_sd], 3) ** 2
             variance[2:] = np.repeat([parameters.board_position_sd, parameters.board_rotation_sd], 3) ** 2
+            clock_variance = parameters.camera_clock_sd**2
         self._foot_parameters = tuple(for_sensor(foot, shoes.imus.get(f)) for f in FEET)
-        self._pair = blank_pair(shoes.mounts, variance, shoes.sonars, shoes.sonars, np.asarray(earth_rate_in_world))
+        earth = np.asarray(earth_rate_in_world)
+        self._pair = blank_pair(shoes.mounts, variance, clock_variance, shoes.sonars, shoes.sonars, earth)
         if start is None:
             start = side_by_side(shoes, parameters) if len(shoes.imus) == 2 else {}
         for name, pose in start.items():

@@ -111,7 +111,7 @@ def _compiled_foresight(sources: int) -> Callable[..., tuple[bool, Array, Array,
             foot: What the filter believes of the foot with the camera.
             parameters: What it believes of both.
             camera: Foot that carries the camera.
-            t_ns: Instant of a picture, not after the newest sample of either foot.
+            t_ns: Instant of a picture as its clock tells it, not after the newest sample of either foot.
             earlier_ns: How much earlier the second pose is.
 
         Returns:
@@ -120,13 +120,15 @@ def _compiled_foresight(sources: int) -> Callable[..., tuple[bool, Array, Array,
         """
         assert sources >= 0
         board, gravity, late = 1 - camera, foot.gravity, parameters.max_delay_s + 1e-9 * earlier_ns
-        known_a, p_a, R_a, age_a, led_a = rewind(pair.feet[camera], gravity, t_ns, parameters.max_delay_s)
-        known_b, p_b, R_b, age_b, led_b = rewind(pair.feet[board], gravity, t_ns, parameters.max_delay_s)
-        p, R, G = board_in_camera(pair, camera, p_a, R_a, age_a, led_a, p_b, R_b, age_b, led_b)
-        before_a, p_a, R_a, age_a, led_a = rewind(pair.feet[camera], gravity, t_ns - earlier_ns, late)
-        before_b, p_b, R_b, age_b, led_b = rewind(pair.feet[board], gravity, t_ns - earlier_ns, late)
-        p_0, R_0, _ = board_in_camera(pair, camera, p_a, R_a, age_a, led_a, p_b, R_b, age_b, led_b)
-        return known_a and known_b and before_a and before_b, p, R, G @ pair.covariance @ G.T, p_0, R_0
+        then_ns = t_ns + round(1e9 * pair.late[camera])
+        a = rewind(pair.feet[camera], gravity, then_ns, parameters.max_delay_s)
+        b = rewind(pair.feet[board], gravity, then_ns, parameters.max_delay_s)
+        p, R, G = board_in_camera(pair, camera, a, b)
+        a_0 = rewind(pair.feet[camera], gravity, then_ns - earlier_ns, late)
+        b_0 = rewind(pair.feet[board], gravity, then_ns - earlier_ns, late)
+        p_0, R_0, _ = board_in_camera(pair, camera, a_0, b_0)
+        known = a.known and b.known and a_0.known and b_0.known
+        return known, p, R, G @ pair.covariance @ G.T, p_0, R_0
 
     return foresee
 

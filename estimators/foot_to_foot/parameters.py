@@ -11,21 +11,12 @@ from stridetwin.streams.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
-class FootToFootParameters:
-    """One set serves every wearer and rig.
+class _Common:
+    """What both methods are told.
 
     Attributes:
-        foot: What the filter believes of each foot; the same as for one foot alone.
-        camera_position_sd: How well the camera's place on the shoe is known, m.
-        camera_rotation_sd: How well its direction is known, rad.
-        board_position_sd: The same of the board, m.
-        board_rotation_sd: rad.
-        sighting_correlation_s: How long a sighting's error lasts: sightings within this time share it, s.
-        max_frame_s: A sighting speaks for no more time than this, s.
-        max_sighting_surprise: Innovation of a sighting, in standard deviations, beyond which it is trusted less.
-        range_sd: A sonar's echo, m: its steps, and which part of the shoe answers.
-        max_range_surprise: An echo farther off than this, in standard deviations, is of something else.
-        sonar_after_s: The sonar is listened to only where the other shoe has not been seen for so long, s.
+        foot: What the filter believes of each foot; the same as for one foot alone. The published method takes gravity,
+            alignment and gaps from it; its noise is the calibration's alone.
         max_delay_s: A sighting or echo that arrives later after its instant than this is left out, s.
         exposure_s: Of the shoe cameras: tells a board's blur from its motion, s.
         start_position_sd: How well is known where the second foot stands at the start, where nobody says it, m.
@@ -33,16 +24,6 @@ class FootToFootParameters:
     """
 
     foot: FootInsParameters = field(default_factory=FootInsParameters)
-    camera_position_sd: float = 0.001
-    camera_rotation_sd: float = 0.005
-    board_position_sd: float = 0.001
-    board_rotation_sd: float = 0.005
-    sighting_correlation_s: float = 1.0
-    max_frame_s: float = 0.05
-    max_sighting_surprise: float = 4.5
-    range_sd: float = 0.1
-    max_range_surprise: float = 3.0
-    sonar_after_s: float = 1.0
     max_delay_s: float = 0.1
     exposure_s: float = 0.002
     start_position_sd: float = 0.15
@@ -50,15 +31,53 @@ class FootToFootParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        _check(self)
+        for name, value in asdict(self).items():
+            if name == "foot":
+                continue
+            may_be_zero = name.startswith(("camera_", "board_", "start_"))
+            if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and may_be_zero))):
+                valid = "a finite number ≥ 0" if may_be_zero else "a finite number > 0"
+                raise ConfigError(type(self).__name__, name, value, valid)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PublishedParameters:
+class FootToFootParameters(_Common):
+    """One set serves every wearer and rig.
+
+    Attributes:
+        camera_position_sd: How well the camera's place on the shoe is known, m.
+        camera_rotation_sd: How well its direction is known, rad.
+        board_position_sd: The same of the board, m.
+        board_rotation_sd: rad.
+        camera_clock_sd: How well a camera's clock is known, s.
+        camera_clock_walk: What that loses, s/√s.
+        sighting_correlation_s: How long a sighting's error lasts: sightings within this time share it, s.
+        max_frame_s: A sighting speaks for no more time than this, s.
+        max_sighting_surprise: Innovation of a sighting, in standard deviations, beyond which it is trusted less.
+        range_sd: A sonar's echo, m: its steps, and which part of the shoe answers.
+        max_range_surprise: An echo farther off than this, in standard deviations, is of something else.
+        sonar_after_s: The sonar is listened to only where the other shoe has not been seen for so long, s.
+    """
+
+    camera_position_sd: float = 0.001
+    camera_rotation_sd: float = 0.005
+    board_position_sd: float = 0.001
+    board_rotation_sd: float = 0.005
+    camera_clock_sd: float = 0.005
+    camera_clock_walk: float = 1e-4
+    sighting_correlation_s: float = 1.0
+    max_frame_s: float = 0.05
+    max_sighting_surprise: float = 4.5
+    range_sd: float = 0.1
+    max_range_surprise: float = 3.0
+    sonar_after_s: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishedParameters(_Common):
     """The system of Jao, Wang, Shkel 2020, so far as the paper leaves numbers open.
 
     Attributes:
-        foot: For gravity, alignment and gaps; its noise is replaced by the calibration's alone.
         window_s: Span of the stance detector's variances, s.
         accel_spread: Amplitude σ̄_a by which the accelerometer's standard deviation is normalised, m/s².
         gyro_spread: Amplitude σ̄_g of the gyro, rad/s.
@@ -67,13 +86,8 @@ class PublishedParameters:
         relative_position_sd: What the heading that turns a relative position does to it, m, beside its own noise.
         range_sd: Of a sonar's echo, m.
         max_range_misfit: An echo farther off than this is of something else, m.
-        max_delay_s: As in `FootToFootParameters`.
-        exposure_s: As in `FootToFootParameters`.
-        start_position_sd: As in `FootToFootParameters`.
-        start_heading_sd: As in `FootToFootParameters`.
     """
 
-    foot: FootInsParameters = field(default_factory=FootInsParameters)
     window_s: float = 0.05
     accel_spread: float = 0.0045
     gyro_spread: float = 0.0017
@@ -82,14 +96,6 @@ class PublishedParameters:
     relative_position_sd: float = 0.015
     range_sd: float = 0.03
     max_range_misfit: float = 0.5
-    max_delay_s: float = 0.1
-    exposure_s: float = 0.002
-    start_position_sd: float = 0.15
-    start_heading_sd: float = 0.2
-
-    def __post_init__(self) -> None:
-        """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        _check(self)
 
     @property
     def noise_of_the_calibration_alone(self) -> FootInsParameters:
@@ -116,6 +122,7 @@ class PairParameters(NamedTuple):
     published: bool
     max_delay_s: float
     range_sd: float
+    camera_clock_walk: float = 0.0
     sighting_correlation_s: float = 0.0
     max_frame_s: float = 0.0
     max_sighting_surprise: float = 0.0
@@ -134,13 +141,3 @@ def for_kernel(parameters: FootToFootParameters | PublishedParameters) -> PairPa
     """What the kernel is told."""
     values = {name: getattr(parameters, name) for name in PairParameters._fields if hasattr(parameters, name)}
     return PairParameters(published=isinstance(parameters, PublishedParameters), **values)
-
-
-def _check(parameters: FootToFootParameters | PublishedParameters) -> None:
-    for name, value in asdict(parameters).items():
-        if name == "foot":
-            continue
-        may_be_zero = name.startswith(("camera_", "board_", "start_"))
-        if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and may_be_zero))):
-            valid = "a finite number ≥ 0" if may_be_zero else "a finite number > 0"
-            raise ConfigError(type(parameters).__name__, name, value, valid)

@@ -122,11 +122,11 @@ def relate(
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.
     """
-    known_a, p_a, R_a, _, _ = rewind(pair.feet[camera], foot.gravity, t_ns, parameters.max_delay_s)
-    known_b, p_b, _, _, _ = rewind(pair.feet[1 - camera], foot.gravity, t_ns, parameters.max_delay_s)
-    if not (known_a and known_b):
+    a = rewind(pair.feet[camera], foot.gravity, t_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity, t_ns, parameters.max_delay_s)
+    if not (a.known and b.known):
         return UNUSED
-    z = R_a @ p_other_in_imu - (p_b - p_a)
+    z = a.R @ p_other_in_imu - (b.p - a.p)
     h = np.zeros(ALL_STATES)
     for i in range(3):
         h[:] = 0.0

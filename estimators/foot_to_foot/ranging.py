@@ -42,21 +42,21 @@ def hear(
     if not parameters.published and (t_ns - pair.seen.max()) * 1e-9 < parameters.sonar_after_s:
         return UNUSED
     other = 1 - sonar
-    known_a, p_a, R_a, _, _ = rewind(pair.feet[sonar], foot.gravity, t_ns, parameters.max_delay_s)
-    known_b, p_b, R_b, _, _ = rewind(pair.feet[other], foot.gravity, t_ns, parameters.max_delay_s)
-    arm_a, arm_b = R_a @ pair.sonars[sonar], R_b @ pair.echoes[other]
-    d = p_b + arm_b - p_a - arm_a
+    a = rewind(pair.feet[sonar], foot.gravity, t_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[other], foot.gravity, t_ns, parameters.max_delay_s)
+    arm_a, arm_b = a.R @ pair.sonars[sonar], b.R @ pair.echoes[other]
+    d = b.p + arm_b - a.p - arm_a
     size = math.sqrt(d @ d)
-    if not (known_a and known_b and size > 0.0):
+    if not (a.known and b.known and size > 0.0):
         return UNUSED
     to = np.ascontiguousarray((d / (size * parameters.range_sd)).reshape(1, 3))
     H = np.zeros((1, ALL_STATES))
-    a, b = STATES * sonar, STATES * other
-    H[:, a + D_POSITION : a + D_POSITION + 3] = -to
-    H[:, b + D_POSITION : b + D_POSITION + 3] = to
+    of_a, of_b = STATES * sonar, STATES * other
+    H[:, of_a + D_POSITION : of_a + D_POSITION + 3] = -to
+    H[:, of_b + D_POSITION : of_b + D_POSITION + 3] = to
     if not parameters.published:
-        H[:, a + D_ATTITUDE : a + D_ATTITUDE + 3] = cross(to, arm_a)
-        H[:, b + D_ATTITUDE : b + D_ATTITUDE + 3] = -cross(to, arm_b)
+        H[:, of_a + D_ATTITUDE : of_a + D_ATTITUDE + 3] = cross(to, arm_a)
+        H[:, of_b + D_ATTITUDE : of_b + D_ATTITUDE + 3] = -cross(to, arm_b)
     z = np.array([(distance - size) / parameters.range_sd])
     length = surprise(pair.covariance, H, z)
     if parameters.published:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -22,35 +24,61 @@ from stridetwin.estimators.foot_ins.memory import (
 )
 from stridetwin.streams.samples import Array
 
+MAX_LEAD_S = 0.05  # s; a foot that goes on as in its newest sample is off by more than it is worth after that
+
+
+class Then(NamedTuple):
+    """How a foot's IMU was at an instant.
+
+    Attributes:
+        known: Whether the foot was tracked all the time from then until its newest sample.
+        p: (3,) position in the world, m.
+        R: (3, 3) rotation, world <- IMU.
+        v: (3,) velocity in the world, m/s.
+        rate: (3,) angular rate, world axes, rad/s.
+        age: How far before the newest sample, s; less than 0 after it.
+        led: (3,) way that the specific force has led since, world, m.
+    """
+
+    known: bool
+    p: Array
+    R: Array
+    v: Array
+    rate: Array
+    age: float
+    led: Array
+
 
 @njit
-def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> tuple[bool, Array, Array, float, Array]:
-    """Pose of the foot's IMU at `t_ns`, from the newest state back through the samples since.
+def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
+    """How the foot's IMU was at `t_ns`, from the newest state back through the samples since.
 
-    It undoes `foot_ins.strapdown.predict` sample by sample, and so is exact but for the noise in between.
+    It undoes `foot_ins.strapdown.predict` sample by sample, and so is exact but for the noise in between. A little
+    after the newest sample (a camera's clock may turn out to be late) the foot goes on as in that sample.
 
     Args:
         memory: Left alone.
         gravity: m/s².
-        t_ns: Not after the newest sample.
+        t_ns: At most `MAX_LEAD_S` after the newest sample.
         max_age_s: Farthest way back, s.
-
-    Returns:
-        Whether the foot was tracked all the time since; (3,) position in the world, m; (3, 3) rotation, world <-
-        IMU; how far back, s; (3,) way that the specific force has led since, world, m.
     """
     clock, x = memory.clock, memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
     q = x[ATTITUDE : ATTITUDE + 4].copy()
     age = (clock[T_LAST] - t_ns) * 1e-9
-    known = clock[PHASE] == TRACKING and 0.0 <= age <= max_age_s
-    back = 0
-    while known and memory.ring_t_ns[(clock[HEAD] - back) % RING] > t_ns:
-        if back + 1 >= clock[FILL]:
+    known = clock[PHASE] == TRACKING and -MAX_LEAD_S <= age <= max_age_s
+    w = memory.ring[clock[HEAD], :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
+    back, left = 0, known
+    while left:
+        i, before = (clock[HEAD] - back) % RING, (clock[HEAD] - back - 1) % RING
+        if age > 0.0 and back + 1 >= clock[FILL]:
             known = False
             break
-        i, before = (clock[HEAD] - back) % RING, (clock[HEAD] - back - 1) % RING
-        dt = (memory.ring_t_ns[i] - max(t_ns, memory.ring_t_ns[before])) * 1e-9
+        if age > 0.0:
+            left = memory.ring_t_ns[before] > t_ns
+            dt = (memory.ring_t_ns[i] - max(t_ns, memory.ring_t_ns[before])) * 1e-9
+        else:
+            left, dt = False, age
         w = memory.ring[i, :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
         half = exponential(-0.5 * dt * w[0], -0.5 * dt * w[1], -0.5 * dt * w[2])
         middle = product(q, half)
@@ -63,7 +91,8 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> tuple
         back += 1
     led = p - x[POSITION : POSITION + 3] + age * x[VELOCITY : VELOCITY + 3]
     led[2] += 0.5 * gravity * age * age
-    return known, p, rotation_matrix(q), age, led
+    R = rotation_matrix(q)
+    return Then(known, p, R, v, R @ w, age, led)
 
 
 @njit

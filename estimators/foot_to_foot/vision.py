@@ -12,9 +12,9 @@ from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import surprise
-from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, BOARD, CAMERA, MOUNTS, Pair, inject_all
+from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, BOARD, CAMERA, CLOCKS, MOUNTS, NEVER, Pair, inject_all
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
-from stridetwin.estimators.foot_to_foot.rewind import cross, rewind
+from stridetwin.estimators.foot_to_foot.rewind import Then, cross, rewind
 from stridetwin.streams.samples import Array
 
 MIN_DEPTH = 0.02  # m; a board nearer than this, or behind the camera, is not where the filter thinks
@@ -45,7 +45,7 @@ def see(
         foot: What the one-foot filter believes of the foot with the camera.
         parameters: What the filter of both believes.
         camera: Foot that carries the camera.
-        t_ns: Middle of the exposure.
+        t_ns: Middle of the exposure, as the camera's clock tells it.
         points_in_board: (M, 3) m, M ≥ 4.
         rays: (M, 2) normalised image coordinates of the points, x right, y down.
         ray_sd: (M,) standard deviation of each coordinate.
@@ -53,21 +53,24 @@ def see(
     Returns:
         Length of the innovation in standard deviations, or UNUSED.
     """
-    board = 1 - camera
-    known_a, p_a, R_a, age_a, led_a = rewind(pair.feet[camera], foot.gravity, t_ns, parameters.max_delay_s)
-    known_b, p_b, R_b, age_b, led_b = rewind(pair.feet[board], foot.gravity, t_ns, parameters.max_delay_s)
-    if not (known_a and known_b):
+    then_ns = t_ns + round(1e9 * pair.late[camera])
+    a = rewind(pair.feet[camera], foot.gravity, then_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity, then_ns, parameters.max_delay_s)
+    if not (a.known and b.known):
         return UNUSED
-    p, R, G = board_in_camera(pair, camera, p_a, R_a, age_a, led_a, p_b, R_b, age_b, led_b)
+    since_s = (t_ns - pair.seen[camera]) * 1e-9
+    if pair.seen[camera] != NEVER:
+        pair.covariance[CLOCKS + camera, CLOCKS + camera] += parameters.camera_clock_walk**2 * since_s
+    p, R, G = board_in_camera(pair, camera, a, b)
     m = len(points_in_board)
     # A turn of a foot since the exposure that its gyro got wrong shifts all points alike.
-    turned = foot.gyro_noise**2 * (age_a + age_b)
+    turned = foot.gyro_noise**2 * (abs(a.age) + abs(b.age))
     A, ahead = _rows(p, R, points_in_board, rays, np.sqrt(ray_sd**2 + m * turned))
     if not ahead:
         return UNUSED
     triangle = np.linalg.qr(A)[1]
     misfit = abs(triangle[6, 6]) / math.sqrt(2 * m - 6)
-    frame_s = min(max((t_ns - pair.seen[camera]) * 1e-9, 1e-3), parameters.max_frame_s)
+    frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
     noise = max(1.0, misfit) * math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
     H = (np.ascontiguousarray(triangle[:6, :6]) / noise) @ G
     z = triangle[:6, 6] / noise
@@ -81,31 +84,14 @@ def see(
 
 
 @njit
-def board_in_camera(
-    pair: Pair,
-    camera: int,
-    p_a: Array,
-    R_a: Array,
-    age_a: float,
-    led_a: Array,
-    p_b: Array,
-    R_b: Array,
-    age_b: float,
-    led_b: Array,
-) -> tuple[Array, Array, Array]:
+def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, Array, Array]:
     """Pose of the other foot's board in a foot's camera, and how it depends on the state.
 
     Args:
         pair: For the mounts.
-        camera: Foot a, which carries the camera; the other is b.
-        p_a: (3,) position of a's IMU in the world, m.
-        R_a: (3, 3) its rotation, world <- IMU.
-        age_a: How far before a's newest state that pose is, s.
-        led_a: (3,) way that its specific force has led since, world, m.
-        p_b: The same of b.
-        R_b: The same of b.
-        age_b: The same of b.
-        led_b: The same of b.
+        camera: Foot that carries the camera.
+        a: How that foot was at the picture's instant.
+        b: How the other one was.
 
     Returns:
         (3,) m; (3, 3) camera <- board; (6, n) derivatives of the position (m) and of the rotation vector (rad), in
@@ -114,16 +100,19 @@ def board_in_camera(
     board = 1 - camera
     mount_a, mount_b = pair.mounts[CAMERA + camera], pair.mounts[BOARD + board]
     R_c, R_m = rotation_matrix(mount_a[3:]), rotation_matrix(mount_b[3:])
-    d = p_b + R_b @ mount_b[:3] - p_a  # from a's IMU to the board, world
-    in_imu = R_a.T @ d
-    to_camera = np.ascontiguousarray((R_a @ R_c).T)  # camera <- world
+    arm = b.R @ mount_b[:3]
+    d = b.p + arm - a.p  # from a's IMU to the board, world
+    in_imu = a.R.T @ d
+    to_camera = np.ascontiguousarray((a.R @ R_c).T)  # camera <- world
     out = np.ascontiguousarray(R_c.T)  # camera <- a's IMU
-    turn_b = to_camera @ R_b  # camera <- b's IMU
+    turn_b = to_camera @ b.R  # camera <- b's IMU
 
     G = np.zeros((6, ALL_STATES))
-    a, b = STATES * camera, STATES * board
-    _pose_columns(G, a, -to_camera, cross(to_camera, d), R_a, age_a, led_a)
-    _pose_columns(G, b, to_camera, -cross(to_camera, R_b @ mount_b[:3]), R_b, age_b, led_b)
+    by_a, by_b = cross(to_camera, d), -cross(to_camera, arm)
+    _pose_columns(G, STATES * camera, -to_camera, by_a, a)
+    _pose_columns(G, STATES * board, to_camera, by_b, b)
+    G[:3, CLOCKS + camera] = to_camera @ (b.v - a.v) + by_a @ a.rate + by_b @ b.rate
+    G[3:, CLOCKS + camera] = to_camera @ (b.rate - a.rate)
     c = MOUNTS + 6 * (CAMERA + camera)
     G[:3, c : c + 3] = -out
     G[:3, c + 3 : c + 6] = cross(out, in_imu - mount_a[:3])
@@ -135,17 +124,17 @@ def board_in_camera(
 
 
 @njit
-def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, R: Array, age: float, led: Array) -> None:
-    """Writes a foot's columns of G: those of its pose `age` ago, in terms of its newest state.
+def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, then: Then) -> None:
+    """Writes a foot's columns of G: those of its pose then, in terms of its newest state.
 
     δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × led: a turned foot would have been pushed another way.
     """
     G[:3, o + D_POSITION : o + D_POSITION + 3] = turn
-    G[:3, o + D_VELOCITY : o + D_VELOCITY + 3] = -age * turn
-    G[:3, o + D_ATTITUDE : o + D_ATTITUDE + 3] = by_attitude - cross(turn, led)
-    G[:3, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = age * (by_attitude @ R)
+    G[:3, o + D_VELOCITY : o + D_VELOCITY + 3] = -then.age * turn
+    G[:3, o + D_ATTITUDE : o + D_ATTITUDE + 3] = by_attitude - cross(turn, then.led)
+    G[:3, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = then.age * (by_attitude @ then.R)
     G[3:, o + D_ATTITUDE : o + D_ATTITUDE + 3] = turn
-    G[3:, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = age * (turn @ R)
+    G[3:, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = then.age * (turn @ then.R)
 
 
 @njit

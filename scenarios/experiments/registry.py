@@ -50,7 +50,7 @@ EXPERIMENTS = {
             collect=partial(jao_walk.collect, name),
             table=jao_walk.table,
         )
-        for name in ("jao_straight_53m", "jao_loop_126m")
+        for name in ("jao_straight_53m", "jao_loop_126m", "stairs_16")
     },
     "jao_faults": Experiment(
         seeds=jao_faults.SEEDS, run_case=jao_faults.run_case, collect=jao_faults.collect, table=jao_faults.table
