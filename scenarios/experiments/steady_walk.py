@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.gait.smooth import ease, ease_rate
 from stridetwin.sim.sensors.strapdown import increments
 from stridetwin.sim.track import Track
 from stridetwin.streams.samples import Array
@@ -74,7 +75,7 @@ class SteadyWalk:
         k = np.clip(np.floor(strides), 0, self.strides - 1)
         u = np.clip((strides - k) / self.swing_share, 0.0, 1.0)
         per_s = 1.0 / (self.swing_share * self.stride_s)
-        advance, advance_rate = _minimum_jerk(u)
+        advance, advance_rate = ease(u), ease_rate(u)
         lift, lift_rate = _bump(u, 0.0, 1.0)
         heel_off, heel_off_rate = _bump(u, 0.0, 0.6)
         toes_up, toes_up_rate = _bump(u, 0.45, 1.0)
@@ -104,11 +105,6 @@ class SteadyWalk:
         velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])
         earth = self.earth_rate_in_world
         return rate + to_sensor.apply(earth), force + to_sensor.apply(2.0 * np.cross(earth, velocity))
-
-
-def _minimum_jerk(u: Array) -> tuple[Array, Array]:
-    """From 0 to 1 over u in 0..1, and the derivative."""
-    return u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * (u * (1.0 - u)) ** 2
 
 
 def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
