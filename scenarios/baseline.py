@@ -10,7 +10,7 @@ from stridetwin.streams.errors import StrideTwinError
 
 _SLACK = {"_m": 0.002, "_pct": 0.02}  # what rounding between machines may do, in the unit of the key
 _HIGHER_IS_BETTER = ("nees_position_within_95_pct", "coverage_pct")
-_NOT_JUDGED = ("distance_m", "duration_s", "nees_position_mean", "end_height_error_m")
+_NOT_JUDGED = ("distance_m", "duration_s", "nees_position_mean", "end_height_error_m", "nis_")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,7 @@ def regressions(now: Mapping[str, Scores], baseline: object, source: str, tolera
         for metric, value in sorted(scores.items()):
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise StrideTwinError(f"{source}: estimators.{name}.{metric}: {value!r} is not valid; valid: a number")
-            if metric in _NOT_JUDGED:
+            if metric.startswith(_NOT_JUDGED):
                 continue
             slack = next((s for unit, s in _SLACK.items() if metric.endswith(unit)), 0.0)
             allowance = abs(value) * tolerance + slack

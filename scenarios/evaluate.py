@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
@@ -27,6 +27,7 @@ class Estimate:
         frame: Frame whose path it is, such as `foot_l/imu`.
         path: Poses in the estimator's own world.
         ready_ns: From when on it is scored: an estimator may look for the vertical first.
+        nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
         world: Estimates of one world are laid over the truth together, as the first of them is; "" = each has its own.
     """
 
@@ -34,6 +35,7 @@ class Estimate:
     frame: str
     path: Trajectory
     ready_ns: int = 0
+    nis: Mapping[str, float] = field(default_factory=dict)
     world: str = ""
 
 
@@ -58,7 +60,9 @@ def estimate_foot(recording: Recording, foot: str) -> Estimate:
     """
     frame = f"foot_{foot}/imu"
     block: Block[Imu] = recording.block(f"/{frame}")
-    return _estimate(recording, "foot_ins", foot, FootIns(recording.rig.imu(f"/{frame}")).run(block))
+    estimator = FootIns(recording.rig.imu(f"/{frame}"))
+    path = estimator.run(block)
+    return _estimate(recording, "foot_ins", foot, path, {"standing": estimator.nis})
 
 
 def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Estimate]:
@@ -76,17 +80,26 @@ def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Esti
     mounts |= {s.topic: s.mount for s in rig.others.values() if s.kind == "range"}
     aids = [t for t, mount in mounts.items() if mount.body in ("foot_l", "foot_r") and t in recording.topics]
     imus = [f"/foot_{foot}/imu" for foot in FEET]
-    paths = follow(FootToFoot(rig, method=method), recording.samples([*imus, *aids]))
+    estimator = FootToFoot(rig, method=method)
+    paths = follow(estimator, recording.samples([*imus, *aids]))
     world = "foot_to_foot" if method == "stridetwin" else f"foot_to_foot_{method}"
-    return [_estimate(recording, world, foot, path, world) for foot, path in paths.items()]
+    common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
+    found = []
+    for foot, path in paths.items():
+        standing = estimator.nis.get(f"standing_{foot}")
+        nis = common if standing is None else {"standing": standing, **common}
+        found.append(_estimate(recording, world, foot, path, nis, world))
+    return found
 
 
-def _estimate(recording: Recording, name: str, foot: str, path: FootInsPath, world: str = "") -> Estimate:
+def _estimate(
+    recording: Recording, name: str, foot: str, path: FootInsPath, nis: Mapping[str, float], world: str = ""
+) -> Estimate:
     frame = f"foot_{foot}/imu"
     if not path.aligned.any():
         raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
     ready = int(path.trajectory.t_ns[path.aligned.argmax()])
-    return Estimate(name=f"{name}_{foot}", frame=frame, path=path.trajectory, ready_ns=ready, world=world)
+    return Estimate(name=f"{name}_{foot}", frame=frame, path=path.trajectory, ready_ns=ready, nis=nis, world=world)
 
 
 def estimates(recording: Recording) -> list[Estimate]:
@@ -123,7 +136,8 @@ def evaluate(recording: Recording, made: Iterable[Estimate], alignment: str = "s
         comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
         if estimate.world:
             worlds.setdefault(estimate.world, comparison.laid)
-        results.append(Result(estimate=estimate, comparison=comparison, scores=score(comparison, not estimate.world)))
+        scores = score(comparison, not estimate.world) | {f"nis_{kind}": v for kind, v in estimate.nis.items()}
+        results.append(Result(estimate=estimate, comparison=comparison, scores=scores))
     return results
 
 

@@ -42,6 +42,9 @@ _ROWS = (
     ("end_height_error_m", "Height error at the end", "m", 4),
     ("nees_position_mean", "NEES of the position, mean (3 is honest)", "", 2),
     ("nees_position_within_95_pct", "Time within the own 95 % bound", "%", 1),
+    ("nis_standing", "Innovations of the standing foot, NIS per degree of freedom (1 is honest)", "", 2),
+    ("nis_sightings", "Innovations of the boards seen, NIS per degree of freedom", "", 2),
+    ("nis_echoes", "Innovations of the sonars' echoes, NIS per degree of freedom", "", 2),
     ("distance_m", "Distance travelled by the frame", "m", 2),
 )
 _RESIDUAL = "/truth/root_residual"

@@ -154,6 +154,12 @@ class FootIns:
         phase, speed, _, _ = self._run(np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None])
         return None if phase[0] == IGNORED else FootInsEstimate.of(self._memory, int(phase[0]), float(speed[0]))
 
+    @property
+    def nis(self) -> float:
+        """Mean squared innovation of the standing foot by its variance, per degree of freedom: 1 if honest; or NaN."""
+        total, count = self._memory.nis
+        return float(total / count) if count else math.nan
+
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
         phase, speed, state, covariance = self._run(

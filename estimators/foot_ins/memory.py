@@ -51,6 +51,8 @@ class Memory(NamedTuple):
         lever: (3,) from the sensor to the point that stands still, sensor frame, m.
         peak: (1,) peak of the motion statistic, slowly forgotten.
         extreme: (6,) largest magnitude of each channel so far.
+        nis: (2,) over all updates with a standing foot: sum of the squared innovation by its variance, per degree of
+            freedom; and how many.
     """
 
     nominal: Array
@@ -65,6 +67,7 @@ class Memory(NamedTuple):
     lever: Array
     peak: Array
     extreme: Array
+    nis: Array
 
 
 def blank(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> Memory:
@@ -90,4 +93,5 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         lever=np.zeros(3),
         peak=np.zeros(1),
         extreme=np.zeros(6),
+        nis=np.zeros(2),
     )

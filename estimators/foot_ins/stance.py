@@ -88,6 +88,8 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     o = memory.row
     own = np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
     doubt = max(1.0, surprise(own, H, z) / parameters.max_surprise)
+    memory.nis[0] += surprise(own, shared * H, shared * z) ** 2 / 3.0
+    memory.nis[1] += 1.0
     for i in range(3):
         correct(memory.covariance, memory.error, o, H[i] / doubt, z[i] / doubt, 1.0)
     inject(memory)

@@ -17,7 +17,7 @@ from stridetwin.estimators.foot_ins.parameters import for_sensor
 from stridetwin.estimators.foot_to_foot import kernel
 from stridetwin.estimators.foot_to_foot.events import Aid, in_order
 from stridetwin.estimators.foot_to_foot.eyes import Expected, Eyes, relative_position
-from stridetwin.estimators.foot_to_foot.memory import FEET, IMU, NEVER, Events, blank_pair
+from stridetwin.estimators.foot_to_foot.memory import ECHOES, FEET, IMU, NEVER, SIGHTINGS, Events, blank_pair
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters, for_kernel
 from stridetwin.estimators.foot_to_foot.rig import shoes_of, side_by_side
 from stridetwin.estimators.foot_to_foot.samples import RelativePosition
@@ -143,6 +143,16 @@ class FootToFoot:
         told = np.r_[:TOLD, STATES : STATES + TOLD]
         covariance = self._pair.covariance[np.ix_(told, told)]
         return FootToFootEstimate(t_ns=sample.t_ns, feet=feet, covariance=covariance, sightings=tuple(seen or ()))
+
+    @property
+    def nis(self) -> dict[str, float]:
+        """Mean squared innovation by its variance, per degree of freedom: 1 if honest.
+
+        Of what was used: `standing_l`, `standing_r`, `sightings`, `echoes`.
+        """
+        sums = {f"standing_{f}": memory.nis for f, memory in zip(FEET, self._pair.feet)}
+        sums |= {"sightings": self._pair.nis[SIGHTINGS], "echoes": self._pair.nis[ECHOES]}
+        return {name: float(total / count) for name, (total, count) in sums.items() if count}
 
     def foot_of(self, sample: Imu) -> str:
         """`l` or `r`: the foot that carries the IMU of a sample.

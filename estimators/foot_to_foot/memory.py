@@ -25,6 +25,7 @@ CLOCKS = MOUNTS + 4 * 6
 ALL_STATES = CLOCKS + 2
 
 NEVER = -(2**62)  # ns
+SIGHTINGS, ECHOES = 0, 1  # rows of what is known of their innovations
 
 
 class Pair(NamedTuple):
@@ -42,6 +43,7 @@ class Pair(NamedTuple):
         earth: (3,) turning of the Earth in world axes, rad/s.
         seen: (2,) int64, time of the newest sighting used of each camera, ns.
         heard: (2,) int64, time of the newest echo used of each sonar, ns.
+        nis: (2, 2) as `foot_ins.memory.Memory.nis`, of sightings and of echoes.
     """
 
     feet: tuple[Memory, Memory]
@@ -54,6 +56,7 @@ class Pair(NamedTuple):
     earth: Array
     seen: NDArray[np.int64]
     heard: NDArray[np.int64]
+    nis: Array
 
 
 def blank_pair(
@@ -83,6 +86,7 @@ def blank_pair(
         earth=np.array(earth, dtype=float),
         seen=np.full(2, NEVER),
         heard=np.full(2, NEVER),
+        nis=np.zeros((2, 2)),
     )
 
 

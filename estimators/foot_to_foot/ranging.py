@@ -11,7 +11,7 @@ from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_POSITION, STATES
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import surprise
-from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, Pair, inject_all
+from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, ECHOES, Pair, inject_all
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.rewind import cross, rewind
 from stridetwin.estimators.foot_to_foot.vision import UNUSED
@@ -67,6 +67,8 @@ def hear(
     if not used:
         return UNUSED
     pair.heard[sonar] = t_ns
+    pair.nis[ECHOES, 0] += length**2
+    pair.nis[ECHOES, 1] += 1.0
     correct(pair.covariance, pair.error, 0, H[0] / doubt, z[0] / doubt, 1.0)
     inject_all(pair)
     return length

@@ -12,7 +12,17 @@ from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import surprise
-from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, BOARD, CAMERA, CLOCKS, MOUNTS, NEVER, Pair, inject_all
+from stridetwin.estimators.foot_to_foot.memory import (
+    ALL_STATES,
+    BOARD,
+    CAMERA,
+    CLOCKS,
+    MOUNTS,
+    NEVER,
+    SIGHTINGS,
+    Pair,
+    inject_all,
+)
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.rewind import Then, cross, rewind
 from stridetwin.streams.samples import Array
@@ -71,10 +81,14 @@ def see(
     triangle = np.linalg.qr(A)[1]
     misfit = abs(triangle[6, 6]) / math.sqrt(2 * m - 6)
     frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
-    noise = max(1.0, misfit) * math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
+    alone = max(1.0, misfit)
+    noise = alone * math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
     H = (np.ascontiguousarray(triangle[:6, :6]) / noise) @ G
     z = triangle[:6, 6] / noise
     length = surprise(pair.covariance, H, z)
+    shared = noise / alone
+    pair.nis[SIGHTINGS, 0] += surprise(pair.covariance, shared * H, shared * z) ** 2 / 6.0
+    pair.nis[SIGHTINGS, 1] += 1.0
     doubt = max(1.0, length / parameters.max_sighting_surprise)
     for i in range(6):
         correct(pair.covariance, pair.error, 0, H[i] / doubt, z[i] / doubt, 1.0)

@@ -150,6 +150,16 @@ def test_error_is_consistent_with_the_covariance() -> None:
     assert np.mean(squared) < 5.0  # 2 if consistent; larger = too sure of itself
 
 
+def test_innovations_say_how_well_the_motion_fits_the_filter() -> None:
+    truth = walk(calibration=ADIS16485, rng=np.random.default_rng(0))
+    filters = [FootIns(ADIS16485, start=start_of(truth)) for _ in range(2)]
+    assert np.isnan(filters[0].nis)
+    shaken = truth.imu.columns["angular_rate"] + np.random.default_rng(1).normal(0.0, 0.2, (len(truth.imu), 3))
+    for estimator, imu in zip(filters, (truth.imu, block_like(truth, angular_rate=shaken))):
+        estimator.run(imu)
+    assert 0.0 < 3.0 * filters[0].nis < filters[1].nis
+
+
 def test_sample_by_sample_and_block_give_identical_numbers() -> None:
     truth = walk(strides=4, calibration=ADIS16485, rng=np.random.default_rng(0))
     path = FootIns(ADIS16485).run(truth.imu)
