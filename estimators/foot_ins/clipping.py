@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.foot_ins.memory import FILL, HEAD, RING, Memory
+from stridetwin.estimators.foot_ins.covariance import shift
+from stridetwin.estimators.foot_ins.memory import FILL, HEAD, POSITION, RING, VELOCITY, Memory
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.strapdown import carry
 from stridetwin.streams.samples import Array
@@ -37,7 +38,8 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
         first = max(first, _peak(memory, channel, known, least, hidden))
     if first == 0:
         return
-    head = memory.clock[HEAD]
+    head, x = memory.clock[HEAD], memory.nominal
+    p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
     for back in range(first + 1):
         i = (head - back) % RING
         carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity)
@@ -45,6 +47,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
         i = (head - back) % RING
         memory.ring[i] += hidden[back]  # whoever looks back later sees the peak
         carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity)
+    shift(memory.covariance, memory.row, x[POSITION : POSITION + 3] - p, x[VELOCITY : VELOCITY + 3] - v)
 
 
 @njit

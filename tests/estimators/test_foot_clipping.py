@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from foot_motion import ADIS16485, Walk, walk
 
-from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.estimators.foot_ins import FootIns, StartPose
 from stridetwin.streams.samples import Array
 
 EXACT = replace(ADIS16485, gyroscope_range=1e3, accelerometer_range=1e4)
@@ -45,3 +45,18 @@ def test_a_range_that_is_not_reached_changes_nothing(truth: Walk) -> None:
     wider = replace(EXACT, gyroscope_range=2e3, accelerometer_range=2e4)
     a, b = (FootIns(c).run(truth.imu).trajectory.p_frame_in_world for c in (EXACT, wider))
     np.testing.assert_array_equal(a, b)
+
+
+def test_what_is_put_back_tells_nothing_of_the_heading(truth: Walk) -> None:
+    """A turn of the world is seen by nothing: how well the heading was known at the start may not bend the path."""
+    limit = 0.75 * float(np.abs(truth.imu.columns["angular_rate"]).max())
+    calibration = replace(EXACT, gyroscope_range=limit)
+    start = StartPose(p_imu_in_world=np.zeros(3), q_world_imu=truth.q_world_imu[0])
+    sure, unsure = (
+        FootIns(calibration, start=replace(start, heading_sd=sd)).run(clipped(truth, "angular_rate", limit).imu)
+        for sd in (1e-3, 0.5)
+    )
+    np.testing.assert_allclose(
+        unsure.trajectory.p_frame_in_world, sure.trajectory.p_frame_in_world, atol=1e-5 * truth.distance
+    )
+    assert unsure.trajectory.covariance[-1, 5, 5] > 0.99 * 0.5**2
