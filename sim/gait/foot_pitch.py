@@ -22,7 +22,7 @@ _HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
 # Higher risers and steeper ramps than these bend the knee and lean the shank farther: the heel stays up for longer, by
 # so much a metre or a radian beyond.
 _USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # a fall of a step on a ramp
-_HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 12.0, 2.5, 1.5
+_HEEL_OFF_BY_RISER, _HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 3.0, 12.0, 2.5, 1.5
 _TIPTOE_BY_RISE, _TIPTOE_BY_SLOPE = 2.4, 1.8
 _FLAT_BY = 0.6  # of stance at the latest
 _PITCH_SMOOTHING_S = 0.020
@@ -64,13 +64,15 @@ class Departure:
 
 
 _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
+# Going down, the knee bends under the body until the ankle has no more room: then the heel has to come up quickly.
+_LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0.60), (0.80, 0.75), (1.0, 1.0))
 _ARRIVALS = {
     "flat": Arrival(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
-    "forefoot": Arrival(before=((0.78, 0.42), (0.90, 0.50)), touch=0.45, flat_after=0.37),
+    "forefoot": Arrival(before=((0.78, 0.44), (0.90, 0.48)), touch=0.36, flat_after=0.21),
 }
 _DEPARTURES = {
     "climb": Departure(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
-    "lower": Departure(heel_off_before=0.72, rise=_RISE, off=0.70,
+    "lower": Departure(heel_off_before=0.53, rise=_LOWERING_RISE, off=0.70,
                        swing=((0.16, 0.92), (0.30, 0.54), (0.50, 0.22), (0.63, 0.25))),
 }  # fmt: skip
 
@@ -89,11 +91,12 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
         leave, land = _departure(a, b.style), _arrival(b)
         heel_off = leave.heel_off_before * duration
-        usual_fall = _USUAL_RISER_M if a.departure == "lower" else _USUAL_FALL_M
+        stair = a.departure == "lower"
+        usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if stair else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
         climb = max(-a.fall - _USUAL_RISER_M, 0.0)
         steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
-        heel_off = min(heel_off * (1.0 + _HEEL_OFF_BY_FALL * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
+        heel_off = min(heel_off * (1.0 + by_fall * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
         tiptoe = _TIPTOE_BY_RISE * rise
         if b.arrival == "flat":
             tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)

@@ -134,6 +134,29 @@ def test_down_stairs_lands_on_the_forefoot() -> None:
     assert max(pitches) <= 35
 
 
+@pytest.mark.parametrize("seed", [7, 8])
+def test_down_stairs_the_foot_lies_flat_and_still_for_a_third_of_stance(seed: int) -> None:
+    """From about 20 % of stance, when the heel has come down, until the ankle has no more room."""
+    twin = make("stairs", seed)
+    lowering = [s for own in twin.reference.steps.values() for s in own if (s.mode, s.departure) == ("SD", "lower")]
+    assert len(lowering) == 3
+    for step in lowering:
+        stance = step.t_off - step.t_touch
+        t = np.linspace(step.t_touch, step.t_off, 400)
+        track = gait.motion_at(twin, t).tracks[f"foot_{step.foot}"]
+        still = np.linalg.norm(track.w_body, axis=1) < 0.02
+        still &= np.linalg.norm(track.v_body_in_world, axis=1) < 0.001
+        rows = np.flatnonzero(still)
+        longest = max(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), key=len)
+        first, last = (t[longest[[0, -1]]] - step.t_touch) / stance
+        assert first < 0.25
+        assert last - first >= 0.30
+        assert (last - first) * stance >= 0.2
+        np.testing.assert_allclose(
+            track.p_body_in_world[longest], np.broadcast_to(step.p_foot_in_world, (len(longest), 3)), atol=2e-4
+        )
+
+
 def test_modes_follow_the_terrain() -> None:
     modes = {}
     for name in ("stairs", "ramp"):
