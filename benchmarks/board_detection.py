@@ -11,9 +11,7 @@ camera looks at it at less than 75 degrees from its normal.
 
 from __future__ import annotations
 
-import argparse
 import copy
-import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -27,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.foot_ins.board import BoardDetector
 from stridetwin.estimators.foot_ins.board_pose import board_poses
 from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
@@ -40,7 +39,6 @@ from stridetwin.sim.playback import Motion
 from stridetwin.sim.render import SensorView, camera_pose
 from stridetwin.sim.rig_bodies import UPPERS
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
@@ -310,31 +308,22 @@ def measure(scenarios: Sequence[str], seeds: Sequence[int], exposure_ms: float) 
     }
 
 
+def show(result: dict[str, Any]) -> None:
+    """Prints the summary, then a line for each case."""
+    show_summary(32, "9.3f")(result)
+    for row in result["cases"]:
+        print("  ".join(f"{key} {value:7.3f}" for key, value in row.items()))
+
+
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = command(__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the walks (1000 and 1001)")
     parser.add_argument("--scenarios", nargs="+", default=SCENARIOS, help=f"names ({', '.join(SCENARIOS)})")
     parser.add_argument("--exposure-ms", type=float, default=EXPOSURE_MS, help="0 = no blur (2)")
-    arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    result = measure(arguments.scenarios, arguments.seeds, arguments.exposure_ms)
-    if arguments.json:
-        print(json.dumps(result))
-        return 0
-    for name, figures in result["summary"].items():
-        print(name)
-        for key, value in figures.items():
-            print(f"  {key:32s} {value:9.3f}")
-    for row in result["cases"]:
-        print("  ".join(f"{key} {value:7.3f}" for key, value in row.items()))
-    return 0
+    return answer(parser, lambda a: measure(a.scenarios, a.seeds, a.exposure_ms), show)
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except StrideTwinError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    sys.exit(main())

@@ -1,27 +1,40 @@
 """The one-foot inertial navigation on real recordings: one parameter set, two data sets, four disturbances.
 
-`python -m benchmarks.foot_ins_real [--json]`. The recordings are looked for in $STRIDETWIN_DATA, else in
-`../shared/data` beside the checkout: `foot_imu_vicon` (walks under motion capture, first published with
-pyshoe, Wagstaff & Kelly 2018) and `dual_foot_walk` (gaitmap's example data).
+`python -m benchmarks.foot_ins_real [--json] [--halves]`. The recordings are looked for as `real_walks` says. With
+`--halves` the parameters are tuned on one half of the walks and scored on the other (`foot_ins_halves`).
 """
 
 from __future__ import annotations
 
-import argparse
-import gzip
 import json
-import os
 import sys
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath
+from benchmarks import foot_ins_halves
+from benchmarks.command import answer, command
+from benchmarks.real_walks import (
+    MarkerWalk,
+    ViconWalk,
+    armse,
+    bearing,
+    data_folder,
+    load_markers,
+    load_vicon,
+    spread,
+    stance_error,
+)
+from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, StartPose
+from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
 PUBLISHED = {  # 2-D ARMSE in m on the same walks (pyshoe's filter, one threshold for all)
@@ -32,146 +45,6 @@ PUBLISHED = {  # 2-D ARMSE in m on the same walks (pyshoe's filter, one threshol
         "height_error_m": {"left": 0.73, "right": 0.38},
     },
 }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ViconWalk:
-    """One walk of `foot_imu_vicon`: samples, and the truth (N, 3) m at their times."""
-
-    name: str
-    imu: Block[Imu]
-    truth: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MarkerWalk:
-    """One foot of `dual_foot_walk`: samples, and markers (M, 3) m at times (M,) s."""
-
-    name: str
-    imu: Block[Imu]
-    t: Array
-    heel: Array
-    toe: Array
-
-
-def data_folder() -> Path | None:
-    """Folder of the recordings, or None where there is none."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("STRIDETWIN_DATA", beside))
-    return folder if (folder / "foot_imu_vicon").is_dir() else None
-
-
-def imu_block(t: Array, rate: Array, force: Array) -> Block[Imu]:
-    """Samples from seconds, rad/s and m/s²."""
-    columns = {"angular_rate": np.array(rate, float), "specific_force": np.array(force, float)}
-    return Block(topic="/foot/imu", kind=Imu, t_ns=np.round(t * 1e9).astype(np.int64), columns=columns)
-
-
-def despike(truth: Array, t: Array, max_speed: float = 9.0) -> Array:
-    """Truth (N, 3) without the samples that would need more than `max_speed` (m/s) from the last good one.
-
-    They are interpolated. Where that were more than a tenth, a jump stayed, and the truth is as recorded.
-    """
-    good, last = np.ones(len(truth), bool), 0
-    for i in range(1, len(truth)):
-        good[i] = np.linalg.norm(truth[i] - truth[last]) <= max_speed * max(t[i] - t[last], 1e-3)
-        last = i if good[i] else last
-    if good.mean() < 0.9:
-        return truth
-    return np.column_stack([np.interp(t, t[good], truth[good, k]) for k in range(3)])
-
-
-def armse(path: Array, truth: Array) -> float:
-    """2-D ARMSE in m as pyshoe has it: common start, turned to agree where the path is first 0.8 m away."""
-    e, g = path[:, :2] - path[0, :2], truth[:, :2] - truth[0, :2]
-    far = np.linalg.norm(e, axis=1) > 0.8
-    i = int(np.argmax(far)) if far.any() else len(e) - 1
-    turn = np.arctan2(g[i, 1], g[i, 0]) - np.arctan2(e[i, 1], e[i, 0])
-    return float(np.mean(np.sqrt(((_turned(e, turn) - g) ** 2).sum(1) / 2)))
-
-
-def stance_error(t: Array, path: Array, truth: MarkerWalk) -> tuple[float, float]:
-    """2-D RMSE over the rests after the best shift, turn and offset in the foot; end height error; both m.
-
-    Args:
-        t: (N,) s.
-        path: (N, 3) m.
-        truth: Markers.
-    """
-    k = _rests(truth)
-    e = np.column_stack([np.interp(truth.t[k], t, path[:, i]) for i in range(3)])
-    g = (truth.heel[k] + truth.toe[k]) / 2
-    along = (truth.toe[k] - truth.heel[k])[:, :2]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.column_stack([-along[:, 1], along[:, 0]])
-    offset, error = np.zeros(2), np.zeros_like(along)
-    for _ in range(50):
-        target = g[:, :2] + along * offset[0] + across * offset[1]
-        centre_e, centre_t = e[:, :2].mean(0), target.mean(0)
-        m = (e[:, :2] - centre_e).T @ (target - centre_t)
-        turn = np.arctan2(m[0, 1] - m[1, 0], m[0, 0] + m[1, 1])
-        moved = _turned(e[:, :2] - centre_e, turn) + centre_t - g[:, :2]
-        offset = np.array([np.mean((moved * along).sum(1)), np.mean((moved * across).sum(1))])
-        error = moved - along * offset[0] - across * offset[1]
-    height = (e[-1, 2] - e[0, 2]) - (g[-1, 2] - g[0, 2])
-    return float(np.sqrt((error**2).sum(1).mean())), float(height)
-
-
-def _turned(xy: Array, angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return xy @ np.array([[c, s], [-s, c]])
-
-
-def _rests(truth: MarkerWalk, max_speed: float = 0.15, min_s: float = 0.15) -> list[int]:
-    """Middles of the spans in which both markers are slow."""
-    seen = np.isfinite(truth.heel).all(1) & np.isfinite(truth.toe).all(1)
-    speeds = [
-        np.linalg.norm(np.gradient(np.where(seen[:, None], m, 0.0), truth.t, axis=0), axis=1)
-        for m in (truth.heel, truth.toe)
-    ]
-    still = seen & (np.maximum(*speeds) < max_speed)
-    edges = np.flatnonzero(np.diff(np.r_[0, still.astype(int), 0])).reshape(-1, 2)
-    return [(a + b) // 2 for a, b in edges if truth.t[b - 1] - truth.t[a] >= min_s]
-
-
-def load_vicon(folder: Path) -> list[ViconWalk]:
-    """Walks of `foot_imu_vicon`, despiked, in the order of their names."""
-    walks = []
-    for file in sorted((folder / "foot_imu_vicon").glob("*.npz")):
-        with np.load(file) as d:
-            block = imu_block(d["t"], d["gyro"], d["accel"])
-            walks.append(ViconWalk(name=file.stem, imu=block, truth=despike(d["position"], d["t"])))
-    return walks
-
-
-def load_markers(folder: Path) -> list[MarkerWalk]:
-    """Both feet of `dual_foot_walk`."""
-    imu_names, imu = _table(folder / "dual_foot_walk" / "imu_sample.csv.gz")
-    names, mocap = _table(folder / "dual_foot_walk" / "mocap_sample.csv.gz")
-
-    def pick(all_names: list[str], values: Array, prefix: str) -> Array:
-        return values[:, [all_names.index(f"{prefix}{axis}") for axis in "xyz"]]
-
-    return [
-        MarkerWalk(
-            name=side,
-            imu=imu_block(
-                np.arange(len(imu)) / 204.8,
-                np.radians(pick(imu_names, imu, f"{side}_sensor gyr_")),
-                pick(imu_names, imu, f"{side}_sensor acc_"),
-            ),
-            t=np.arange(len(mocap)) / 100.0,
-            heel=pick(names, mocap, f"{side[0].upper()}_FCC ") / 1000.0,
-            toe=pick(names, mocap, f"{side[0].upper()}_TOE ") / 1000.0,
-        )
-        for side in ("left", "right")
-    ]
-
-
-def _table(file: Path) -> tuple[list[str], Array]:
-    with gzip.open(file, "rt") as f:
-        sensor, axis = (f.readline().strip().split(",") for _ in range(2))
-        return [f"{a} {b}" for a, b in zip(sensor, axis)], np.genfromtxt(f, delimiter=",")
 
 
 def halved_rate(walk: ViconWalk) -> ViconWalk:
@@ -212,18 +85,67 @@ def armse_of(walks: Iterable[ViconWalk]) -> dict[str, float]:
     return {w.name: armse(estimate(w.imu).trajectory.p_frame_in_world, w.truth) for w in walks}
 
 
-def spread(values: Iterable[float]) -> dict[str, float]:
-    """Mean, median and 95th percentile."""
-    x = np.array(list(values))
-    return {"mean": float(x.mean()), "median": float(np.median(x)), "p95": float(np.percentile(x, 95))}
-
-
 def climb(path: Array) -> float:
     """Height gained from the first sample to the last, m."""
     return float(path[-1, 2] - path[0, 2])
 
 
-def measure(folder: Path) -> dict[str, object]:
+def marker_errors(feet: Sequence[MarkerWalk], paths: Sequence[FootInsPath]) -> dict[str, dict[str, float]]:
+    """Errors of each foot of `dual_foot_walk` at its rests, by name; see `stance_error`."""
+    found = {
+        f.name: stance_error(p.trajectory.t_ns * 1e-9, p.trajectory.p_frame_in_world, f) for f, p in zip(feet, paths)
+    }
+    return {
+        "stance_rmse_m": {name: value[0] for name, value in found.items()},
+        "height_error_m": {name: value[1] for name, value in found.items()},
+    }
+
+
+def both_feet(feet: Sequence[MarkerWalk], start: dict[str, StartPose] | None) -> dict[str, Any]:
+    """Errors of both feet of `dual_foot_walk` in one filter, no calibration told, and of their distance.
+
+    Args:
+        feet: Left and right.
+        start: By `l` and `r`; None = side by side, a guess.
+
+    Returns:
+        `marker_errors`, and how far the horizontal distance of the sensors differs from that of the feet's middles, m.
+    """
+    imus = [
+        ImuCalibration(
+            topic=f"/foot_{side}/imu",
+            part="unknown",
+            rate_hz=204.8,
+            mount=Mount(body=f"foot_{side}"),
+            gyroscope_noise_density=0.0,
+            gyroscope_random_walk=0.0,
+            accelerometer_noise_density=0.0,
+            accelerometer_random_walk=0.0,
+        )
+        for side in "lr"
+    ]
+    filter_of_both = FootToFoot(Rig(imus={imu.topic: imu for imu in imus}), start=start)
+    paths = list(filter_of_both.run({"l": feet[0].imu, "r": feet[1].imu}).values())
+    apart = np.subtract(*(p.trajectory.p_frame_in_world[:, :2] for p in paths))
+    truly = np.linalg.norm(np.subtract(*(f.middle[:, :2] for f in feet)), axis=1)
+    seen = np.isfinite(truly)
+    t = paths[0].trajectory.t_ns * 1e-9
+    error = np.interp(feet[0].t[seen], t, np.linalg.norm(apart, axis=1)) - truly[seen]
+    distance = {"distance_error_rms_m": float(np.sqrt(np.mean(error**2))), "distance_error_end_m": float(error[-1])}
+    return marker_errors(feet, paths) | distance
+
+
+def known_start(foot: MarkerWalk) -> StartPose:
+    """Where the markers see the foot at first; heading so that the way out, as one foot alone finds it, agrees."""
+    path, t = estimate(foot.imu).trajectory.p_frame_in_world, foot.imu.t_ns * 1e-9
+    way = foot.middle - foot.middle[0]
+    far = int(np.nanargmax(np.linalg.norm(way, axis=1)))
+    out = np.array([np.interp(foot.t[far], t, path[:, i]) for i in range(3)]) - path[0]
+    q = Rotation.from_euler("z", bearing(way[far]) - bearing(out)).as_quat(scalar_first=True)
+    return StartPose(p_imu_in_world=foot.middle[0], q_world_imu=q)
+
+
+def measure(folder: Path) -> dict[str, Any]:
     """All figures, in the form of an experiment's JSON."""
     walks, feet = load_vicon(folder), load_markers(folder)
     rng = np.random.default_rng(3)
@@ -240,12 +162,12 @@ def measure(folder: Path) -> dict[str, object]:
     elapsed_s = time.perf_counter() - begin
     error = {w.name: armse(paths[w.name], w.truth) for w in walks}
     height = {w.name: climb(paths[w.name]) - climb(w.truth) for w in walks}
-    marker = {f.name: stance_error(f.imu.t_ns * 1e-9, estimate(f.imu).trajectory.p_frame_in_world, f) for f in feet}
     ours = {
         "armse_m": spread(error.values()),
         "end_height_error_m": spread(abs(h) for h in height.values()),
-        "stance_rmse_m": {name: value[0] for name, value in marker.items()},
-        "height_error_m": {name: value[1] for name, value in marker.items()},
+        **marker_errors(feet, [estimate(f.imu) for f in feet]),
+        "both_feet_start_known": both_feet(feet, {f.name[0]: known_start(f) for f in feet}),
+        "both_feet_side_by_side": both_feet(feet, None),
         "times_real_time": recorded_s / elapsed_s,
     }
     ours |= {f"armse_{name}_m": spread(armse_of(map(make, walks)).values()) for name, make in variants.items()}
@@ -258,20 +180,18 @@ def measure(folder: Path) -> dict[str, object]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    arguments = parser.parse_args()
-    folder = data_folder()
-    if folder is None:
-        raise StrideTwinError("no recordings: set STRIDETWIN_DATA to the folder that holds foot_imu_vicon")
-    result = measure(folder)
-    print(json.dumps(result, indent=None if arguments.json else 2))
-    return 0
+    """Command line."""
+    parser = command(__doc__)
+    parser.add_argument("--halves", action="store_true", help="tune on one half of the walks, score on the other")
+
+    def measured(arguments: Namespace) -> dict[str, Any]:
+        folder = data_folder()
+        if folder is None:
+            raise StrideTwinError("no recordings: set STRIDETWIN_DATA to the folder that holds foot_imu_vicon")
+        return foot_ins_halves.measure(load_vicon(folder)) if arguments.halves else measure(folder)
+
+    return answer(parser, measured, lambda result: print(json.dumps(result, indent=2)))
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except StrideTwinError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    sys.exit(main())

@@ -3,31 +3,32 @@
 `python -m benchmarks.foot_ins_twin [--json] [--seeds 1000 1001 ...]`. Each walk is made anew from its seed,
 with the foot IMUs alone; the filter is told the sensor's calibration, no start pose. Errors are those of
 `stridetwin score`: in 3-D, after the paths agree in position and heading where the filter has found the
-vertical.
+vertical. The same walks go through the smoother.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from stridetwin.estimators.foot_ins import FootIns
+from benchmarks.command import answer, command, show_summary
+from stridetwin.scenarios.evaluate import foot_filter
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.scoring import Scores, compare, score
+from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.samples import Array, Block
+from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.samples import Array, Block, Imu
 
 SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down")
 SEEDS = range(1000, 1010)
 FEET = ("l", "r")
+LAG_S = 1.0
 
 
 def joined(pieces: Sequence[Block[Any]]) -> Block[Any]:
@@ -36,21 +37,43 @@ def joined(pieces: Sequence[Block[Any]]) -> Block[Any]:
     return replace(pieces[0], t_ns=np.concatenate([b.t_ns for b in pieces]), columns=columns)
 
 
-def scores_of_walk(scenario: str, seed: int) -> dict[str, Scores]:
-    """Scores of each foot in one walk."""
+@lru_cache(maxsize=1)
+def feet_of_walk(scenario: str, seed: int) -> dict[str, tuple[ImuCalibration, Block[Imu], TruePath]]:
+    """Calibration, samples and truth of each foot's IMU in one walk."""
     twin = Twin(replace(load_scenario(scenario).config, sensors=("foot_imu",)), seed)
     chunks = [{b.topic: b for b in chunk if isinstance(b, Block)} for chunk in twin.blocks()]
-    scores = {}
+    feet = {}
     for foot in FEET:
         topic = f"/foot_{foot}/imu"
         imu, truth = (joined([c[name] for c in chunks]) for name in (topic, f"/truth{topic}/odometry"))
-        path = FootIns(twin.rig.imu(topic)).run(imu)
+        feet[foot] = twin.rig.imu(topic), imu, TruePath.of(truth)
+    return feet
+
+
+def scores_of_walk(scenario: str, seed: int, lag_s: float | None = None) -> dict[str, Scores]:
+    """Scores of each foot in one walk, and `swing_error_m`; by the smoother where there is a lag."""
+    scores = {}
+    for foot, (calibration, imu, truth) in feet_of_walk(scenario, seed).items():
+        path = foot_filter(lag_s, calibration).run(imu)
         ready_ns = int(path.trajectory.t_ns[path.aligned.argmax()])
-        scores[foot] = score(compare(path.trajectory, TruePath.of(truth).since(ready_ns)))
+        comparison = compare(path.trajectory, truth.since(ready_ns))
+        scores[foot] = score(comparison) | {"swing_error_m": swing_error(comparison)}
     return scores
 
 
-def summary(cases: Sequence[Scores]) -> dict[str, float]:
+def swing_error(
+    comparison: Comparison, swing_mps: float = 0.3, stance_mps: float = 0.05, stance_s: float = 0.08
+) -> float:
+    """What the swings add to the error: RMS over them, less the straight line between the errors of the stances, m."""
+    t, error = comparison.truth.t_ns * 1e-9, comparison.error_m
+    speed = np.linalg.norm(np.gradient(comparison.truth.p_frame_in_world, t, axis=0), axis=1)
+    stances = np.flatnonzero(np.diff(np.r_[0, speed < stance_mps, 0])).reshape(-1, 2)
+    middle = np.array([(a + b) // 2 for a, b in stances if t[b - 1] - t[a] >= stance_s])
+    line = np.column_stack([np.interp(t, t[middle], error[middle, i]) for i in range(3)])
+    return float(np.sqrt(((error - line)[speed > swing_mps] ** 2).sum(axis=1).mean()))
+
+
+def summary(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Means and extremes over walks and feet."""
 
     def column(name: str) -> Array:
@@ -59,7 +82,7 @@ def summary(cases: Sequence[Scores]) -> dict[str, float]:
     height = column("end_height_error_m")
     result = {
         f"{name}_{how}": float(value)
-        for name in ("end_error_pct", "end_error_m", "armse_2d_m")
+        for name in ("end_error_pct", "end_error_m", "armse_2d_m", "swing_error_m")
         for how, value in (("mean", column(name).mean()), ("max", column(name).max()))
     }
     return result | {
@@ -72,41 +95,31 @@ def summary(cases: Sequence[Scores]) -> dict[str, float]:
 
 def measure(seeds: Sequence[int]) -> dict[str, Any]:
     """All figures, in the form of an experiment's JSON."""
-    walks = [(scenario, seed, scores_of_walk(scenario, seed)) for scenario in SCENARIOS for seed in seeds]
+    cases = [
+        {"scenario": scenario, "seed": seed, "foot": foot, "lag_s": lag_s, **scores}
+        for scenario in SCENARIOS
+        for seed in seeds
+        for lag_s in (None, LAG_S)
+        for foot, scores in scores_of_walk(scenario, seed, lag_s).items()
+    ]
+    names = {None: "", LAG_S: f", smoothed {LAG_S:g} s later"}
     return {
         "experiment": "foot_ins_twin",
         "summary": {
-            name: summary([s for scenario, _, feet in walks if scenario == name for s in feet.values()])
-            for name in SCENARIOS
+            f"{scenario}{name}": summary([c for c in cases if (c["scenario"], c["lag_s"]) == (scenario, lag_s)])
+            for scenario in SCENARIOS
+            for lag_s, name in names.items()
         },
-        "cases": [
-            {"scenario": scenario, "seed": seed, "foot": foot, **scores}
-            for scenario, seed, feet in walks
-            for foot, scores in feet.items()
-        ],
+        "cases": cases,
     }
 
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = command(__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help="seeds of the walks (1000 to 1009)")
-    arguments = parser.parse_args()
-    result = measure(arguments.seeds)
-    if arguments.json:
-        print(json.dumps(result))
-        return 0
-    for name, figures in result["summary"].items():
-        print(name)
-        for key, value in figures.items():
-            print(f"  {key:28s} {value:8.3f}")
-    return 0
+    return answer(parser, lambda a: measure(a.seeds), show_summary(28, "8.3f"))
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except StrideTwinError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    sys.exit(main())

@@ -8,8 +8,6 @@ of them are walked again with the shoe cameras, whose pictures then tie the feet
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
 from stridetwin.scenarios.experiments.two_feet import FEET, true_start
@@ -28,7 +27,6 @@ from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.scoring import CHI2_3_95
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
@@ -100,27 +98,13 @@ def measure(scenario: str, seed: int, runs: int, cameras: int) -> dict[str, Any]
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = command(__doc__)
     parser.add_argument("--runs", type=int, default=30, help="walks without cameras (30)")
     parser.add_argument("--cameras", type=int, default=4, help="walks with cameras (4)")
     parser.add_argument("--seed", type=int, default=1000, help="of the first walk (1000)")
     parser.add_argument("--scenario", default="level_20m", help="of the catalogue (level_20m)")
-    arguments = parser.parse_args()
-    result = measure(arguments.scenario, arguments.seed, arguments.runs, arguments.cameras)
-    if arguments.json:
-        print(json.dumps(result))
-        return 0
-    for name, figures in result["summary"].items():
-        print(name)
-        for key, value in figures.items():
-            print(f"  {key:24s} {value:8.2f}")
-    return 0
+    return answer(parser, lambda a: measure(a.scenario, a.seed, a.runs, a.cameras), show_summary(24, "8.2f"))
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except StrideTwinError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    sys.exit(main())

@@ -1,23 +1,22 @@
 """The twin's foot IMU against real ones: what a walk on the level does to them.
 
 `python -m benchmarks.realism [--json]`. The real feet are those of `dual_foot_walk` (both shoes, 204.8 Hz, 16 g),
-looked for as by `benchmarks.foot_ins_real`. The twin walks `level_20m` six times, as fast as they, with a cheap part
+looked for as by `benchmarks.real_walks`. The twin walks `level_20m` six times, as fast as they, with a cheap part
 of the same rate and range at the same place, the instep. Both go through the same arithmetic; a figure of the twin is
 realistic where it is 0.5-2 times the real one.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.foot_ins_real import data_folder, load_markers
+from benchmarks.command import answer, command
 from benchmarks.foot_ins_twin import joined
+from benchmarks.real_walks import data_folder, load_markers
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait
 from stridetwin.sim.fitting import Fitting
@@ -126,24 +125,18 @@ def measure() -> dict[str, Any]:
     return {"experiment": "realism", "summary": rows, "paper": {}, "cases": []}
 
 
-def main() -> int:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    result = measure()
-    if parser.parse_args().json:
-        print(json.dumps(result))
-        return 0
+def show(result: dict[str, Any]) -> None:
+    """Prints a line for each figure."""
     print(f"{'':26}{'real':>10}{'twin':>10}{'ratio':>8}")
     for name, row in result["summary"].items():
         mark = "" if row["realistic"] else "  beyond 0.5-2"
         print(f"{name:26}{row['real']:10.3f}{row['twin']:10.3f}{row['ratio']:8.2f}{mark}")
-    return 0
+
+
+def main() -> int:
+    """Command line."""
+    return answer(command(__doc__), lambda _: measure(), show)
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except StrideTwinError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    sys.exit(main())

@@ -1,7 +1,7 @@
 """What an IMU on a shoe feels: the twin's walks, kinematic and dynamic, beside real recordings.
 
 `python -m benchmarks.shoe_imu [--json] [--seeds 1000 1001 ...] [--no-dynamic]`. Real walks: `dual_foot_walk` (204.8 Hz,
-16 g) and `foot_imu_vicon` (200 Hz, filtered in the sensor), looked for as in `benchmarks.foot_ins_real`; of all of them
+16 g) and `foot_imu_vicon` (200 Hz, filtered in the sensor), looked for as in `benchmarks.real_walks`; of all of them
 the strides between 1.2 and 1.6 m/s count. The twin walks 20 m on the level at 1.3, 1.4 and 1.5 m/s, in turn with the
 seeds. Its IMU, without errors, is read at 1 kHz and at 204.8 Hz to compare with the real ones. Every figure is a median
 over strides.
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from benchmarks.foot_ins_real import ViconWalk, data_folder, load_markers, load_vicon
+from benchmarks.real_walks import ViconWalk, data_folder, load_markers, load_vicon
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES, Gait
 from stridetwin.sim.noise import Noise

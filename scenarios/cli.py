@@ -106,6 +106,12 @@ def parser() -> argparse.ArgumentParser:
     _importable(p)
     p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot of a recording (default l)")
     p.add_argument(
+        "--lag",
+        type=float,
+        metavar="S",
+        help="foot_ins: smooth each pose with what follows it within S seconds, up to 10",
+    )
+    p.add_argument(
         "--method", choices=METHODS, default="stridetwin", help="foot_to_foot: which algorithm (default stridetwin)"
     )
     p.add_argument(

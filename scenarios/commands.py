@@ -179,8 +179,7 @@ def check_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`estimate`."""
-    from stridetwin.estimators.foot_ins import FootIns
-    from stridetwin.scenarios.evaluate import estimate_feet, estimate_foot
+    from stridetwin.scenarios.evaluate import estimate_feet, estimate_foot, foot_filter
     from stridetwin.scenarios.imu_table import TABLES
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
@@ -188,15 +187,17 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     if arguments.estimator == "foot_to_foot":
         if arguments.foot:
             raise StrideTwinError("--foot goes with foot_ins; foot_to_foot writes a file for each foot")
+        if arguments.lag is not None:
+            raise StrideTwinError("--lag goes with foot_ins; foot_to_foot tells each pose at once")
         progress("estimate", 0.0)
         made = estimate_feet(_imported(arguments), arguments.method)
         paths = {_for_foot(arguments.output, e.frame[len("foot_")]): e.path for e in made}
     elif arguments.method != "stridetwin":
         raise StrideTwinError(f"--method {arguments.method} goes with foot_to_foot; valid for foot_ins: stridetwin")
     elif arguments.source.suffix in TABLES:
-        paths = {arguments.output: FootIns().run(read_imu_table(arguments.source)).trajectory}
+        paths = {arguments.output: foot_filter(arguments.lag).run(read_imu_table(arguments.source)).trajectory}
     else:
-        paths = {arguments.output: estimate_foot(_imported(arguments), arguments.foot or "l").path}
+        paths = {arguments.output: estimate_foot(_imported(arguments), arguments.foot or "l", arguments.lag).path}
     for file, path in paths.items():
         write_tum(path, file)
     rows = sum(map(len, paths.values()))

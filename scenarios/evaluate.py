@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from stridetwin.estimators.foot_ins import FootIns, FootInsPath
+from stridetwin.estimators.foot_ins import FootIns, FootInsPath, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
 from stridetwin.scenarios.alignment import Rigid
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Block, Imu
 from stridetwin.streams.trajectory import Trajectory
 
@@ -48,19 +49,25 @@ class Result:
     scores: Scores
 
 
-def estimate_foot(recording: Recording, foot: str) -> Estimate:
+def foot_filter(lag_s: float | None = None, calibration: ImuCalibration | None = None) -> FootIns | FootInsSmoother:
+    """The one-foot filter, or its smoother where there is a lag (s)."""
+    return FootIns(calibration) if lag_s is None else FootInsSmoother(lag_s, calibration)
+
+
+def estimate_foot(recording: Recording, foot: str, lag_s: float | None = None) -> Estimate:
     """The foot-mounted inertial system of one foot.
 
     Args:
         recording: Needs `/foot_{foot}/imu` and its calibration.
         foot: `l` or `r`.
+        lag_s: See `foot_filter`.
 
     Raises:
         StrideTwinError: The topic or the calibration is missing, or the data would spoil the estimate.
     """
     frame = f"foot_{foot}/imu"
     block: Block[Imu] = recording.block(f"/{frame}")
-    estimator = FootIns(recording.rig.imu(f"/{frame}"))
+    estimator = foot_filter(lag_s, recording.rig.imu(f"/{frame}"))
     path = estimator.run(block)
     return _estimate(recording, "foot_ins", foot, path, {"standing": estimator.nis})
 

@@ -1,7 +1,7 @@
 """Fits how a shoe's upper rings and rocks (`sim/shock.py`) to recorded walks.
 
 `python -m tools.fit_heel_strike` prints the arrays of `shock.SHOE`. Recordings: `dual_foot_walk` (gaitmap's example
-data, MIT), both feet at 204.8 Hz with accelerometers of 16 g; it is looked for as in `benchmarks.foot_ins_real`. The
+data, MIT), both feet at 204.8 Hz with accelerometers of 16 g; it is looked for as in `benchmarks.real_walks`. The
 other set, `foot_imu_vicon`, is filtered in the sensor and holds no sharp strike.
 
 Ringing: strikes are aligned where the force above 20 Hz sets in; the mean power of force and angular rate in three
@@ -23,7 +23,7 @@ from scipy.fft import dct
 from scipy.optimize import nnls
 from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.foot_ins_real import MarkerWalk, data_folder, load_markers
+from benchmarks.real_walks import MarkerWalk, data_folder, load_markers
 from benchmarks.shoe_imu import REAL_HZ, FootWalk, recorded, stances, twin_walks
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios.scenario_file import load_scenario

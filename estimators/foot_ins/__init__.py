@@ -2,5 +2,6 @@
 
 from stridetwin.estimators.foot_ins.filter import FootIns, FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
+from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 
-__all__ = ["FootIns", "FootInsEstimate", "FootInsParameters", "FootInsPath", "StartPose"]
+__all__ = ["FootIns", "FootInsEstimate", "FootInsParameters", "FootInsPath", "FootInsSmoother", "StartPose"]

@@ -122,6 +122,32 @@ class FootInsPath:
     standing_speed_sd: Array
     aligned: NDArray[np.bool_]
 
+    @classmethod
+    def of(
+        cls, t_ns: NDArray[np.int64], phase: NDArray[np.int8], standing_speed_sd: Array, state: Array, covariance: Array
+    ) -> FootInsPath:
+        """What a kernel wrote after each of N samples, less those that it ignored.
+
+        Args:
+            t_ns: (N,).
+            phase: (N,) IGNORED, ALIGNING or TRACKING.
+            standing_speed_sd: (N,) m/s.
+            state: (N, 20) nominal state, see `memory`.
+            covariance: (N, 6, 6) of position (m) and attitude (rad), world axes.
+        """
+        used = phase != IGNORED
+        return cls(
+            trajectory=Trajectory(
+                t_ns=t_ns[used],
+                p_frame_in_world=state[used, POSITION : POSITION + 3],
+                q_world_frame=state[used, ATTITUDE : ATTITUDE + 4],
+                covariance=covariance[used],
+            ),
+            v_imu_in_world=state[used, VELOCITY : VELOCITY + 3],
+            standing_speed_sd=standing_speed_sd[used],
+            aligned=phase[used] == TRACKING,
+        )
+
 
 class FootIns:
     """Zero-velocity-aided inertial navigation of one foot: causal, of constant memory, deterministic.
@@ -157,26 +183,14 @@ class FootIns:
     @property
     def nis(self) -> float:
         """Mean squared innovation of the standing foot by its variance, per degree of freedom: 1 if honest; or NaN."""
-        total, count = self._memory.nis
-        return float(total / count) if count else math.nan
+        return standing_nis(self._memory)
 
     def run(self, block: Block[Imu]) -> FootInsPath:
         """Takes a block's samples as `update` would one by one; returns the path over the usable ones."""
         phase, speed, state, covariance = self._run(
             block.t_ns, block.columns["angular_rate"], block.columns["specific_force"]
         )
-        used = phase != IGNORED
-        return FootInsPath(
-            trajectory=Trajectory(
-                t_ns=block.t_ns[used],
-                p_frame_in_world=state[used, POSITION : POSITION + 3],
-                q_world_frame=state[used, ATTITUDE : ATTITUDE + 4],
-                covariance=covariance[used],
-            ),
-            v_imu_in_world=state[used, VELOCITY : VELOCITY + 3],
-            standing_speed_sd=speed[used],
-            aligned=phase[used] == TRACKING,
-        )
+        return FootInsPath.of(block.t_ns, phase, speed, state, covariance)
 
     def _run(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
         """Phase (N,), standing speed (N,), nominal state (N, 20), pose covariance (N, 6, 6)."""
@@ -195,3 +209,9 @@ class FootIns:
             covariance,
         )
         return phase, speed, state, covariance
+
+
+def standing_nis(memory: Memory) -> float:
+    """Mean squared innovation of the standing foot by its variance, per degree of freedom; NaN before it has stood."""
+    total, count = memory.nis
+    return float(total / count) if count else math.nan

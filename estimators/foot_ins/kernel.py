@@ -46,6 +46,44 @@ def possible(rate: Array, force: Array) -> bool:
 
 
 @njit
+def take(
+    memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
+) -> tuple[int, float, float]:
+    """Takes one sample into the ring, where it is usable, and aligns with it, where that is not done yet.
+
+    Args:
+        memory: Changed in place, or left alone where the sample is not usable.
+        parameters: What the filter believes.
+        t_ns: End of the interval that the sample is the mean of.
+        rate: (3,) rad/s.
+        force: (3,) m/s².
+
+    Returns:
+        Phase in which the sample is used (IGNORED, ALIGNING or TRACKING); time since the last one, s; motion statistic.
+    """
+    clock = memory.clock
+    if not possible(rate, force):
+        return IGNORED, 0.0, 0.0
+    if clock[PHASE] == EMPTY:
+        begin(memory, t_ns)
+        clock[T_LAST] = t_ns
+    elif t_ns <= clock[T_LAST]:
+        return IGNORED, 0.0, 0.0
+    dt = (t_ns - clock[T_LAST]) * 1e-9
+    if dt > parameters.max_gap_s:
+        begin(memory, t_ns)
+    push(memory, t_ns, rate, force)
+    statistic = motion(memory, parameters)
+    clock[T_LAST] = t_ns
+    if clock[PHASE] == ALIGNING:
+        memory.peak[0] = statistic
+        align(memory, parameters, t_ns, force, statistic)
+        return ALIGNING, dt, statistic
+    clock[T_KNOWN] = t_ns
+    return TRACKING, dt, statistic
+
+
+@njit
 def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array) -> tuple[int, float]:
     """Takes one sample into the memory.
 
@@ -60,27 +98,9 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
         Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the
         standing foot's speed, m/s, inf while nothing says that it stands.
     """
-    clock = memory.clock
-    if not possible(rate, force):
-        return IGNORED, math.inf
-    if clock[PHASE] == EMPTY:
-        begin(memory, t_ns)
-        clock[T_LAST] = t_ns
-    elif t_ns <= clock[T_LAST]:
-        return IGNORED, math.inf
-    dt = (t_ns - clock[T_LAST]) * 1e-9
-    if dt > parameters.max_gap_s:
-        begin(memory, t_ns)
-
-    push(memory, t_ns, rate, force)
-    statistic = motion(memory, parameters)
-    if clock[PHASE] == ALIGNING:
-        memory.peak[0] = statistic
-        align(memory, parameters, t_ns, force, statistic)
-        clock[T_LAST] = t_ns
-        return ALIGNING, math.inf
-    clock[T_LAST] = t_ns
-    clock[T_KNOWN] = t_ns
+    phase, dt, statistic = take(memory, parameters, t_ns, rate, force)
+    if phase != TRACKING:
+        return phase, math.inf
     memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / parameters.peak_decay_s))
     predict(memory, parameters, rate, force, dt)
     restore(memory, parameters)

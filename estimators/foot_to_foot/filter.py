@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
-from stridetwin.estimators.foot_ins.memory import ATTITUDE, EMPTY, IGNORED, POSITION, STATES, TOLD, TRACKING, VELOCITY
+from stridetwin.estimators.foot_ins.memory import ATTITUDE, EMPTY, IGNORED, STATES, TOLD
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from stridetwin.estimators.foot_to_foot import kernel
 from stridetwin.estimators.foot_to_foot.events import Aid, in_order
@@ -25,7 +25,6 @@ from stridetwin.estimators.foot_to_foot.worn import Worn
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range
-from stridetwin.streams.trajectory import Trajectory
 
 # Which aids each method listens to; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {
@@ -181,18 +180,8 @@ class FootToFoot:
         events, phase, speed, state, covariance = self._take(imus, aids)
         paths = {}
         for foot in imus:
-            own = (events.kind == IMU) & (events.foot == FEET.index(foot)) & (phase != IGNORED)
-            paths[foot] = FootInsPath(
-                trajectory=Trajectory(
-                    t_ns=events.t_ns[own],
-                    p_frame_in_world=state[own, POSITION : POSITION + 3],
-                    q_world_frame=state[own, ATTITUDE : ATTITUDE + 4],
-                    covariance=covariance[own],
-                ),
-                v_imu_in_world=state[own, VELOCITY : VELOCITY + 3],
-                standing_speed_sd=speed[own],
-                aligned=phase[own] == TRACKING,
-            )
+            own = (events.kind == IMU) & (events.foot == FEET.index(foot))
+            paths[foot] = FootInsPath.of(events.t_ns[own], phase[own], speed[own], state[own], covariance[own])
         return paths
 
     def _take(

@@ -12,23 +12,15 @@ import math
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.covariance import correct
-from stridetwin.estimators.foot_ins.detector import motion, push
-from stridetwin.estimators.foot_ins.kernel import possible
+from stridetwin.estimators.foot_ins.kernel import take
 from stridetwin.estimators.foot_ins.memory import (
-    ALIGNING,
     D_POSITION,
     D_VELOCITY,
-    EMPTY,
     FILL,
     HEAD,
-    IGNORED,
-    PHASE,
     RING,
     STATES,
-    T_KNOWN,
-    T_LAST,
     TRACKING,
     VELOCITY,
     Memory,
@@ -64,24 +56,9 @@ def published_step(
     memory: Memory, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Array, force: Array
 ) -> tuple[int, float]:
     """Takes one sample of a foot; arguments and results as of `foot_ins.kernel.step`."""
-    clock = memory.clock
-    if not possible(rate, force):
-        return IGNORED, math.inf
-    if clock[PHASE] == EMPTY:
-        begin(memory, t_ns)
-        clock[T_LAST] = t_ns
-    elif t_ns <= clock[T_LAST]:
-        return IGNORED, math.inf
-    dt = (t_ns - clock[T_LAST]) * 1e-9
-    if dt > foot.max_gap_s:
-        begin(memory, t_ns)
-    push(memory, t_ns, rate, force)
-    if clock[PHASE] == ALIGNING:
-        align(memory, foot, t_ns, force, motion(memory, foot))
-        clock[T_LAST] = t_ns
-        return ALIGNING, math.inf
-    clock[T_LAST] = t_ns
-    clock[T_KNOWN] = t_ns
+    phase, dt, _ = take(memory, foot, t_ns, rate, force)
+    if phase != TRACKING:
+        return phase, math.inf
     predict(memory, foot, rate, force, dt)
     if variances(memory, parameters) >= parameters.threshold:
         return TRACKING, math.inf

@@ -46,3 +46,16 @@ def test_another_sensor_with_a_turn() -> None:
         error, height = bench["stance_error"](path.t_ns * 1e-9, path.p_frame_in_world, foot)
         assert error <= 0.15
         assert abs(height) <= 0.6
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["start_known", "side_by_side"])
+def test_both_feet_in_one_filter_are_as_good_as_each_alone(known: bool) -> None:
+    feet = bench["load_markers"](FOLDER)
+    alone = bench["marker_errors"](feet, [bench["estimate"](foot.imu) for foot in feet])
+    both = bench["both_feet"](feet, {f.name[0]: bench["known_start"](f) for f in feet} if known else None)
+    for foot in ("left", "right"):
+        assert both["stance_rmse_m"][foot] <= 0.08
+        assert abs(both["height_error_m"][foot]) <= 0.10
+        assert both["stance_rmse_m"][foot] == pytest.approx(alone["stance_rmse_m"][foot], abs=1e-4)
+    if known:
+        assert both["distance_error_rms_m"] <= 0.25

@@ -112,6 +112,16 @@ def test_an_estimate_made_alone_is_the_one_that_run_made(walk, capsys, tmp_path)
     assert path.read_bytes() == (walk / "foot_ins_l.txt").read_bytes()
 
 
+def test_a_lag_smooths_the_same_poses(walk, capsys, tmp_path):
+    plain, smooth = walk / "foot_ins_l.txt", tmp_path / "smooth.txt"
+    assert call(capsys, "estimate", "foot_ins", walk / "recording.mcap", "--lag", "1", "-o", smooth)[0] == 0
+    a, b = np.loadtxt(plain), np.loadtxt(smooth)
+    np.testing.assert_array_equal(a[:, 0], b[:, 0])
+    assert 0.0 < np.abs(a[:, 1:4] - b[:, 1:4]).max() < 0.1
+    said = failed(capsys, "estimate", "foot_to_foot", walk / "recording.mcap", "--lag", "1", "-o", smooth)
+    assert "--lag goes with foot_ins" in said
+
+
 def test_score_agrees_with_run_and_holds_its_baseline(walk, capsys, tmp_path):
     recording, baseline = walk / "recording.mcap", tmp_path / "base.json"
     code, out, _ = call(capsys, "score", recording, recording, "--json")

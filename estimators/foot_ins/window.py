@@ -1,0 +1,226 @@
+"""The last samples of a foot, held back until what follows has told what it can of them; compiled.
+
+Smoothing over an interval looks back from its end: what sample k+1 found, seen through how the error of sample k became
+that of k+1, is what it tells of k. In the form of Bryson & Frazier 1963 (Bierman 1973, Automatica 9:503) that needs no
+inverse of a covariance, which here is singular: the start is known, and the floor is as high as the foot that stands on
+it. Between two samples the error goes through Ψ (propagation, corrections, shifts, new floors, as they come), and the
+corrections gather the information J = Σ g gᵀ / s and the evidence j = Σ g z / s about the error that went in, where
+g = Ψ_iᵀ h with Ψ as far as it has come at correction i. With both gathered over all later samples
+
+    x_smoothed = x ⊕ P j,   P_smoothed = P - P J P.
+
+Two passages in a row are one: Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j_a + Ψ_aᵀ j_b. That is associative, so the
+passage over a sliding window takes three products a sample, however long the window is (two stacks, of which the older
+is summed from its end).
+
+The filter itself tells Ψ, J and j, without knowing: `listen` gives its covariance 19 rows more, with covariance 0 of
+their own and I with the error. Whatever linear thing is done to the error turns I into Ψᵀ, and each correction takes
+g gᵀ / s from the zeros and puts g z / s into the error beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.foot_ins.kernel import digest_of_sources, note_pose_covariance, step
+from stridetwin.estimators.foot_ins.memory import IGNORED, NOMINAL, STATES, T_LAST, Memory, blank
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import inject
+from stridetwin.streams.samples import Array
+
+OLDEST, HELD, SUMMED = range(3)  # of `place`
+
+# Of N samples: time, phase, standing speed (m/s), (N, 20) state, (N, 6, 6) covariance of position and attitude.
+Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
+
+
+class Window(NamedTuple):
+    """A ring of C samples, from the oldest held to the newest.
+
+    Attributes:
+        place: (3,) int64: row of the oldest sample; how many are held; how many of these, from the oldest on, have rows
+            of `transition`, `information` and `evidence` that are summed up to the last of these.
+        t_ns: (C,) int64.
+        phase: (C,) int8 in which each was used.
+        speed: (C,) standard deviation of the standing foot's speed, m/s.
+        nominal: (C, 20) filtered.
+        covariance: (C, 19, 19) filtered.
+        transition: (C + 1, 19, 19) Ψ of the passage from the sample before; row C: over the samples not yet summed.
+        information: (C + 1, 19, 19) J of the same.
+        evidence: (C + 1, 19) j of the same.
+        given: What is told of a sample that leaves.
+    """
+
+    place: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    phase: NDArray[np.int8]
+    speed: Array
+    nominal: Array
+    covariance: Array
+    transition: Array
+    information: Array
+    evidence: Array
+    given: Memory
+
+
+def empty_window(capacity: int) -> Window:
+    """A window of at most `capacity` samples that holds none."""
+    transition = np.zeros((capacity + 1, STATES, STATES))
+    transition[capacity] = np.eye(STATES)
+    return Window(
+        place=np.zeros(3, np.int64),
+        t_ns=np.zeros(capacity, np.int64),
+        phase=np.zeros(capacity, np.int8),
+        speed=np.zeros(capacity),
+        nominal=np.zeros((capacity, NOMINAL)),
+        covariance=np.zeros((capacity, STATES, STATES)),
+        transition=transition,
+        information=np.zeros((capacity + 1, STATES, STATES)),
+        evidence=np.zeros((capacity + 1, STATES)),
+        given=blank(),
+    )
+
+
+def listening() -> Memory:
+    """Memory of a foot whose covariance has the rows that `listen` needs."""
+    return blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
+
+
+@njit
+def listen(memory: Memory) -> None:
+    """Prepares the rows beside the foot's for the next sample, in place."""
+    P = memory.covariance
+    P[:, STATES:] = 0.0
+    P[STATES:] = 0.0
+    for i in range(STATES):
+        P[i, STATES + i] = P[STATES + i, i] = 1.0
+    memory.error[STATES:] = 0.0
+
+
+@njit
+def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
+    """Takes what the filter holds after a sample that it used in `phase`; there must be room."""
+    capacity = len(window.t_ns)
+    i = (window.place[OLDEST] + window.place[HELD]) % capacity
+    window.place[HELD] += 1
+    window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
+    window.nominal[i] = memory.nominal
+    window.covariance[i] = memory.covariance[:STATES, :STATES]
+    window.transition[i] = memory.covariance[:STATES, STATES:]
+    window.information[i] = -memory.covariance[STATES:, STATES:]
+    window.evidence[i] = memory.error[STATES:]
+    _join(window, capacity, i, capacity)
+
+
+@njit
+def _join(window: Window, earlier: int, later: int, into: int) -> None:
+    """Writes the passage of row `earlier` and then of row `later` into a row, which may be one of these."""
+    A, B = window.transition[earlier], window.transition[later]
+    evidence = window.evidence[earlier] + A.T @ window.evidence[later]
+    information = window.information[earlier] + A.T @ (window.information[later] @ A)
+    window.transition[into] = B @ A
+    window.information[into] = information
+    window.evidence[into] = evidence
+
+
+@njit
+def give(window: Window) -> int:
+    """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held."""
+    place, capacity = window.place, len(window.t_ns)
+    i = place[OLDEST]
+    if place[SUMMED] == 0:
+        for k in range(place[HELD] - 2, -1, -1):
+            _join(window, (i + k) % capacity, (i + k + 1) % capacity, (i + k) % capacity)
+        place[SUMMED] = place[HELD]
+        window.transition[capacity] = np.eye(STATES)
+        window.information[capacity] = 0.0
+        window.evidence[capacity] = 0.0
+    place[OLDEST] = (i + 1) % capacity
+    place[HELD] -= 1
+    place[SUMMED] -= 1
+    J, j = window.information[capacity], window.evidence[capacity]
+    if place[SUMMED] > 0:
+        A = window.transition[place[OLDEST]]
+        J = window.information[place[OLDEST]] + A.T @ (J @ A)
+        j = window.evidence[place[OLDEST]] + A.T @ j
+    given, P = window.given, window.covariance[i]
+    less = P @ (0.5 * (J + J.T)) @ P
+    given.nominal[:] = window.nominal[i]
+    given.covariance[:] = P - 0.5 * (less + less.T)
+    given.error[:] = P @ j
+    given.clock[T_LAST] = window.t_ns[i]
+    inject(given)
+    return i
+
+
+@njit
+def _write(window: Window, out: Rows, k: int) -> None:
+    """Gives the oldest sample and writes it into row `k`."""
+    i = give(window)
+    out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
+    out[3][k] = window.given.nominal
+    note_pose_covariance(window.given, out[4][k])
+
+
+def _compiled(sources: int) -> tuple[Callable[..., int], Callable[..., int]]:
+    """The two loops, compiled; cached under a digest, as `kernel` does."""
+
+    @njit(cache=True)
+    def run(
+        memory: Memory,
+        window: Window,
+        parameters: KernelParameters,
+        lag_ns: int,
+        t_ns: NDArray[np.int64],
+        rate: Array,
+        force: Array,
+        out: Rows,
+    ) -> int:
+        """Takes N samples; after each, gives the oldest held if it is `lag_ns` old or there is no more room.
+
+        Args:
+            memory: Of `listening`, changed in place.
+            window: Changed in place.
+            parameters: What the filter believes.
+            lag_ns: Age at which a sample leaves the window.
+            t_ns: (N,) int64.
+            rate: (N, 3) rad/s.
+            force: (N, 3) m/s².
+            out: Room for N rows, of which the first are written.
+
+        Returns:
+            How many rows are.
+        """
+        assert sources >= 0  # a constant of the closure, and so a part of the cache's key
+        n = 0
+        for k in range(len(t_ns)):
+            listen(memory)
+            phase, speed = step(memory, parameters, t_ns[k], rate[k], force[k])
+            if phase == IGNORED:
+                continue
+            hold(window, memory, phase, speed)
+            full = window.place[HELD] == len(window.t_ns)
+            if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
+                _write(window, out, n)
+                n += 1
+        return n
+
+    @njit(cache=True)
+    def drain(window: Window, out: Rows, n: int) -> int:
+        """Gives all that is still held, from row `n` of `out` on; returns up to which row."""
+        assert sources >= 0
+        while window.place[HELD] > 0:
+            _write(window, out, n)
+            n += 1
+        return n
+
+    return run, drain
+
+
+run, drain = _compiled(digest_of_sources(Path(__file__).parent))
