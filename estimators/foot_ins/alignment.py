@@ -49,6 +49,7 @@ def begin(memory: Memory, t_ns: int) -> None:
     memory.clock[T_STOOD] = t_ns
     memory.force_sum[:] = 0.0
     memory.nominal[VELOCITY : VELOCITY + 3] = 0.0
+    memory.tilted[:] = memory.nominal[ATTITUDE : ATTITUDE + 4]
 
 
 @njit
@@ -79,11 +80,13 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
 
 @njit
 def level(memory: Memory, force_sum: Array) -> None:
-    """Turns the attitude the shortest way until the mean force points up; an unknown heading becomes 0.
+    """Turns the attitude at the begin the shortest way until the mean force points up; an unknown heading becomes 0.
+
+    Shortest ways one after the other, as the mean settles, would turn the heading.
 
     Heading is that of the sensor's x axis, or of its z axis where x is nearer to the vertical than 25°.
     """
-    q = memory.nominal[ATTITUDE : ATTITUDE + 4].copy()
+    q = memory.tilted.copy()
     up = rotation_matrix(q) @ force_sum[:3]
     size = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
     if size > 0.0:

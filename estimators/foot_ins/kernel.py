@@ -74,13 +74,15 @@ def take(
         begin(memory, t_ns)
     push(memory, t_ns, rate, force)
     statistic = motion(memory, parameters)
-    clock[T_LAST] = t_ns
+    phase = TRACKING
     if clock[PHASE] == ALIGNING:
+        phase = ALIGNING
         memory.peak[0] = statistic
         align(memory, parameters, t_ns, force, statistic)
-        return ALIGNING, dt, statistic
-    clock[T_KNOWN] = t_ns
-    return TRACKING, dt, statistic
+    else:
+        clock[T_KNOWN] = t_ns
+    clock[T_LAST] = t_ns
+    return phase, dt, statistic
 
 
 @njit

@@ -42,6 +42,7 @@ class Memory(NamedTuple):
         covariance: (n, n) of the filter's error state.
         error: (n,) found by updates, but not yet moved into the nominal state of the foot that it belongs to.
         row: First of the 19 rows of `covariance` and `error` that are this foot's.
+        tilted: (4,) quaternion that an alignment began with.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
         clock: (11,) int64, see the constants above.
         ring_t_ns: (RING,) times of the last samples.
@@ -59,6 +60,7 @@ class Memory(NamedTuple):
     covariance: Array
     error: Array
     row: int
+    tilted: Array
     start_sd: Array
     clock: NDArray[np.int64]
     ring_t_ns: NDArray[np.int64]
@@ -85,6 +87,7 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         covariance=np.zeros((STATES, STATES)) if covariance is None else covariance,
         error=np.zeros(STATES) if error is None else error,
         row=row,
+        tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
         start_sd=np.array([START_POSITION_SD, START_HEADING_SD]),
         clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64),

@@ -111,13 +111,19 @@ def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
 
 @njit
 def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
-    """Update with ω = b_g: a foot that has long been quiet does not turn."""
-    h = np.zeros(STATES)
+    """Update with ω = b_g: a foot that has long been quiet does not turn.
+
+    Someone who stands for long sways: a rate that would be a surprise as a bias is trusted less, as in `zero_velocity`.
+    """
+    sd = parameters.rest_rate_noise / math.sqrt(dt)
+    H = np.zeros((3, STATES))
+    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = np.eye(3) / sd
+    z = (rate - memory.nominal[GYRO_BIAS : GYRO_BIAS + 3]) / sd
+    o = memory.row
+    own = np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
+    doubt = max(1.0, surprise(own, H, z) / parameters.max_surprise)
     for i in range(3):
-        h[:] = 0.0
-        h[D_GYRO_BIAS + i] = 1.0
-        innovation = rate[i] - memory.nominal[GYRO_BIAS + i]
-        correct(memory.covariance, memory.error, memory.row, h, innovation, parameters.rest_rate_noise**2 / dt)
+        correct(memory.covariance, memory.error, o, H[i] / doubt, z[i] / doubt, 1.0)
     inject(memory)
 
 

@@ -25,6 +25,7 @@ from stridetwin.sim.gait.reference import Reference
 from stridetwin.streams.samples import Array
 
 STEP_S = 0.001
+_SETTLE_S = 0.2  # on its soles, before the walk begins
 _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 
@@ -58,13 +59,13 @@ def simulate(
     torque, shift = np.zeros(model.nv), StepReplan.none()
     touching = np.zeros((len(SIDES), PER_FOOT), dtype=bool)
     fell_at = None
-    for step in range(n):
+    for step in range(-round(_SETTLE_S / STEP_S), n):
         mujoco.mj_step1(model, data)
         known = coupling_forces(
             coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
             data.subtree_com[1],
         )  # fmt: skip
-        i = min(step // every, len(plan.t) - 1)
+        i = min(max(step, 0) // every, len(plan.t) - 1)
         if step % every == 0:
             touching, floor = soles.feel(data, plan, i, touching)
             mujoco.mj_subtreeVel(model, data)
@@ -76,10 +77,12 @@ def simulate(
                 torque[6:] *= 1.0 + dynamics.torque_noise * rng.standard_normal(model.nv - 6)
             pushed[:2] = push[i]
         data.qfrc_applied = torque + known
-        record.before(step, data, torque)
+        if step >= 0:
+            record.before(step, data, torque)
         bias.apply(data)
         mujoco.mj_step2(model, data)
-        record.after(step, data)
+        if step >= 0:
+            record.after(step, data)
         if data.qpos[2] < plan.q[i, 2] + shift.root[0, 2] - _FALLEN_M:
             fell_at = step * STEP_S
             break

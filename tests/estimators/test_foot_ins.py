@@ -150,6 +150,18 @@ def test_error_is_consistent_with_the_covariance() -> None:
     assert np.mean(squared) < 5.0  # 2 if consistent; larger = too sure of itself
 
 
+def test_a_jolt_while_the_vertical_is_looked_for_does_not_turn_the_heading() -> None:
+    truth = walk()
+    force = truth.imu.columns["specific_force"].copy()
+    force[1:4] = [[-4.2, 0.4, -3.8], [8.0, 9.0, 2.0], [0.0, -12.0, 7.0]]
+    paths = [
+        FootIns(start=start_of(truth)).run(imu).trajectory.q_world_frame[-1]
+        for imu in (truth.imu, block_like(truth, specific_force=force))
+    ]
+    turn = Rotation.from_quat(paths[1], scalar_first=True) * Rotation.from_quat(paths[0], scalar_first=True).inv()
+    assert abs(turn.as_rotvec()[2]) < 1e-3
+
+
 def test_innovations_say_how_well_the_motion_fits_the_filter() -> None:
     truth = walk(calibration=ADIS16485, rng=np.random.default_rng(0))
     filters = [FootIns(ADIS16485, start=start_of(truth)) for _ in range(2)]
