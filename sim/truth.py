@@ -23,9 +23,9 @@ _FLAT_RAD = 0.01
 
 
 def truth(
-    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, straps: Straps
+    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, straps: Straps
 ) -> Iterator[Block[Any] | Sample]:
-    """Truth at the instants of `loads` and the footprints between `after_ns` and the last of them."""
+    """Truth at the instants of `loads` and the footprints after `after_ns` and not after `until_ns`."""
     t_ns = loads.t_ns
     rows = motion.rows(t_ns)
     for body in ("pelvis", "foot_l", "foot_r"):
@@ -59,7 +59,7 @@ def truth(
             columns={"phase": foot_phase(walk, side, t_ns * 1e-9)},
         )  # fmt: skip
     yield _wrench("/truth/root_residual", t_ns, loads.residual_force, loads.residual_torque)
-    yield from _footprints(walk, after_ns, int(t_ns[-1]))
+    yield from _footprints(walk, after_ns, until_ns)
 
 
 def of_bystanders(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odometry]]:

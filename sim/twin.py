@@ -185,7 +185,7 @@ class Twin:
                     pictures = asked
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
-                        *truth.truth(self.walk, self.rig, motion, loads, after_ns, self.straps),
+                        *truth.truth(self.walk, self.rig, motion, loads, after_ns, until_ns, self.straps),
                         *truth.of_bystanders(self.crowd, truth_ns),
                     ]
                 after_ns = until_ns

@@ -182,3 +182,13 @@ def test_no_joint_of_the_frame_jumps_and_cuffs_push_both_ways() -> None:
     for place, force in motion.cuff_force.items():
         assert force.min() < 0.0 < force.max(), place
         assert np.abs(force).max() < 120.0, place
+
+
+def test_no_footprint_falls_between_two_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    twin = Twin(replace(QUIET, sensors=("foot_imu",)), 0)
+    steps = [s for own in twin.walk.steps.values() for s in own if s.t_touch <= twin.duration_s]
+    touch = min(s.t_touch for s in steps if np.isfinite(s.t_touch))
+    assert touch % 0.005 < 0.0049  # no instant of the truth follows before the chunk ends
+    monkeypatch.setattr("stridetwin.sim.twin.CHUNK_S", touch + 1e-4)
+    told = [item for chunk in twin.blocks() for item in chunk if isinstance(item, Footprint)]
+    assert len(told) == len(steps)
