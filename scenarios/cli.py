@@ -101,7 +101,8 @@ def parser() -> argparse.ArgumentParser:
         "estimator",
         choices=tuple(ESTIMATORS),
         metavar="ESTIMATOR",
-        help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars where there are any",
+        help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars where there are any; "
+        "contact_terrain: exoskeleton",
     )
     _importable(p)
     p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot of a recording (default l)")
@@ -112,7 +113,13 @@ def parser() -> argparse.ArgumentParser:
         help="foot_ins: smooth each pose with what follows it within S seconds, up to 10",
     )
     p.add_argument(
-        "--method", choices=METHODS, default="stridetwin", help="foot_to_foot: which algorithm (default stridetwin)"
+        "--method",
+        choices=METHODS,
+        default="stridetwin",
+        help="foot_to_foot, contact_terrain: which algorithm (default stridetwin)",
+    )
+    p.add_argument(
+        "--exoskeleton", type=Path, metavar="FILE", help="contact_terrain: geometry, where the recording tells none"
     )
     p.add_argument(
         "-o",
@@ -120,7 +127,7 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         required=True,
-        help="TUM trajectory to write; foot_to_foot: _l and _r are added",
+        help="TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain: table, .csv",
     )
 
     p = command("score", "score estimates against the truth of recordings", score_command)

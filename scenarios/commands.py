@@ -27,6 +27,7 @@ Progress = Callable[[str, float], None]
 ESTIMATORS = {
     "foot_ins": "path of one foot from its IMU alone (zero-velocity updates)",
     "foot_to_foot": "paths of both feet, tied together by what shoe cameras and sonars tell of each other",
+    "contact_terrain": "slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
 }
 _SHOWN = {
     "end_error_m": "end m",
@@ -184,6 +185,8 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
 
+    if arguments.estimator == "contact_terrain":
+        return _estimate_steps(arguments, progress)
     if arguments.estimator == "foot_to_foot":
         if arguments.foot:
             raise StrideTwinError("--foot goes with foot_ins; foot_to_foot writes a file for each foot")
@@ -204,6 +207,20 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     data = {"file": str(next(iter(paths))), "files": [str(f) for f in paths], "estimator": arguments.estimator}
     lines = [f"{file}: {len(path)} poses" for file, path in paths.items()]
     return Outcome(data=data | {"rows": rows}, lines=lines)
+
+
+def _estimate_steps(arguments: Namespace, progress: Progress) -> Outcome:
+    from stridetwin.scenarios.evaluate import estimate_steps
+    from stridetwin.scenarios.steps import write_steps
+
+    if arguments.foot:
+        raise StrideTwinError("--foot goes with foot_ins; contact_terrain writes the steps of both feet")
+    progress("estimate", 0.0)
+    made = estimate_steps(_imported(arguments), arguments.method, arguments.exoskeleton)
+    write_steps(made, arguments.output)
+    file = str(arguments.output)
+    data = {"file": file, "files": [file], "estimator": arguments.estimator, "rows": len(made)}
+    return Outcome(data=data, lines=[f"{file}: {len(made)} steps"])
 
 
 def _for_foot(file: Path, foot: str) -> Path:

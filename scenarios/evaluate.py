@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate, read_exoskeleton
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
 from stridetwin.scenarios.alignment import Rigid
+from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.errors import RecordingError
@@ -69,7 +73,8 @@ def estimate_foot(recording: Recording, foot: str, lag_s: float | None = None) -
     block: Block[Imu] = recording.block(f"/{frame}")
     estimator = foot_filter(lag_s, recording.rig.imu(f"/{frame}"))
     path = estimator.run(block)
-    return _estimate(recording, "foot_ins", foot, path, {"standing": estimator.nis})
+    nis = {} if math.isnan(estimator.nis) else {"standing": estimator.nis}
+    return _estimate(recording, "foot_ins", foot, path, nis)
 
 
 def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Estimate]:
@@ -97,6 +102,25 @@ def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Esti
         nis = common if standing is None else {"standing": standing, **common}
         found.append(_estimate(recording, world, foot, path, nis, world))
     return found
+
+
+def estimate_steps(
+    recording: Recording, method: str = "stridetwin", exoskeleton: Path | None = None
+) -> list[StepEstimate]:
+    """Slope, elevation and class of each step of someone in an exoskeleton.
+
+    Args:
+        recording: Needs AHRS, encoders and insoles.
+        method: See `ContactTerrain`.
+        exoskeleton: File of its geometry; None takes what the recording tells.
+
+    Raises:
+        StrideTwinError: A topic or the geometry is missing.
+    """
+    exo = of_recording(recording) if exoskeleton is None else read_exoskeleton(exoskeleton)
+    if missing := [topic for topic in exo.topics if topic not in recording.topics]:
+        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}; contact_terrain needs all of them")
+    return ContactTerrain(exo, method).run(recording.samples(list(exo.topics)))
 
 
 def _estimate(

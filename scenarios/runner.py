@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios import ground, injected
+from stridetwin.scenarios import exo_geometry, ground, injected
 from stridetwin.scenarios.evaluate import Result, estimates, evaluate
 from stridetwin.scenarios.files import json_text, staged
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
@@ -81,6 +81,7 @@ def record(twin: Twin, path: Path, progress: Progress) -> None:
         "person_height_m": f"{config.person.height_m:g}",
         "person_mass_kg": f"{config.person.mass_kg:g}",
         ground.KEY: ground.to_text(twin.terrain.layout),
+        **exo_geometry.metadata(twin),
     }
     if twin.fell_at is None:
         check_times(config.name, config.faults, twin.duration_s)

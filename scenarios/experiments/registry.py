@@ -11,7 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.experiments import jao_faults, jao_simulation, jao_walk
+from stridetwin.scenarios.experiments import jao_faults, jao_simulation, jao_walk, shim_table5
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
@@ -54,6 +54,9 @@ EXPERIMENTS = {
     },
     "jao_faults": Experiment(
         seeds=jao_faults.SEEDS, run_case=jao_faults.run_case, collect=jao_faults.collect, table=jao_faults.table
+    ),
+    "shim_table5": Experiment(
+        seeds=shim_table5.SEEDS, run_case=shim_table5.run_case, collect=shim_table5.collect, table=shim_table5.table
     ),
 }
 

@@ -1,0 +1,25 @@
+"""Centre of pressure from the cells of an insole: equation (11) of Shim et al. 2019."""
+
+from __future__ import annotations
+
+from stridetwin.streams.samples import Array
+
+CONTACT_N = 60.0
+"""A foot with less on all cells together does not press: cells that creep tell up to 40 N of a foot in the air."""
+
+
+def centre_of_pressure(cells: Array, force: Array) -> Array | None:
+    """(2,) m on the sole, None where the foot does not press.
+
+    Args:
+        cells: (4, 2) m.
+        force: (4,) N.
+    """
+    total = float(force.sum())
+    return None if total < CONTACT_N else force @ cells / total
+
+
+def on_sole(T_foot_sole: Array, cop: Array) -> Array:
+    """(3,) m, a point of the sole in the foot's frame."""
+    point: Array = T_foot_sole[:3, :2] @ cop + T_foot_sole[:3, 3]
+    return point

@@ -1,0 +1,167 @@
+"""Kinematics of a leg from its D-H table, the attitudes of thigh and foot, and the knee's angle.
+
+The joints of hip and ankle carry no encoders: their angles follow from what the AHRS say of the frames before and
+beyond them, equations (4)-(10) of Shim et al. 2019. `joint_angles` is the closed form for any axes; for the table of
+that paper it is (7) and (10).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from stridetwin.estimators.contact_terrain.geometry import DhRow, Leg
+from stridetwin.streams.samples import Array
+
+
+class Links(NamedTuple):
+    """A leg as compiled code reads it, of N frames.
+
+    Attributes:
+        table: (N, 4) alpha, a, d, theta.
+        turns: (N,) bool, which frames a joint turns.
+        thigh: Number of the frame on the thigh.
+        knee: Number of the frame that the knee turns.
+        hip_parts: (joints + 1, 3, 3) constant rotations before, between and beyond the joints of the hip.
+        ankle_parts: The same of the ankle.
+        ankle_stops: (joints, 2) rad, least and greatest angle of each joint of the ankle.
+    """
+
+    table: Array
+    turns: Array
+    thigh: int
+    knee: int
+    hip_parts: Array
+    ankle_parts: Array
+    ankle_stops: Array
+
+
+def links(leg: Leg) -> Links:
+    """What compiled code reads of a leg."""
+    thigh, knee = leg.thigh.frame, leg.knee.frame
+    return Links(
+        table=np.array([[row.alpha, row.a, row.d, row.theta] for row in leg.rows]),
+        turns=np.array([row.turns for row in leg.rows]),
+        thigh=thigh,
+        knee=knee,
+        hip_parts=_parts(leg.rows[:thigh]),
+        ankle_parts=_parts(leg.rows[knee:]),
+        ankle_stops=np.array([row.stops for row in leg.rows[knee:] if row.turns]),
+    )
+
+
+def _parts(rows: tuple[DhRow, ...]) -> Array:
+    parts, still = [], np.eye(3)
+    for row in rows:
+        still = still @ frame(row.alpha, 0.0, 0.0, row.theta)[:3, :3]
+        if row.turns:
+            parts.append(still)
+            still = np.eye(3)
+    return np.array([*parts, still])
+
+
+@numba.njit(cache=True)
+def frame(alpha: float, a: float, d: float, theta: float) -> Array:
+    """(4, 4) pose of a frame in the one before: equation (1)."""
+    c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+    return np.array(
+        [[c, -s, 0.0, a], [s * ca, c * ca, -sa, -sa * d], [s * sa, c * sa, ca, ca * d], [0.0, 0.0, 0.0, 1.0]]
+    )
+
+
+@numba.njit(cache=True)
+def forward(table: Array, turns: Array, q: Array) -> Array:
+    """(N, 4, 4) poses of all frames in frame 0: equation (2).
+
+    Args:
+        table: (N, 4) alpha, a, d, theta.
+        turns: (N,) bool.
+        q: Angles of the joints in the order of the frames that they turn, rad.
+    """
+    poses = np.empty((len(table), 4, 4))
+    T, joint = np.eye(4), 0
+    for i in range(len(table)):
+        theta = table[i, 3]
+        if turns[i]:
+            theta += q[joint]
+            joint += 1
+        T = T @ frame(table[i, 0], table[i, 1], table[i, 2], theta)
+        poses[i] = T
+    return poses
+
+
+@numba.njit(cache=True)
+def joint_angles(parts: Array, R: Array) -> Array:
+    """Angles of n = 1-3 joints from the rotation that they and the parts between them make up, rad.
+
+    R = C_0 Rz(q_1) C_1 ... Rz(q_n) C_n. The first and the last angle follow from where R takes the other one's axis;
+    of three, the middle one from the angle between those two axes, the solution nearer to zero. Where R is no such
+    product (two joints, real sensors), what is left is not shared out: each axis is put where R says.
+
+    Args:
+        parts: (n + 1, 3, 3) constant rotations C.
+        R: (3, 3).
+    """
+    n = len(parts) - 1
+    M = np.ascontiguousarray(parts[0].T) @ R @ np.ascontiguousarray(parts[n].T)
+    q = np.empty(n)
+    if n == 1:
+        q[0] = math.atan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])
+        return q
+    between = parts[1].copy()
+    if n == 3:
+        before, beyond = parts[1][2], parts[2][:, 2]
+        a = before[0] * beyond[0] + before[1] * beyond[1]
+        b = before[1] * beyond[0] - before[0] * beyond[1]
+        middle, reach = math.atan2(b, a), math.hypot(a, b)
+        cosine = max(-1.0, min(1.0, (M[2, 2] - before[2] * beyond[2]) / reach))
+        apart = math.acos(cosine)
+        first, second = _wrapped(middle + apart), _wrapped(middle - apart)
+        q[1] = first if abs(first) < abs(second) else second
+        turn = np.array(
+            [[math.cos(q[1]), -math.sin(q[1]), 0.0], [math.sin(q[1]), math.cos(q[1]), 0.0], [0.0, 0.0, 1.0]]
+        )
+        between = parts[1] @ turn @ parts[2]
+    q[0] = _wrapped(math.atan2(M[1, 2], M[0, 2]) - math.atan2(between[1, 2], between[0, 2]))
+    q[n - 1] = _wrapped(math.atan2(between[2, 1], between[2, 0]) - math.atan2(M[2, 1], M[2, 0]))
+    return q
+
+
+@numba.njit(cache=True)
+def leg_angles(leg: Links, R_world_base: Array, R_world_thigh: Array, R_world_foot: Array, knee: float) -> Array:
+    """Angles of all joints of a leg, rad: equations (4)-(10).
+
+    Args:
+        leg: Its links.
+        R_world_base: (3, 3) of the back panel, frame 0.
+        R_world_thigh: (3, 3) of the thigh's frame.
+        R_world_foot: (3, 3) of the last frame.
+        knee: Angle of the joint that turns the knee's frame, rad.
+    """
+    hip = joint_angles(leg.hip_parts, np.ascontiguousarray(R_world_base.T) @ np.ascontiguousarray(R_world_thigh))
+    R_thigh_knee = np.eye(3)
+    for i in range(leg.thigh, leg.knee):
+        theta = leg.table[i, 3] + (knee if leg.turns[i] else 0.0)
+        R_thigh_knee = R_thigh_knee @ np.ascontiguousarray(frame(leg.table[i, 0], 0.0, 0.0, theta)[:3, :3])
+    R_knee_foot = (
+        np.ascontiguousarray(R_thigh_knee.T)
+        @ np.ascontiguousarray(R_world_thigh.T)
+        @ np.ascontiguousarray(R_world_foot)
+    )
+    ankle = joint_angles(leg.ankle_parts, R_knee_foot)
+    return np.concatenate((hip, np.array([knee]), ankle))
+
+
+@numba.njit(cache=True)
+def at_stop(leg: Links, q: Array, margin: float) -> bool:
+    """Whether a joint of the ankle is within a margin (rad) of one of its stops: q as of `leg_angles`, rad."""
+    ankle = q[len(q) - len(leg.ankle_stops) :]
+    return bool(np.any(ankle < leg.ankle_stops[:, 0] + margin) or np.any(ankle > leg.ankle_stops[:, 1] - margin))
+
+
+@numba.njit(cache=True)
+def _wrapped(angle: float) -> float:
+    return math.atan2(math.sin(angle), math.cos(angle))

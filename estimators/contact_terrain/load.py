@@ -1,0 +1,53 @@
+"""Loads under a foot from cells that creep, drift, die or stick.
+
+What a cell tells of a foot in the air is not load. Each cell's least value of the last strides, counted in time that
+the foot spent turning, is taken off what it tells: creep and drift go, a cell that sticks comes to nothing, and a dead
+one was nothing before.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+TURNING_RADPS = 1.0
+FELT_N = 40.0
+"""A cell whose force changes less within strides is dead or stuck."""
+STRIDE_S = 0.6
+"""Turning time of somewhat more than one stride."""
+
+
+class CellLoads:
+    """The cells of one insole."""
+
+    def __init__(self) -> None:
+        self._least, self._most = np.full((2, 4), np.inf), np.full((2, 4), -np.inf)  # of this stride and the last
+        self._turned = 0.0
+
+    def update(self, force: Array, rate: float, dt: float) -> Array:
+        """(4,) N, load on each cell.
+
+        Args:
+            force: (4,) N as told.
+            rate: How fast the foot turns, rad/s.
+            dt: Since the last tick, s.
+        """
+        self._least[0], self._most[0] = np.minimum(self._least[0], force), np.maximum(self._most[0], force)
+        if rate > TURNING_RADPS:
+            self._turned += dt
+        if self._turned > STRIDE_S:
+            self._turned = 0.0
+            self._least[1], self._least[0] = self._least[0], force
+            self._most[1], self._most[0] = self._most[0], force
+        if not np.isfinite(self._least[1]).all():  # before the first stride nothing is known of an unloaded cell
+            return force
+        load: Array = force - self._least.min(axis=0)
+        return load
+
+    @property
+    def alive(self) -> NDArray[np.bool_]:
+        """(4,) whether each cell has felt anything in the last strides."""
+        felt: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > FELT_N
+        return felt

@@ -1,0 +1,207 @@
+"""Our method: contacts that hold where a foot really holds, attitudes from gyros, offsets learnt on the way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain.attitude import Attitudes
+from stridetwin.estimators.contact_terrain.chain import FOOT, OFFSETS, SAG, foot_place, turning
+from stridetwin.estimators.contact_terrain.estimate import StepEstimate
+from stridetwin.estimators.contact_terrain.footfall import BOUNCE_S, OFF_N, ON_N, TOES_DOWN, Footfall, holds
+from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
+from stridetwin.estimators.contact_terrain.leg import at_stop, leg_angles, links
+from stridetwin.estimators.contact_terrain.load import CellLoads
+from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, step_modes
+from stridetwin.estimators.contact_terrain.offsets import SLOPE_SD, SLOPE_SHARE, VECTOR_SD, Belief, Offsets, StepFigures
+from stridetwin.estimators.contact_terrain.ticks import Tick
+from stridetwin.streams.samples import Array
+
+LOADED_N = 100.0
+BOTH_N = 150.0
+"""With this load on both feet their contacts are trusted fully."""
+LANDING_RADPS = 0.7
+"""A foot that lands on its heel and turns that fast is trusted half."""
+
+
+STOP_MARGIN = math.radians(2.0)
+STRAINED_SLOPE_SD, STRAINED_SD = math.radians(8.0), 0.015
+"""rad and m, what an ankle at its stop may do to a foot's attitude and place."""
+
+
+class Crossing:
+    """The vector from one foot's contact to the other's while both are down, a weighted mean over ticks.
+
+    Attributes:
+        weight: Sum of the weights.
+        strained: The part of it in which an ankle was at its stop.
+    """
+
+    def __init__(self) -> None:
+        self.weight = self.strained = 0.0
+        self._vector, self._J = np.zeros(3), np.zeros((3, OFFSETS))
+
+    def add(self, weight: float, vector: Array, J: Array, free: bool) -> None:
+        """Takes a tick: (3,) m, its (3, OFFSETS) derivative, and whether both ankles are clear of their stops."""
+        self.weight += weight
+        self.strained += 0.0 if free else weight
+        self._vector += weight * vector
+        self._J += weight * J
+
+    def mean(self) -> tuple[Array, Array]:
+        """The mean vector and its derivative."""
+        return self._vector / self.weight, self._J / self.weight
+
+
+class StrideTwin:
+    """Our method.
+
+    Args:
+        exo: Geometry.
+    """
+
+    def __init__(self, exo: Exoskeleton) -> None:
+        self._soles = [exo.legs[side].sole for side in SIDES]
+        self._links = [links(exo.legs[side]) for side in SIDES]
+        self._attitudes, self._offsets = Attitudes(), Offsets()
+        self._cells = [CellLoads(), CellLoads()]
+        self._falls = [Footfall(0, True), Footfall(0, True)]
+        self._down, self._left_ns = [True, True], [0, 0]
+        self._newest, self._steps = 0, 0
+        self._crossing = Crossing()
+        self._belief: Belief | None = None
+        self._p_before = np.zeros(3)
+
+    def update(self, tick: Tick) -> StepEstimate | None:
+        """Takes a tick; returns what it tells of the last footprint, None where it tells nothing new."""
+        if tick.dt == 0.0:
+            self._forget()
+        self._attitudes.update(tick)
+        rates = np.linalg.norm(tick.rate[3:], axis=1)
+        cells = [c.update(f, float(r), tick.dt) for c, f, r in zip(self._cells, tick.force, rates)]
+        loads = np.array([c.sum() for c in cells])
+        R_sole = [self._attitudes.R[3 + i] @ sole.T_foot_sole[:3, :3] for i, sole in enumerate(self._soles)]
+        R = self._attitudes.R
+        angles = [leg_angles(leg, R[0], R[1 + i], R[3 + i], tick.knee[i]) for i, leg in enumerate(self._links)]
+        free = [not at_stop(leg, q, STOP_MARGIN) for leg, q in zip(self._links, angles)]
+        for side in range(2):
+            self._touch(side, tick.t_ns, loads, rates, cells[side], R_sole[side])
+        if all(self._down):
+            self._cross(angles, loads, float(rates[self._newest]), all(free))
+        self._leave(tick.t_ns, loads)
+        flat = [
+            self._down[i]
+            and self._falls[i].lie(
+                R_sole[i], float(rates[i]), bool(loads[i] > LOADED_N), bool(loads[1 - i] < LOADED_N), free[i]
+            )
+            for i in range(2)
+        ]  # fmt: skip
+        new = self._newest
+        if not flat[new] or not self._falls[new].flat or self._crossing.weight == 0.0:
+            return None
+        return self._tell(tick.t_ns)
+
+    def _touch(self, side: int, t_ns: int, loads: Array, rates: Array, cells: Array, R_world_sole: Array) -> None:
+        """Notes that a foot has landed.
+
+        Who walks always has a foot down. Where the last one that is down unloads and turns faster than the other one,
+        it is leaving: the other one has landed on cells that do not feel it.
+        """
+        other = 1 - side
+        if self._down[side] or not (loads[side] > ON_N or (loads[other] < OFF_N and rates[other] > rates[side])):
+            return
+        self._down[side] = True
+        if t_ns - self._left_ns[side] > BOUNCE_S * 1e9:
+            feels = loads[side] > ON_N and self._cells[side].alive[0]
+            on_heel = 2.0 * cells[0] > loads[side] if feels else R_world_sole[2, 0] > -math.sin(TOES_DOWN)
+            self._land(side, bool(on_heel))
+
+    def _leave(self, t_ns: int, loads: Array) -> None:
+        """Notes that a foot has left; the last one that is down stays."""
+        for side in range(2):
+            if all(self._down) and loads[side] < OFF_N:
+                self._down[side], self._left_ns[side] = False, t_ns
+
+    def _land(self, side: int, on_heel: bool) -> None:
+        """Begins a step; what the one before has taught is kept."""
+        if self._belief is not None:
+            self._offsets.learn(self._belief)
+            if side != self._newest:  # a foot that lands twice steps from the other one both times
+                self._p_before = self._p_before + self._belief.values[:3]
+        self._steps += 1
+        self._falls[side] = Footfall(self._steps, on_heel)
+        self._newest, self._crossing, self._belief = side, Crossing(), None
+
+    def _forget(self) -> None:
+        """After a gap nobody knows whether the feet are where they were."""
+        self._falls = [Footfall(fall.step, fall.on_heel) for fall in self._falls]
+        self._crossing, self._belief = Crossing(), None
+
+    def _cross(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
+        """Adds a tick in which both feet are down to the vector between their contacts."""
+        new, old = self._newest, 1 - self._newest
+        fall = self._falls[new]
+        weight = min(1.0, max(float(loads.min()), 1.0) / BOTH_N) ** 2
+        if fall.on_heel:
+            weight /= 1.0 + (rate / LANDING_RADPS) ** 2
+        vector, J = self._contact(new, fall.on_heel, angles[new])
+        before, J_before = self._contact(old, False, angles[old])
+        J = J - J_before
+        J[2, SAG] = 1.0 if fall.on_heel else 0.0
+        self._crossing.add(weight, vector - before, J, free)
+
+    def _contact(self, side: int, on_heel: bool, q: Array) -> tuple[Array, Array]:
+        """A foot's point that holds, seen from the back panel in world axes, and its derivative."""
+        R = self._attitudes.R
+        p, J = foot_place(self._links[side], R, side, q)
+        T = self._soles[side].T_foot_sole
+        arm = R[3 + side] @ (T[:3, :3] @ holds(self._soles[side], on_heel) + T[:3, 3])
+        J[:, FOOT + 3 * side : FOOT + 3 * side + 3] += turning(arm, R[3 + side])
+        return p + arm, J
+
+    def _figures(self) -> StepFigures:
+        """The step as it is measured by now."""
+        new, old = self._newest, 1 - self._newest
+        vector, J = self._crossing.mean()
+        slopes, J_slopes = np.zeros(2), np.zeros((2, OFFSETS))
+        for k, (side, sign, on_heel) in enumerate(((new, -1.0, self._falls[new].on_heel), (old, 1.0, False))):
+            fall = self._falls[side]
+            R_sole = fall.R_world_sole() if fall.weight else np.eye(3)
+            R_foot = R_sole @ self._soles[side].T_foot_sole[:3, :3].T
+            arm = R_sole @ holds(self._soles[side], on_heel)
+            at = slice(FOOT + 3 * side, FOOT + 3 * side + 3)
+            vector = vector + sign * arm
+            J[:, at] += sign * turning(arm, R_foot)
+            f = R_sole[:, 0]
+            slopes[k] = math.asin(max(-1.0, min(1.0, f[2])))
+            J_slopes[k, at] = turning(f, R_foot)[2] / math.cos(slopes[k])
+        strained = np.array([self._falls[new].strained, self._falls[old].strained])
+        slope_sd = np.sqrt(SLOPE_SD**2 + (SLOPE_SHARE * slopes) ** 2 + (STRAINED_SLOPE_SD * strained) ** 2)
+        place_sd = np.hypot(VECTOR_SD, STRAINED_SD * self._crossing.strained / self._crossing.weight)
+        sd = np.concatenate([place_sd, slope_sd])
+        return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
+
+    def _tell(self, t_ns: int) -> StepEstimate:
+        """What the step says together with the offsets."""
+        fall = self._falls[self._newest]
+        self._belief = belief = self._offsets.judge(self._figures(), start=fall.step == 0)
+        x, y, height, slope, before = belief.values
+        sd = np.sqrt(np.diag(belief.covariance))
+        beyond = beyond_slopes(height, math.hypot(x, y), slope, before)
+        mode, probability = most_likely(step_modes(slope, sd[3], beyond, sd[2]))
+        return StepEstimate(
+            t_ns=t_ns, step=fall.step, foot=SIDES[self._newest], slope=float(slope), elevation=float(height),
+            slope_sd=float(sd[3]), elevation_sd=float(sd[2]), normal=_normal(fall.R_world_sole(), slope),
+            p_sole_in_world=self._p_before + belief.values[:3], covariance=belief.covariance[:3, :3],
+            mode=mode, probability=float(probability),
+        )  # fmt: skip
+
+
+def _normal(R_world_sole: Array, slope: float) -> Array:
+    """(3,) the sole's normal, turned so that it slopes as it is believed to."""
+    forward = np.array([R_world_sole[0, 0], R_world_sole[1, 0], 0.0])
+    forward *= math.cos(slope) / np.linalg.norm(forward)
+    forward[2] = math.sin(slope)
+    normal = np.cross(forward, R_world_sole[:, 1])
+    return normal / np.linalg.norm(normal)

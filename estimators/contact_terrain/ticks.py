@@ -1,0 +1,153 @@
+"""Nine streams become one row an instant: attitudes of the exoskeleton's frames, knee angles and cell forces.
+
+A tick is whole when every stream has brought its sample; the first sample of a later instant closes one that is not. A
+stream that is late is carried on: an attitude by its last angular rate, an angle and forces as they were, for up to
+`HOLD_S`. A sample that is not finite, that no such sensor gives, or that is not later than the stream's last one counts
+as lost.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
+from stridetwin.streams.samples import Ahrs, Array, Encoder, Insole, Sample
+
+HOLD_S = 0.06
+_TOGETHER_S = 0.003  # stamps of one instant differ by no more
+_RATE_MAX = 50.0  # rad/s
+_FORCE_MAX = 5000.0  # N
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tick:
+    """What all streams say at one instant; feet in the order of `SIDES`.
+
+    Attributes:
+        t_ns: Time.
+        dt: Since the last tick, s; 0 for the first one and after a gap that was not bridged.
+        R_world_base: (3, 3) of the back panel, frame 0.
+        R_world_thigh: (2, 3, 3) of the thigh's frames.
+        R_world_foot: (2, 3, 3) of the last frames.
+        rate: (5, 3) rad/s of back, thighs and feet in the axes of their frames.
+        knee: (2,) rad, angles of the joints that turn the knees' frames.
+        force: (2, 4) N on heel, lateral ball, medial ball and toe.
+        fresh: (5,) bool, whether the attitude was told and not carried on.
+    """
+
+    t_ns: int
+    dt: float
+    R_world_base: Array
+    R_world_thigh: Array
+    R_world_foot: Array
+    rate: Array
+    knee: Array
+    force: Array
+    fresh: Array
+
+
+class Gather:
+    """Collects samples of an exoskeleton into ticks.
+
+    Args:
+        exo: Which streams there are, and how its sensors sit.
+    """
+
+    def __init__(self, exo: Exoskeleton) -> None:
+        legs = [exo.legs[side] for side in SIDES]
+        attitudes = [exo.back, *(leg.thigh for leg in legs), *(leg.foot for leg in legs)]
+        self._attitude = {a.topic: (i, a.R_frame_sensor.T) for i, a in enumerate(attitudes)}
+        self._encoder = {leg.knee.topic: (i, leg.knee.sign) for i, leg in enumerate(legs)}
+        self._insole = {leg.sole.topic: i for i, leg in enumerate(legs)}
+        self._last = dict.fromkeys(exo.topics, -1)
+        self._R, self._rate = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
+        self._knee, self._force = np.zeros(2), np.zeros((2, 4))
+        self._open: set[str] = set()
+        self._now = self._told = -1
+
+    def add(self, sample: Sample) -> list[Tick]:
+        """Takes one sample; returns the ticks that it makes whole or closes, at most two."""
+        if sample.topic not in self._last or sample.t_ns <= self._last[sample.topic] or not _sane(sample):
+            return []
+        made = []
+        if self._open and sample.t_ns > self._now + _TOGETHER_S * 1e9:
+            made += self._close()
+        if not self._open:
+            self._now = sample.t_ns
+        self._keep(sample)
+        if len(self._open) == len(self._last):
+            made += self._close()
+        return made
+
+    def _keep(self, sample: Sample) -> None:
+        match sample:
+            case Ahrs():
+                i, R_sensor_frame = self._attitude[sample.topic]
+                self._R[i] = matrix(sample.q_world_sensor) @ R_sensor_frame
+                self._rate[i] = R_sensor_frame.T @ sample.angular_rate
+            case Encoder():
+                i, sign = self._encoder[sample.topic]
+                self._knee[i] = sign * sample.angle
+            case Insole():
+                self._force[self._insole[sample.topic]] = sample.force
+        self._last[sample.topic] = sample.t_ns
+        self._open.add(sample.topic)
+
+    def _close(self) -> list[Tick]:
+        self._open, fresh = set(), np.ones(5, dtype=bool)
+        oldest = min(self._last.values())
+        if oldest < 0 or (self._now - oldest) * 1e-9 > HOLD_S:
+            return []
+        R = self._R.copy()
+        for topic, (i, _) in self._attitude.items():
+            late = (self._now - self._last[topic]) * 1e-9
+            if late > _TOGETHER_S:
+                R[i], fresh[i] = R[i] @ exp_so3(late * self._rate[i]), False
+        dt = (self._now - self._told) * 1e-9
+        if self._told < 0 or dt > HOLD_S:
+            dt = 0.0
+        self._told = self._now
+        return [
+            Tick(
+                t_ns=self._now, dt=dt, R_world_base=R[0], R_world_thigh=R[1:3], R_world_foot=R[3:5],
+                rate=self._rate.copy(), knee=self._knee.copy(), force=self._force.copy(), fresh=fresh,
+            )
+        ]  # fmt: skip
+
+
+def _sane(sample: Sample) -> bool:
+    match sample:
+        case Ahrs():
+            norm = float(np.sum(sample.q_world_sensor**2))
+            return abs(norm - 1.0) < 0.02 and bool(np.all(np.abs(sample.angular_rate) < _RATE_MAX))
+        case Encoder():
+            return abs(sample.angle) < 2 * math.pi
+        case Insole():
+            return bool(np.all((sample.force >= 0.0) & (sample.force < _FORCE_MAX)))
+    return False
+
+
+@numba.njit(cache=True)
+def matrix(q: Array) -> Array:
+    """(3, 3) rotation of a quaternion (w, x, y, z)."""
+    w, x, y, z = q / np.sqrt(np.sum(q * q))
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+@numba.njit(cache=True)
+def exp_so3(turn: Array) -> Array:
+    """(3, 3) rotation by a rotation vector, rad."""
+    angle = math.sqrt(np.sum(turn * turn))
+    x, y, z = turn
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-9:
+        return np.eye(3) + K
+    return np.eye(3) + math.sin(angle) / angle * K + (1.0 - math.cos(angle)) / angle**2 * (K @ K)

@@ -1,0 +1,133 @@
+"""The exoskeleton that a twin wears, as the estimator of contact terrain is told of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.contact_terrain.geometry import (
+    SIDES,
+    Attitude,
+    DhRow,
+    Exoskeleton,
+    Knee,
+    Leg,
+    Sole,
+    parse_exoskeleton,
+    to_text,
+)
+from stridetwin.sim.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, dh_table
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import Rig
+
+if TYPE_CHECKING:
+    from stridetwin.sim.body import Wearer
+    from stridetwin.sim.twin import Twin
+
+KEY = "exoskeleton"
+"""Where a recording's metadata holds the geometry's file."""
+LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
+"""How well a laboratory knows the lengths of thigh and shank, and how its AHRS sit after a calibration in standing."""
+_THIGH, _KNEE, _FOOT = 5, 6, 8
+_SENSORS = {"ahrs", "encoder", "insole"}
+
+
+def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
+    """Geometry of the exoskeleton on a wearer.
+
+    Args:
+        size: Dimensions.
+        rig: Where AHRS and insole cells sit.
+
+    Raises:
+        StrideTwinError: There is no exoskeleton.
+    """
+    links = size.exo
+    if links is None:
+        raise StrideTwinError("the wearer has no exoskeleton")
+
+    def mount(topic: str, frame: int) -> Attitude:
+        return Attitude(
+            topic=topic, frame=frame,
+            R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3],
+        )  # fmt: skip
+
+    T_foot_sole = np.eye(4)
+    T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
+    T_foot_sole[:3, 3] = R_DH_BODY[_FOOT] @ [links.ankle1 - size.ankle_x, 0.0, -size.body.ankle_height_m]
+    legs = {
+        side: Leg(
+            rows=tuple(
+                DhRow(
+                    alpha=row.alpha, a=row.a, d=row.d, theta=row.theta, turns=row.joint is not None,
+                    stops=_stops(side, row.joint),
+                )
+                for row in dh_table(links, side)
+            ),
+            thigh=mount(f"/exo/thigh_{side}/ahrs", _THIGH),
+            knee=Knee(topic=f"/exo/knee_{side}/encoder", frame=_KNEE, sign=1.0),
+            foot=mount(f"/exo/foot_{side}/ahrs", _FOOT),
+            sole=Sole(
+                topic=f"/foot_{side}/insole", T_foot_sole=T_foot_sole,
+                cells=np.array(rig.others[f"/foot_{side}/insole"].parameters["cells_m"]),
+                heel_x=size.shoe.heel_back_x, hinge_x=size.shoe.toe_hinge_x,
+                hinge_z=size.shoe.toe_hinge_z, tip_x=size.shoe.toe_tip_x,
+            ),
+        )
+        for side in SIDES
+    }  # fmt: skip
+    return Exoskeleton(
+        description="Exoskeleton of Shim et al. 2019, set to its wearer", back=mount("/exo/back/ahrs", 0), legs=legs
+    )
+
+
+def _stops(side: str, joint: int | None) -> tuple[float, float]:
+    if joint is None:
+        return -math.inf, math.inf
+    low, high = sorted((DH_SIGNS[side][joint] * RANGE_RAD[joint]).tolist())
+    return low, high
+
+
+def metadata(twin: Twin) -> dict[str, str]:
+    """Geometry for a recording's metadata; nothing where a walk lacks the exoskeleton or its sensors."""
+    kinds = {sensor.kind for sensor in twin.rig.others.values()}
+    return {KEY: to_text(geometry(twin.size, twin.rig))} if kinds >= _SENSORS else {}
+
+
+def of_recording(recording: Recording) -> Exoskeleton:
+    """Geometry that a recording's metadata tells.
+
+    Raises:
+        StrideTwinError: It tells none.
+    """
+    if KEY not in recording.metadata:
+        raise StrideTwinError(
+            f"{recording.path}: tells no geometry of an exoskeleton; give its file: --exoskeleton FILE"
+        )
+    return parse_exoskeleton(recording.metadata[KEY], f"{recording.path}: {KEY}")
+
+
+def measured(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
+    """The exoskeleton as a laboratory would measure it: lengths of thigh and shank, and mounts of AHRS, a little off.
+
+    Args:
+        exo: As it is.
+        rng: What the errors are drawn from.
+    """
+
+    def turned(attitude: Attitude) -> Attitude:
+        error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
+        return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
+
+    def stretched(leg: Leg) -> Leg:
+        rows = list(leg.rows)
+        for i in (_THIGH, _KNEE):  # row i is that of frame i + 1, at the far end of the segment
+            rows[i] = replace(rows[i], a=rows[i].a + LINK_SD_M * rng.standard_normal())
+        return replace(leg, rows=tuple(rows), thigh=turned(leg.thigh), foot=turned(leg.foot))
+
+    return replace(exo, back=turned(exo.back), legs={side: stretched(leg) for side, leg in exo.legs.items()})

@@ -1,0 +1,213 @@
+"""Table 5 of Shim et al. 2019 on the simulated walkers: the seven subjects on the terrains of Table 4.
+
+A case is one trial of one subject: level, stair and three ramps, each walked once (stair and ramps up and down). Steps
+belong to a case of the table by their mode, so that those onto and off a terrain are in. What the estimators are told
+of the exoskeleton is a little off (`exo_geometry.measured`).
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from heapq import merge
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, TerrainSvm
+from stridetwin.scenarios.exo_geometry import geometry, measured
+from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps
+from stridetwin.sim.people import PEOPLE
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.samples import Block, Footprint, Sample
+
+SUBJECTS, TRIALS = 7, 10
+SEEDS = range(1000, 1000 + SUBJECTS * TRIALS)
+SENSORS = ("ahrs", "encoder", "insole")
+WALKS = ("shim_level", "shim_stairs", "shim_ramp_5", "shim_ramp_6", "shim_ramp_14")
+CASES = {
+    "LW": ("shim_level", ""),
+    "SA": ("shim_stairs", "SA"),
+    "SD": ("shim_stairs", "SD"),
+    **{
+        f"{mode}{i}": (walk, mode)
+        for i, walk in enumerate(("shim_ramp_5", "shim_ramp_6", "shim_ramp_14"), start=1)
+        for mode in ("RA", "RD")
+    },
+}
+"""Case of the table to walk and mode; "" takes the whole walk."""
+FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_rmse_mm")
+
+
+def subject(seed: int) -> int:
+    """Whose turn it is: 1-7, in turn."""
+    return seed % SUBJECTS + 1
+
+
+def run_case(case: Case) -> dict[str, Any]:
+    """One trial of one subject.
+
+    Returns:
+        `seed`, `physics`, `subject`, `fell`, and `walks`: walk to method to the rows of its steps.
+    """
+    who, walks, fell = subject(case.seed), {}, []
+    for name in WALKS:
+        config = load_scenario(name).config
+        twin = Twin(
+            replace(config, sensors=SENSORS, physics=case.physics, person=PEOPLE[f"shim_s{who}"]), case.seed
+        )  # fmt: skip
+        rows, footprints = walked(twin)
+        told = measured(geometry(twin.size, twin.rig), np.random.default_rng([case.seed, 4]))
+        walks[name] = {
+            method: [s.row() for s in score_steps(footprints, ContactTerrain(told, method).run(iter(rows)))]
+            for method in METHODS
+        }
+        if twin.fell_at is not None:
+            fell.append(name)
+    return {"seed": case.seed, "physics": case.physics, "subject": who, "fell": fell, "walks": walks}
+
+
+def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
+    """What the sensors of a walk tell, in order of time, and the true footprints."""
+    samples: list[Sample] = []
+    footprints = []
+    for chunk in twin.blocks():
+        blocks = [item for item in chunk if isinstance(item, Block) and not item.topic.startswith("/truth")]
+        samples += merge(*blocks, key=lambda s: s.t_ns)
+        footprints += [item for item in chunk if isinstance(item, Footprint)]
+    return samples, footprints
+
+
+def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Totals by method and case; the paper's beside; `by_subject` is the whole table."""
+    summary, by_subject = {}, {}
+    for method in METHODS:
+        trials = [
+            (r["subject"], {walk: [ScoredStep(**row) for row in of[method]] for walk, of in r["walks"].items()})
+            for r in results
+        ]
+        trials = _classified(trials) if method == "published" else trials
+        summary[method] = _table([walks for _, walks in trials])
+        by_subject[method] = {
+            f"S{who}": _table([walks for w, walks in trials if w == who]) for who in sorted({w for w, _ in trials})
+        }
+    return {"summary": summary, "paper": {"Shim et al. 2019": paper("Stotal")}, "by_subject": by_subject}
+
+
+def _classified(trials: list[tuple[int, dict[str, list[ScoredStep]]]]) -> list[tuple[int, dict[str, list[ScoredStep]]]]:
+    """Steps with the modes that a support vector machine tells, trained on every other subject (Table 7)."""
+    machines = {}
+    for who in {w for w, _ in trials}:
+        steps = [s for w, walks in trials if w != who for own in walks.values() for s in own if s.seen]
+        if len({s.mode for s in steps}) > 1:
+            slopes, elevations = [s.told_slope for s in steps], [s.told_elevation for s in steps]
+            machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
+
+    def told(who: int, step: ScoredStep) -> ScoredStep:
+        machine = machines.get(who)
+        if machine is None or not step.seen:
+            return step
+        return replace(step, told_mode=machine.classify(step.told_slope, step.told_elevation))
+
+    return [(who, {walk: [told(who, s) for s in own] for walk, own in walks.items()}) for who, walks in trials]
+
+
+def _table(trials: Sequence[dict[str, list[ScoredStep]]]) -> dict[str, dict[str, float]]:
+    rows = {}
+    for case, (walk, mode) in CASES.items():
+        steps = [s for walks in trials for s in walks[walk] if not mode or s.mode == mode]
+        places = [e for walks in trials for e in displacement_errors(walks[walk], mode)]
+        rows[case] = _figures(steps, places)
+    everything = [s for walks in trials for own in walks.values() for s in own]
+    rows["all"] = _figures(everything, [])
+    for mode in MODES:
+        rows["all"][f"accuracy_{mode}_pct"] = _percent(s.told_mode == s.mode for s in everything if s.mode == mode)
+    return rows
+
+
+def _figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]) -> dict[str, float]:
+    seen = [s for s in steps if s.seen]
+    slope = np.degrees([s.slope_error for s in seen])
+    elevation = 1e3 * np.array([s.elevation_error for s in seen])
+    figures = {
+        "slope_rmse_deg": _rms(slope),
+        "slope_mean_deg": float(slope.mean()) if len(slope) else 0.0,
+        "elevation_rmse_mm": _rms(elevation),
+        "elevation_mean_mm": float(elevation.mean()) if len(elevation) else 0.0,
+        **_inside(seen),
+        "classification_accuracy_pct": _percent(s.told_mode == s.mode for s in steps),
+        "steps": len(steps),
+        "steps_missed": len(steps) - len(seen),
+    }
+    if len(places):
+        d, h, y = (_rms(1e3 * np.array(axis)) for axis in zip(*places))
+        figures |= {"d_rmse_mm": d, "h_rmse_mm": h, "y_rmse_mm": y}
+    return figures
+
+
+def _inside(seen: Sequence[ScoredStep]) -> dict[str, float]:
+    """Share of errors inside the 95 % interval; nothing where the method tells none."""
+    slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in seen if s.slope_sd is not None]
+    elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in seen if s.elevation_sd is not None]
+    if not slope or not elevation:
+        return {}
+    return {"slope_in_95_pct": _percent(slope), "elevation_in_95_pct": _percent(elevation)}
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
+
+
+def _percent(right: Iterable[Any]) -> float:
+    answers = list(right)
+    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else 0.0
+
+
+def paper(who: str) -> dict[str, dict[str, float]]:
+    """The paper's table: case to figures.
+
+    Args:
+        who: Subject, S1-S7, or Stotal.
+    """
+    file = resources.files("stridetwin.scenarios").joinpath("reference", "shim2019_table5.csv")
+    lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+    rows = [row for row in csv.DictReader(lines) if row["subject"] == who]
+    return {row["case"]: {name: float(row[name]) for name in FIGURES if row[name]} for row in rows}
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """Each method beside the paper, as lines of text."""
+    theirs = result["paper"]["Shim et al. 2019"]
+    lines = [
+        f"{len(result['cases'])} trials, walks that ended by a fall: {sum(len(c['fell']) for c in result['cases'])}",
+        "in brackets the paper; d, h, y: error of the displacement a step, forward, up and left",
+    ]
+    for method, rows in result["summary"].items():
+        lines += [
+            "",
+            f"{method:<12}{'d mm':>15}{'h mm':>15}{'y mm':>15}{'slope °':>15}{'elevation mm':>15}"
+            f"{'in 95 %':>12}{'class %':>9}{'steps':>7}{'missed':>8}",
+        ]
+        for case, row in rows.items():
+            cells = "".join(_cell(row.get(f), theirs.get(case, {}).get(f)) for f in FIGURES)
+            lines.append(
+                f"{case:<12}{cells}{_share(row, 'slope_in_95_pct')}{_share(row, 'elevation_in_95_pct')}"
+                f"{row['classification_accuracy_pct']:>9.1f}{row['steps']:>7}{row['steps_missed']:>8}"
+            )
+        modes = "  ".join(f"{mode} {rows['all'][f'accuracy_{mode}_pct']:.1f}" for mode in MODES)
+        lines.append(f"right classes by mode, %: {modes}")
+    return lines
+
+
+def _cell(ours: float | None, theirs: float | None) -> str:
+    if ours is None:
+        return f"{'':>15}"
+    return f"{ours:>8.2f}{'' if theirs is None else f'({theirs:.2f})':>7}"
+
+
+def _share(row: dict[str, float], name: str) -> str:
+    return f"{row[name]:>6.0f}" if name in row else f"{'-':>6}"

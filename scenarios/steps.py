@@ -1,0 +1,164 @@
+"""Steps as an estimator tells them, beside the footprints of the truth."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.streams.files import whole_file
+from stridetwin.streams.samples import Footprint
+
+_EARLY_NS = 100_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredStep:
+    """A true step and what was told of it when its foot had been flat; of a step that was missed nothing is told.
+
+    Attributes:
+        mode: True mode.
+        slope: True slope of the ground in the foot's direction, rad.
+        elevation: True height over the footprint before, m.
+        place: True place of the footprint, m.
+        told_mode: As told; "" where the step was missed.
+        told_slope: rad.
+        told_elevation: m.
+        told_place: m, in the estimator's world.
+        slope_sd: rad; None where the method tells none.
+        elevation_sd: m; likewise.
+        probability: Of the mode.
+    """
+
+    mode: str
+    slope: float
+    elevation: float
+    place: tuple[float, ...]
+    told_mode: str = ""
+    told_slope: float = 0.0
+    told_elevation: float = 0.0
+    told_place: tuple[float, ...] = ()
+    slope_sd: float | None = None
+    elevation_sd: float | None = None
+    probability: float = 0.0
+
+    @property
+    def seen(self) -> bool:
+        """Whether anything was told."""
+        return bool(self.told_place)
+
+    @property
+    def slope_error(self) -> float:
+        """Rad."""
+        return self.told_slope - self.slope
+
+    @property
+    def elevation_error(self) -> float:
+        """M."""
+        return self.told_elevation - self.elevation
+
+    def row(self) -> dict[str, Any]:
+        """For JSON; `ScoredStep(**row)` makes it anew."""
+        return asdict(self)
+
+
+def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> list[ScoredStep]:
+    """Every true step of a walk, with what was told of it; not those beside a footprint that the truth lacks.
+
+    Args:
+        footprints: In order; those of the feet that stand at the start come first and are no steps.
+        estimates: One a step (`ContactTerrain.run`), in order.
+    """
+    told = list(estimates)
+    made = []
+    for i, print_ in enumerate(footprints[2:], start=2):
+        if any(p.foot == print_.foot for p in (*footprints[i - 1 : i], *footprints[i + 1 : i + 2])):
+            continue
+        again = (p.t_ns for p in footprints[i + 1 :] if p.foot == print_.foot)
+        until, since = next(again, np.inf), print_.t_ns - _EARLY_NS
+        own = [e for e in told if e.foot == print_.foot and since < e.t_ns < until]
+        made.append(_scored(print_, footprints[i - 1], own[0] if own else None))
+    return made
+
+
+def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:
+    w, x, y, z = print_.q_world_foot
+    true: dict[str, Any] = {
+        "mode": print_.mode,
+        "slope": float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis over the horizontal
+        "elevation": float(print_.p_foot_in_world[2] - before.p_foot_in_world[2]),
+        "place": tuple(print_.p_foot_in_world.tolist()),
+    }
+    if estimate is None:
+        return ScoredStep(**true)
+    return ScoredStep(
+        **true,
+        told_mode=estimate.mode,
+        told_slope=float(estimate.slope),
+        told_elevation=float(estimate.elevation),
+        told_place=tuple(np.asarray(estimate.p_sole_in_world).tolist()),
+        slope_sd=_finite(estimate.slope_sd),
+        elevation_sd=_finite(estimate.elevation_sd),
+        probability=float(estimate.probability),
+    )
+
+
+def _finite(sd: float) -> float | None:
+    return float(sd) if math.isfinite(sd) else None
+
+
+def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[float, float, float]]:
+    """Error of the displacement over the number of steps, of each run of steps of one mode, m.
+
+    A run begins at the footprint before it (as the paper's walks do where the subject stands), and goes from the first
+    to the last footprint that was told.
+
+    Args:
+        steps: Of a walk.
+        mode: Of the runs; "" takes the whole walk.
+
+    Returns:
+        Forward, up and left of each run.
+    """
+    errors, start = [], 0
+    for end in range(1, len(steps) + 1):
+        inside = not mode or steps[end - 1].mode == mode
+        if inside and end < len(steps) and (not mode or steps[end].mode == mode):
+            continue
+        if inside:
+            run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.seen]
+            if len(run) > 1:
+                (i, first), (j, last) = run[0], run[-1]
+                moved = np.subtract(last.told_place, first.told_place) - np.subtract(last.place, first.place)
+                forward, left, up = (moved / (j - i)).tolist()
+                errors.append((forward, up, left))
+        start = end
+    return errors
+
+
+COLUMNS = (
+    "t_s", "step", "foot", "mode", "probability", "slope_rad", "slope_sd_rad", "elevation_m", "elevation_sd_m", "x_m",
+    "y_m", "z_m",
+)  # fmt: skip
+
+
+def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
+    """Writes a table with one row a step, columns `COLUMNS`."""
+    rows = [
+        (
+            f"{e.t_ns * 1e-9:.3f}", e.step, e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",
+            f"{e.slope_sd:.5f}", f"{e.elevation:.5f}", f"{e.elevation_sd:.5f}",
+            *(f"{x:.5f}" for x in e.p_sole_in_world),
+        )
+        for e in estimates
+    ]  # fmt: skip
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(rows)
