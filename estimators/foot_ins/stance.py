@@ -85,14 +85,25 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     shared = math.sqrt(max(1.0, parameters.still_correlation_s / dt))
     W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd)
     H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
-    o = memory.row
-    own = np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
-    doubt = max(1.0, surprise(own, H, z) / parameters.max_surprise)
-    memory.nis[0] += surprise(own, shared * H, shared * z) ** 2 / 3.0
+    memory.nis[0] += surprise(_own(memory), shared * H, shared * z) ** 2 / 3.0
     memory.nis[1] += 1.0
-    for i in range(3):
-        correct(memory.covariance, memory.error, o, H[i] / doubt, z[i] / doubt, 1.0)
+    _update_in_doubt(memory, H, z, parameters.max_surprise)
+
+
+@njit
+def _update_in_doubt(memory: Memory, H: Array, z: Array, max_surprise: float) -> None:
+    """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `max_surprise`."""
+    doubt = max(1.0, surprise(_own(memory), H, z) / max_surprise)
+    for i in range(len(z)):
+        correct(memory.covariance, memory.error, memory.row, H[i] / doubt, z[i] / doubt, 1.0)
     inject(memory)
+
+
+@njit
+def _own(memory: Memory) -> Array:
+    """(19, 19) covariance of the foot alone."""
+    o = memory.row
+    return np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
 
 
 @njit
@@ -119,12 +130,7 @@ def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: flo
     H = np.zeros((3, STATES))
     H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = np.eye(3) / sd
     z = (rate - memory.nominal[GYRO_BIAS : GYRO_BIAS + 3]) / sd
-    o = memory.row
-    own = np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
-    doubt = max(1.0, surprise(own, H, z) / parameters.max_surprise)
-    for i in range(3):
-        correct(memory.covariance, memory.error, o, H[i] / doubt, z[i] / doubt, 1.0)
-    inject(memory)
+    _update_in_doubt(memory, H, z, parameters.max_surprise)
 
 
 @njit
