@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import shift
-from stridetwin.estimators.foot_ins.memory import FILL, HEAD, POSITION, RING, VELOCITY, Memory
+from stridetwin.estimators.foot_ins.memory import ATTITUDE, FILL, HEAD, POSITION, RING, VELOCITY, Memory
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.strapdown import carry
 from stridetwin.streams.samples import Array
@@ -14,6 +15,7 @@ from stridetwin.streams.samples import Array
 AT_LIMIT = 0.99  # share of the range at which a sample is taken to be clipped
 LONGEST_S = 0.15  # a longer time at the limit has a shape that its two ends do not tell
 LEAST_RATES, LEAST_FORCES = 1, 3  # clipped samples; what hits an accelerometer for less rings, and has no such shape
+UPWARD = 0.7  # cosine between a channel that feels the floor and the vertical, at least
 
 
 @njit
@@ -26,6 +28,9 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     the peak. A channel is looked at once two samples are back within the range. How far off that still is remains the
     filter's noise at the limit.
 
+    A floor that is landed on hits too shortly for a shape. It is known to push upwards, and so on average it hides
+    something: `impact_excess` for each sample. Left out, the foot sinks a little at every landing, up stairs and down.
+
     Args:
         memory: Its nominal state and ring are changed where a peak has ended.
         parameters: With the ranges; nothing is done where they are not known.
@@ -35,7 +40,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     for channel in range(6):
         known = parameters.gyro_range if channel < 3 else parameters.accel_range
         least = LEAST_RATES if channel < 3 else LEAST_FORCES
-        first = max(first, _peak(memory, channel, known, least, hidden))
+        first = max(first, _peak(memory, channel, known, least, parameters.impact_excess, hidden))
     if first == 0:
         return
     head, x = memory.clock[HEAD], memory.nominal
@@ -71,14 +76,15 @@ def _dt(memory: Memory, i: int) -> float:
 
 
 @njit
-def _peak(memory: Memory, channel: int, known: float, least: int, hidden: Array) -> int:
+def _peak(memory: Memory, channel: int, known: float, least: int, excess: float, hidden: Array) -> int:
     """Writes what one channel hid into `hidden` (RING, 6), the newest sample first.
 
     Args:
         memory: Left alone.
         channel: Of the ring.
         known: Its range, 0 where that is not known.
-        least: Fewer clipped samples than this are left as they are.
+        least: Fewer clipped samples than this have no shape.
+        excess: Mean of what a landing hides in one of those, as a share of the range.
         hidden: Changed in place.
 
     Returns:
@@ -99,7 +105,13 @@ def _peak(memory: Memory, channel: int, known: float, least: int, hidden: Array)
     span = (memory.ring_t_ns[head] - memory.ring_t_ns[(head - end - 1) % RING]) * 1e-9
     dt = span / (end + 1)
     rise, fall = (x[end] - x[end + 1]) / dt, (x[1] - x[0]) / dt
-    if max(x[0], x[1], x[end]) >= limit or min(rise, fall) <= 0.0 or span > LONGEST_S or end - 2 < least:
+    if end - 2 < least:
+        to_world = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])
+        if channel < 3 or sign * to_world[2, channel - 3] < UPWARD:
+            return 0
+        hidden[2:end, channel] = sign * excess * known
+        return end
+    if max(x[0], x[1], x[end]) >= limit or min(rise, fall) <= 0.0 or span > LONGEST_S:
         return 0
     top = x[2:end].mean()
     before, after = min((top - x[end]) / rise, dt), min((top - x[1]) / fall, dt)

@@ -27,6 +27,7 @@ class FootInsParameters:
         accel_jerk_noise: What sampling adds where the specific force changes by 1 m/s³, s/√Hz.
         accel_limit_noise: Added along an axis that is at a known limit, m/s²/√Hz.
         accel_extreme_noise: Added where the limit is not known, and may be none.
+        impact_excess: What a landing hides of an upward force in each sample at a known limit, as a share of the range.
         gyro_bias_walk: rad/s²/√Hz, beside the calibration's.
         accel_bias_walk: m/s³/√Hz, beside the calibration's.
         gyro_bias_sd: Turn-on bias, rad/s, where the calibration has none.
@@ -80,6 +81,7 @@ class FootInsParameters:
     accel_jerk_noise: float = 2.15e-5
     accel_limit_noise: float = 3.0
     accel_extreme_noise: float = 0.141
+    impact_excess: float = 0.5
     gyro_bias_walk: float = 1e-5
     accel_bias_walk: float = 1e-4
     gyro_bias_sd: float = 3.3e-4
@@ -121,7 +123,8 @@ class FootInsParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        may_be_zero = {"gyro_range", "accel_range", "lever_arm", "lever_sd", "contact_sd", "level_step", "rest_level"}
+        may_be_zero = {"gyro_range", "accel_range", "impact_excess", "lever_arm", "lever_sd", "contact_sd"}
+        may_be_zero |= {"level_step", "rest_level"}
         for name, value in asdict(self).items():
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError("FootInsParameters", name, value, "a finite number ≥ 0")
@@ -143,6 +146,7 @@ class KernelParameters(NamedTuple):
     accel_motion_noise: float
     accel_limit_noise: float
     accel_jerk_noise: float
+    impact_excess: float
     gyro_bias_walk: float
     accel_bias_walk: float
     gyro_bias_sd: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,16 +93,23 @@ class FootToFoot:
         self._listens_to = METHODS[method]
         self._shoes = shoes = shoes_of(rig)
         self._parameters = for_kernel(parameters)
-        foot, variance, clock_variance = parameters.foot, np.zeros((4, 6)), 0.0
+        foot, variance, clock_variance, scale_variance = parameters.foot, np.zeros((4, 6)), 0.0, 0.0
         if isinstance(parameters, PublishedParameters):
             foot = parameters.noise_of_the_calibration_alone
         else:
             variance[:2] = np.repeat([parameters.camera_position_sd, parameters.camera_rotation_sd], 3) ** 2
             variance[2:] = np.repeat([parameters.board_position_sd, parameters.board_rotation_sd], 3) ** 2
             clock_variance = parameters.camera_clock_sd**2
+            if shoes.cameras:
+                foot, scale_variance = (
+                    replace(foot, gyro_noise=parameters.scaled_gyro_noise),
+                    parameters.gyro_scale_sd**2,
+                )
         self._foot_parameters = tuple(for_sensor(foot, shoes.imus.get(f)) for f in FEET)
         earth = np.asarray(earth_rate_in_world)
-        self._pair = blank_pair(shoes.mounts, variance, clock_variance, shoes.sonars, shoes.sonars, earth)
+        self._pair = blank_pair(
+            shoes.mounts, variance, clock_variance, scale_variance, shoes.sonars, shoes.sonars, earth
+        )
         if start is None:
             start = side_by_side(shoes, parameters) if len(shoes.imus) == 2 else {}
         for name, pose in start.items():

@@ -20,6 +20,7 @@ from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.published import published_step, relate
 from stridetwin.estimators.foot_to_foot.ranging import hear
 from stridetwin.estimators.foot_to_foot.rewind import rewind
+from stridetwin.estimators.foot_to_foot.scale import turn_by_scale
 from stridetwin.estimators.foot_to_foot.vision import UNUSED, board_in_camera, see
 from stridetwin.streams.samples import Array
 
@@ -69,7 +70,9 @@ def _compiled(sources: int) -> Callable[..., None]:
             kind, t_ns, f, row = events.kind[k], events.t_ns[k], events.foot[k], events.row[k]
             if kind == IMU:
                 memory = pair.feet[f]
-                rate, force = still_world(memory, pair.earth, events.rate[row], events.force[row])
+                rate = (1.0 - pair.scales[f]) * events.rate[row]
+                rate, force = still_world(memory, pair.earth, rate, events.force[row])
+                turn_by_scale(pair, f, rate, t_ns)
                 if parameters.published:
                     phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
                 else:

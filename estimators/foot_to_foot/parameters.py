@@ -34,7 +34,7 @@ class _Common:
         for name, value in asdict(self).items():
             if name == "foot":
                 continue
-            may_be_zero = name.startswith(("camera_", "board_", "start_"))
+            may_be_zero = name.startswith(("camera_", "board_", "start_", "gyro_", "scaled_"))
             if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and may_be_zero))):
                 valid = "a finite number ≥ 0" if may_be_zero else "a finite number > 0"
                 raise ConfigError(type(self).__name__, name, value, valid)
@@ -51,6 +51,9 @@ class FootToFootParameters(_Common):
         board_rotation_sd: rad.
         camera_clock_sd: How well a camera's clock is known, s.
         camera_clock_walk: What that loses, s/√s.
+        gyro_scale_sd: Share by which an axis of a gyro may tell too much; asked for only where a camera sees the other
+            shoe, as nothing else tells it.
+        scaled_gyro_noise: Takes the place of `foot.gyro_noise` there, which stands for errors of scale, rad/s/√Hz.
         sighting_correlation_s: How long a sighting's error lasts: sightings within this time share it, s.
         max_frame_s: A sighting speaks for no more time than this, s.
         max_sighting_surprise: Innovation of a sighting, in standard deviations, beyond which it is trusted less.
@@ -65,6 +68,8 @@ class FootToFootParameters(_Common):
     board_rotation_sd: float = 0.005
     camera_clock_sd: float = 0.005
     camera_clock_walk: float = 1e-4
+    gyro_scale_sd: float = 0.003
+    scaled_gyro_noise: float = 0.001
     sighting_correlation_s: float = 1.0
     max_frame_s: float = 0.05
     max_sighting_surprise: float = 4.5

@@ -7,6 +7,7 @@ import pytest
 from foot_motion import ADIS16485, Walk, walk
 
 from stridetwin.estimators.foot_ins import FootIns, StartPose
+from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.streams.samples import Array
 
 EXACT = replace(ADIS16485, gyroscope_range=1e3, accelerometer_range=1e4)
@@ -60,3 +61,24 @@ def test_what_is_put_back_tells_nothing_of_the_heading(truth: Walk) -> None:
         unsure.trajectory.p_frame_in_world, sure.trajectory.p_frame_in_world, atol=1e-5 * truth.distance
     )
     assert unsure.trajectory.covariance[-1, 5, 5] > 0.99 * 0.5**2
+
+
+@pytest.mark.parametrize(("axis", "share"), [(2, 0.5), (2, 0.0), (0, 0.5)])
+def test_a_landing_hides_a_share_of_the_range_upwards_and_of_nothing_else(axis: int, share: float) -> None:
+    still, hit, limit = walk(strides=1), 150, 49.0
+    force = still.imu.columns["specific_force"][:200].copy()
+    force[hit : hit + 2, axis] = limit
+    imu = replace(
+        still.imu,
+        t_ns=still.imu.t_ns[:200],
+        columns={"angular_rate": still.imu.columns["angular_rate"][:200], "specific_force": force},
+    )
+    calibration = replace(EXACT, accelerometer_range=limit)
+
+    def speed(excess: float) -> Array:
+        nothing_stands = FootInsParameters(still_velocity=1e6, rest_level=0.0, impact_excess=excess)
+        return FootIns(calibration, parameters=nothing_stands).run(imu).v_imu_in_world[hit + 5]
+
+    np.testing.assert_allclose(
+        speed(share) - speed(0.0), [0.0, 0.0, share * limit * 2 / 120.0 * (axis == 2)], atol=1e-3
+    )
