@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators import foot_ins
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.clipping import hides
-from stridetwin.estimators.foot_ins.kernel import digest_of_sources, note_pose_covariance, step
+from stridetwin.estimators.foot_ins.kernel import digest_of_sources, note_pose_covariance, possible, step
 from stridetwin.estimators.foot_ins.memory import ATTITUDE, IGNORED, VELOCITY, Memory
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_to_foot.memory import IMU, RELATIVE, SIGHTING, Events, Pair, inject_all
@@ -72,7 +72,8 @@ def _compiled(sources: int) -> Callable[..., None]:
                 memory = pair.feet[f]
                 rate = (1.0 - pair.scales[f]) * events.rate[row]
                 rate, force = still_world(memory, pair.earth, rate, events.force[row])
-                turn_by_scale(pair, f, rate, t_ns)
+                if possible(rate, force):
+                    turn_by_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
                 if parameters.published:
                     phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
                 else:

@@ -16,7 +16,7 @@ from stridetwin.streams.samples import Array
 
 
 @njit
-def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int) -> None:
+def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
     """Lets the scale's error act on the attitude's over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
 
     Args:
@@ -24,11 +24,12 @@ def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int) -> None:
         foot: Whose gyro.
         rate: (3,) rad/s, sensor frame.
         t_ns: Of the sample.
+        max_gap_s: After a longer gap the foot is found anew, and nothing is done here.
     """
     memory = pair.feet[foot]
     dt = (t_ns - memory.clock[T_LAST]) * 1e-9
     s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
-    if memory.clock[PHASE] != TRACKING or not dt > 0.0 or pair.covariance[s, s] == 0.0:
+    if memory.clock[PHASE] != TRACKING or not 0.0 < dt <= max_gap_s or pair.covariance[s, s] == 0.0:
         return
     D = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4]) * (rate * dt)
     _turned(pair.covariance, a, s, D)

@@ -21,7 +21,7 @@ from stridetwin.streams.samples import Array
 def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(foot: int) -> None:
     parameters = for_sensor(FootInsParameters(still_velocity=1e6, rest_level=0.0), None)
     gravity = np.array([0.0, 0.0, parameters.gravity])
-    rates = np.random.default_rng(1).normal(0.0, 3.0, (30, 3))
+    rates = np.random.default_rng(1).normal(4.0, 3.0, (30, 3))
     arms, mounts = np.zeros((2, 3)), np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
 
     def turned(scale: Array, variance: float) -> tuple[Rotation, Array]:
@@ -32,7 +32,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
         pair.covariance[:, :SCALES] = 0.0
         for k, rate in enumerate(rates, 40):
             scaled = (1.0 - scale) * rate
-            turn_by_scale(pair, foot, scaled, k * 8_000_000)
+            turn_by_scale(pair, foot, scaled, k * 8_000_000, parameters.max_gap_s)
             step(pair.feet[foot], parameters, k * 8_000_000, scaled, gravity)
         a, s = STATES * foot + D_ATTITUDE, SCALES + 3 * foot
         q = pair.feet[foot].nominal[ATTITUDE : ATTITUDE + 4]
@@ -43,25 +43,25 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
     for axis in range(3):
         moved, _ = turned(1e-5 * np.eye(3)[axis], tiny)
         derivative = (moved * base.inv()).as_rotvec() / 1e-5
-        np.testing.assert_allclose(covariance[:, axis] / tiny, derivative, atol=0.02)
-        assert np.linalg.norm(derivative) > 0.05
+        np.testing.assert_allclose(covariance[:, axis] / tiny, derivative, atol=0.03)
+        assert np.linalg.norm(derivative) > 0.5
 
 
 def test_a_gyro_that_tells_too_much_is_found_where_the_other_shoe_is_seen() -> None:
-    simulation = Simulation(Setup(walk=SteadyWalk(strides=12)))
+    simulation = Simulation(Setup(walk=SteadyWalk(strides=40)))
     rng = np.random.default_rng(5)
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
     for foot in "lr":
         imus[foot].columns["angular_rate"][:] *= 1.004
-    ends, found = {}, {}
+    ends, found = {}, {}  # errors along the way
     for sd in (0.003, 0.0):
         estimator = FootToFoot(
             simulation.rig, start=simulation.start(), parameters=FootToFootParameters(gyro_scale_sd=sd)
         )
         paths = estimator.run(imus, aids)
         found[sd] = estimator._pair.scales.copy()
-        ends[sd] = max(np.linalg.norm(simulation.end_error(f, paths[f].trajectory.p_frame_in_world[-1])) for f in "lr")
+        ends[sd] = max(abs(simulation.end_error(f, paths[f].trajectory.p_frame_in_world[-1])[0]) for f in "lr")
     pitch = np.argmax(np.abs(imus["l"].columns["angular_rate"]).mean(axis=0))
     np.testing.assert_allclose(found[0.003][:, pitch], 0.004, atol=0.002)
     assert not found[0.0].any()
-    assert ends[0.003] < 0.6 * ends[0.0]
+    assert ends[0.003] < 0.5 * ends[0.0]
