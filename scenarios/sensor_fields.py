@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, pair, suggest, triple
+from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.fitting import KIND, Clock, Fitting, ShoeMount
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
@@ -51,7 +52,7 @@ class Sensors:
 def sensors(node: object, where: Where) -> Sensors:
     """A list of groups, or a mapping of groups to a part, to options, or to `true` or `false`.
 
-    Groups that a list does not name are off; groups that a mapping does not name are as they are without it.
+    Groups that a list does not name are off; groups that a mapping does not name are as `TwinConfig` has them.
     """
     if not isinstance(node, dict):
         groups = _NAMES(node, where)
@@ -63,7 +64,7 @@ def sensors(node: object, where: Where) -> Sensors:
         name: _fitting(name, value, where.key(name)) for name, value in node.items() if not isinstance(value, bool)
     }
     return Sensors(
-        groups=tuple(g for g in KIND if node.get(g, True) is not False),
+        groups=tuple(g for g in KIND if node.get(g, g in TwinConfig.sensors) is not False),
         asked={name: where.key(name).path for name, value in node.items() if value is not False},
         fittings=fittings,
     )

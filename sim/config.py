@@ -244,7 +244,7 @@ class TwinConfig:
     Attributes:
         exo: The exoskeleton; None for a person without it, and then without its sensors.
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
-            actuator, head_imu, head_camera.
+            actuator, head_imu, head_camera; and exo_imu, off by default: what the AHRSs' inertial sensors measure.
         fittings: Which groups have another part, rate or clock than the standard one.
         rig_mount: `head` or `chest`: where the RGB-D camera sits.
         ideal: Noise-free sensors on rigid shoes.

@@ -46,8 +46,9 @@ R_DH_BODY = {
 }
 """Body axes (columns) in the axes of the D-H frame on that body."""
 
-# Table 1 of the paper, in the order and with the signs of EXO_LEG_JOINTS
-RANGE_RAD = np.radians(np.array([[-30.0, 20], [-20, 20], [-25, 110], [-10, 110], [-20, 20], [-10, 10]]))
+# Table 1 of the paper, in the order and with the signs of EXO_LEG_JOINTS; but its ankle has ±20 deg of dorsiflexion,
+# where a wearer on stairs uses -36 to 38: a stop within that range would turn the frame's foot off the shoe
+RANGE_RAD = np.radians(np.array([[-30.0, 20], [-20, 20], [-25, 110], [-10, 110], [-50, 45], [-10, 10]]))
 
 HOLE_SPACING_M = 0.010  # links are set in holes: the fit to a person is never perfect
 _HIP_ARM_M = 0.080  # L_hip3: the arm rises over the greater trochanter, and comes down to the hip's axis
@@ -210,7 +211,7 @@ def couplings(size: Wearer) -> list[Coupling]:
                 name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}",
                 p_in_exo=p_heel - p_holder, p_in_body=p_heel,
                 stiffness=np.diag([15e3, 15e3, 15e3]), damping=np.diag([80.0, 80.0, 80.0]),
-                turn_stiffness=np.diag([60.0, 40.0, 60.0]), turn_damping=np.diag([0.3, 0.6, 0.3]),
+                turn_stiffness=np.diag([120.0, 160.0, 120.0]), turn_damping=np.diag([0.5, 1.0, 0.5]),
             )
         )  # fmt: skip
     return made

@@ -47,6 +47,7 @@ class _Stream:
 
 def _streams(rig: Rig) -> Iterator[_Stream]:
     case = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
+    case |= {t.replace("/ahrs", "/imu"): t for t, other in rig.others.items() if other.kind == "ahrs"}
     for t, c in rig.imus.items():
         yield _Stream(topic=t, kind=Imu, part=c.part, body=c.mount.body, housing=case.get(t, t))
     for t, camera in rig.cameras.items():

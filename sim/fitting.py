@@ -15,6 +15,7 @@ KIND = {
     "sonar": "sonar",
     "insole": "force_cell",
     "ahrs": "ahrs",
+    "exo_imu": "imu",
     "encoder": "encoder",
     "interaction": "force_cell",
     "actuator": "actuator",
@@ -29,6 +30,7 @@ STANDARD = {
     "sonar": "SRF08",
     "insole": "FlexiForce-A401",
     "ahrs": "MW-AHRSv1",
+    "exo_imu": "MW-AHRSv1-imu",
     "encoder": "AMT203",
     "interaction": "FlexiForce-A301",
     "actuator": "actuation-module",
@@ -37,7 +39,7 @@ STANDARD = {
 }
 """The part of each group where nothing else is asked for; the back's AHRS is `STANDARD_BACK_AHRS`."""
 
-STANDARD_BACK_AHRS = "3DM-GX4-25"
+STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
 
 
 @dataclass(frozen=True, kw_only=True)

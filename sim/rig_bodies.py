@@ -39,8 +39,9 @@ def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
     for topic, camera in rig.cameras.items():
         shown.append(("rgbd_camera" if camera.depth_topic else "shoe_camera", topic, camera.mount))
     shown += [("checkerboard", "", board.mount) for board in rig.boards.values()]
-    depth_imus = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
-    shown += [("imu_pod", topic, imu.mount) for topic, imu in rig.imus.items() if topic not in depth_imus]
+    inside = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
+    inside |= {topic for topic, imu in rig.imus.items() if imu.mount.body.startswith("exo_")}  # of an AHRS
+    shown += [("imu_pod", topic, imu.mount) for topic, imu in rig.imus.items() if topic not in inside]
     shown += [("sonar_pod", topic, s.mount) for topic, s in rig.others.items() if s.kind == "range"]
     for i, (leaf, topic, mount) in enumerate(shown):
         yield f"rig_{i}_{leaf}", leaf, topic, mount

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from stridetwin.sim.actuation import modules
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, Clock, Fitting, ShoeMount, part_of
+from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Fitting, ShoeMount, part_of
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
 from stridetwin.sim.parts.told import TOLD
 from stridetwin.streams.errors import ConfigError
@@ -23,7 +23,7 @@ from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mou
 from stridetwin.streams.samples import Array
 
 GROUPS = tuple(KIND)
-EXO_GROUPS = ("ahrs", "encoder", "interaction", "actuator")
+EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")
 _DEG = math.pi / 180
 _WALK_S = 100.0
 
@@ -32,6 +32,7 @@ FOOT_CAMERA = ShoeMount(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG,
 FOOT_BOARD = ShoeMount(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
 RGBD_PITCH_RAD = 25 * _DEG
 _RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
+_AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
 # D455 data sheet: the IMU relative to the imagers, optical axes.
 _P_IMU_IN_RGBD = (-0.0302, 0.0074, 0.0160)
 
@@ -111,8 +112,8 @@ def _fit(config: TwinConfig, group: str, standard: str | None = None) -> tuple[A
     return real, told, config.fittings.get(group, Fitting())
 
 
-def _imu(config: TwinConfig, group: str, topic: str, mount: Mount) -> WornSensor:
-    part, told, fitting = _fit(config, group)
+def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | None = None) -> WornSensor:
+    part, told, fitting = _fit(config, group, standard)
     return WornSensor(group=group, told=_told_imu(topic, told, mount), part=part, fitting=fitting)
 
 
@@ -254,10 +255,16 @@ def _insoles(config: TwinConfig) -> Iterator[WornSensor]:
 
 
 def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
-    places = ["back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES)]
-    for place in places:
+    for place in _AHRS_PLACES:
         standard = STANDARD_BACK_AHRS if place == "back" else None
         yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
+
+
+def _exo_imus(config: TwinConfig) -> Iterator[WornSensor]:
+    """What the inertial sensors inside the AHRSs measure by themselves."""
+    for place in _AHRS_PLACES:
+        standard = STANDARD_BACK_IMU if place == "back" else None
+        yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
 
 
 def _encoders(config: TwinConfig) -> Iterator[WornSensor]:
@@ -294,6 +301,7 @@ _SENSORS = {
     "sonar": _sonars,
     "insole": _insoles,
     "ahrs": _ahrs,
+    "exo_imu": _exo_imus,
     "encoder": _encoders,
     "interaction": _interactions,
     "actuator": _actuators,

@@ -159,8 +159,8 @@ class Controller:
             self._believed * self._M, h, wanted, self._weight, self.driven, self.free, data.cdof,
             data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat,
             self._bodies, self._local, self._point_chain, self._feet, self._foot_chain, touching,
-            plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i], plan.w_foot[i],
-            plan.a_foot[i], plan.dw_foot[i], shift.foot, gains.foot, self._push, self._assist,
+            plan.price[i], plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i],
+            plan.w_foot[i], plan.a_foot[i], plan.dw_foot[i], shift.foot, gains.foot, self._push, self._assist,
         )  # fmt: skip
         return _limited(torque, self.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
 
@@ -199,8 +199,9 @@ def _step(
     M: Array, h: Array, wanted: Array, weight: Array, driven: NDArray[np.int64], free: NDArray[np.int64], cdof: Array,
     cdof_dot: Array, cvel: Array, centre: Array, qvel: Array, xpos: Array, xmat: Array, bodies: NDArray[np.int64],
     local: Array, point_chain: NDArray[np.bool_], feet: NDArray[np.int64], foot_chain: NDArray[np.bool_],
-    touching: NDArray[np.bool_], share: Array, R_sole: Array, p_foot: Array, R_foot: Array, v_foot: Array,
-    w_foot: Array, a_foot: Array, dw_foot: Array, moved: Array, gains: FootGains, push: Array, assist: Array,
+    touching: NDArray[np.bool_], price: Array, share: Array, R_sole: Array, p_foot: Array, R_foot: Array,
+    v_foot: Array, w_foot: Array, a_foot: Array, dw_foot: Array, moved: Array, gains: FootGains, push: Array,
+    assist: Array,
 ) -> Array:  # fmt: skip
     """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates).
 
@@ -237,7 +238,7 @@ def _step(
                 along = R_sole[side, :, 0] if e < 2 else R_sole[side, :, 1]
                 sign = 1.0 if e % 2 == 0 else -1.0
                 edges[k, e] = R_sole[side, :, 2] + sign * gains.friction * along
-            cost[k] = gains.force / max(share[side], 0.02) ** 2
+            cost[k] = price[side, i] * gains.force / max(share[side], 0.02) ** 2
             last[k] = push[side, i]
             m += 3
             k += 1

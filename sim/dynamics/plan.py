@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.replan import Planned
-from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT
+from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_prices
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.streams.samples import Array
 
@@ -31,6 +31,8 @@ class Plan:
         a: (N, nv).
         share: (N, 2) of the load.
         touching: (N, 2, points) whether a sole point is meant to push.
+        price: (N, 2, points) what its force costs against that of others: on a foot that carries on its toes alone the
+            less, the nearer the wanted centre of pressure is.
         R_sole: (N, 2, 3, 3) ground's frame under each foot, in the air under the footprint to come: the flat foot's
             axes in the world.
         p_sole: (N, 2, 3) m, the footprint.
@@ -49,6 +51,7 @@ class Plan:
     a: Array
     share: Array
     touching: NDArray[np.bool_]
+    price: Array
     R_sole: Array
     p_sole: Array
     com: Array
@@ -100,7 +103,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
     loads = reference.loads(t)
     heading = np.mean([np.interp(t, reference.grid, reference.paths[side].heading) for side in SIDES], axis=0)
     R_way = np.stack([np.cos(heading), -np.sin(heading), np.sin(heading), np.cos(heading)], -1).reshape(-1, 2, 2)
-    touching = np.zeros((n, 2, PER_FOOT), dtype=bool)
+    touching, price = np.zeros((n, 2, PER_FOOT), dtype=bool), np.ones((n, 2, PER_FOOT))
     R_sole, p_sole = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3))
     swinging, near_edge = np.zeros((n, 2), dtype=bool), np.zeros((n, 2), dtype=bool)
     until_landing = np.zeros((n, 2))
@@ -119,9 +122,12 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
             on = (t >= step.t_touch) & (t <= step.t_off)
             touching[on, k, :HEEL_POINTS] = (pitch[on] < _ON_GROUND_RAD)[:, None]
             touching[on, k, HEEL_POINTS:] = (pitch[on] > -_ON_GROUND_RAD)[:, None]
+            toes = on & (pitch >= _ON_GROUND_RAD)
+            x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
+            price[toes, k, HEEL_POINTS:] = toe_prices(size, x)
     return Plan(
-        t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, R_sole=R_sole, p_sole=p_sole, com=com,
-        swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,
+        t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, price=price, R_sole=R_sole, p_sole=p_sole,
+        com=com, swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,
         a_foot=_rate(dp), R_foot=R, w_foot=w, dw_foot=_rate(w),
     )  # fmt: skip
 

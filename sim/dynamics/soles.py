@@ -16,6 +16,7 @@ from stridetwin.streams.samples import Array
 RADIUS_M = 0.006
 _HEEL_BLOCK_M = 0.065  # its front end carries where the heel hangs over an edge
 _TOE_SPRING_M = 0.018  # in front of it the sole curves up
+_LEAST_SHARE = 0.1  # of a foot's load on its toes that ball and tip each carry
 FRICTION = 0.9
 PER_FOOT = 8
 HEEL_POINTS = 4  # of each foot's points, the first four
@@ -47,3 +48,13 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
                 friction=[FRICTION, 0.005, 0.0001], solref=list(_SOLREF), solimp=list(_SOLIMP), priority=1,
                 gap=NEAR_M,
             )  # fmt: skip
+
+
+def toe_prices(size: Wearer, x: Array) -> Array:
+    """(N, 4) prices of force at the points of ball and toes that bring their centre of pressure to (N,) m of the foot.
+
+    Where forces are dear in inverse proportion to a share, they come out in that proportion.
+    """
+    ahead = np.array([p[0] for body, p in sole_points(size) if body == "toe"])
+    share = np.clip((x - size.shoe.toe_hinge_x) / ahead.max(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)[:, None]
+    return 0.5 / np.where(ahead > 0.0, share, 1.0 - share)

@@ -25,7 +25,9 @@ from stridetwin.sim.rotation import between, rot_y
 from stridetwin.streams.samples import Array
 
 _NEAR_EDGE_M, _NEAR_EDGE_DOWN_M = 0.004, 0.012  # a riser counts this much before and behind it
-_DORSIFLEXION_MAX_RAD = np.radians(30.0)  # where people lift the heel
+# Where people lift the heel. Uphill the ankle bears the slope as well; on stairs the bent knee slackens the calf.
+_DORSIFLEXION_MAX_RAD, _DORSIFLEXION_BY_SLOPE, _DORSIFLEXION_BENT_RAD = np.radians(22.0), 1.3, np.radians(14.0)
+_GIVE_BEFORE = 0.55  # of a step before toe-off, from when on the load is on the ball
 _GIVE = 1.25  # a heel that rises bends the knee, which leans the shank farther
 _GIVE_SMOOTHING_S, _GIVE_FADE_S = 0.03, 0.12
 
@@ -94,7 +96,8 @@ def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, 
     """Path on which the heel leaves the ground where the ankle cannot bend farther.
 
     How far the foot stands behind the body, how steep the ground is and how deep the body sinks all show in the ankle.
-    By what it would bend beyond `_DORSIFLEXION_MAX_RAD` while both feet stand, the foot turns about the toes instead.
+    By what it would bend farther than people's do, from the middle of single support on, the foot turns about the toes
+    instead.
 
     Args:
         path: Path of the foot at (N,) s.
@@ -107,11 +110,12 @@ def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, 
     toe, theta = path.toe_extension.copy(), path.pitch.copy()
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
-        both = step_time(step, after) * float(after.style.double_support)
-        # a foot that carries alone needs its heel; when it leaves it is back on its path, so that the swing stays
-        inside = ease((t[on] - step.t_off + both) / _GIVE_FADE_S + 1.0) * ease((step.t_off - t[on]) / _GIVE_FADE_S)
-        # uphill the ankle bears the slope as well: where that is too much `foot_pitch` has lifted the heel
-        beyond = np.maximum(dorsiflexion[on] - _DORSIFLEXION_MAX_RAD - max(step.slope, 0.0), 0.0)
+        late = (t[on] - step.t_off) / _GIVE_FADE_S
+        # when it leaves it is back on its path, so that the swing stays
+        inside = ease(late + _GIVE_BEFORE * step_time(step, after) / _GIVE_FADE_S + 1.0) * ease(-late)
+        bent = _DORSIFLEXION_BENT_RAD if step.arrival != "heel" else 0.0
+        limit = _DORSIFLEXION_MAX_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0) + bent
+        beyond = np.maximum(dorsiflexion[on] - limit, 0.0)
         theta[on] += inside * _GIVE * gaussian_filter1d(beyond, _GIVE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
         p[on], R[on], toe[on] = _stance(step, shoe, theta[on])
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)

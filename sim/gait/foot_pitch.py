@@ -24,6 +24,9 @@ _HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
 _USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # a fall of a step on a ramp
 _HEEL_OFF_BY_RISER, _HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 3.0, 12.0, 2.5, 1.5
 _TIPTOE_BY_RISE, _TIPTOE_BY_SLOPE = 2.4, 1.8
+# Uphill the foot behind lifts the body: its heel rises earlier and farther, by so much a radian.
+_EARLY_BY_SLOPE, _PUSH_BY_SLOPE = 3.5, 0.6
+_PUSH_OVER = 0.45  # of swing, from when on the foot is as high as without
 _FLAT_BY = 0.6  # of stance at the latest
 _PITCH_SMOOTHING_S = 0.020
 _PITCH_GRID_S = 0.004
@@ -39,11 +42,13 @@ class Arrival:
         before: (share of swing, pitch) on the way down.
         touch: Pitch at touch-down.
         flat_after: When the foot is flat, as a share of the step's duration.
+        lowering: (share of that time, share of the pitch at touch-down) on the ground.
     """
 
     before: tuple[tuple[float, float], ...]
     touch: float
     flat_after: float
+    lowering: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +73,14 @@ _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
 _LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0.60), (0.80, 0.75), (1.0, 1.0))
 _ARRIVALS = {
     "flat": Arrival(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
-    "forefoot": Arrival(before=((0.78, 0.44), (0.90, 0.48)), touch=0.36, flat_after=0.21),
-}
+    # the calf lets the heel down slowly, while the load comes onto the toes
+    "forefoot": Arrival(before=((0.78, 0.44), (0.90, 0.60)), touch=0.57, flat_after=0.26,
+                        lowering=((0.3, 0.87), (0.55, 0.66), (0.78, 0.33))),
+}  # fmt: skip
 _DEPARTURES = {
     "climb": Departure(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
-    "lower": Departure(heel_off_before=0.53, rise=_LOWERING_RISE, off=0.70,
-                       swing=((0.16, 0.92), (0.30, 0.54), (0.50, 0.22), (0.63, 0.25))),
+    "lower": Departure(heel_off_before=0.48, rise=_LOWERING_RISE, off=0.70,
+                       swing=((0.16, 0.92), (0.30, 0.60), (0.50, 0.28), (0.63, 0.28))),
 }  # fmt: skip
 
 
@@ -100,15 +107,19 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         tiptoe = _TIPTOE_BY_RISE * rise
         if b.arrival == "flat":
             tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
-        off = leave.off + _PUSH_BY_RISE * climb
+        uphill = max(a.slope, 0.0)
+        push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
+        off = leave.off + _PUSH_BY_RISE * climb + push
         flats.append((flat, a.t_off - heel_off))
-        knots += [(a.t_off + (u - 1.0) * heel_off, share * off) for u, share in leave.rise]
+        knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in leave.rise]
         # uphill the sole comes down nearly parallel to the slope: the ankle has no more room to raise the toes
-        uphill = min(max(b.slope, 0.0), -land.touch - _HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
-        knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in leave.swing]
-        knots += [(a.t_off + u * swing, angle + uphill + tiptoe) for u, angle in land.before]
+        landing = min(max(b.slope, 0.0), -land.touch - _HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
+        pushed = [push * max(1.0 - u / _PUSH_OVER, 0.0) for u, _ in leave.swing]
+        knots += [(a.t_off + u * swing, angle + tiptoe + more) for (u, angle), more in zip(leave.swing, pushed)]
+        knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in land.before]
         flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
-        knots += [(b.t_touch, land.touch + uphill + tiptoe), (flat, 0.0)]
+        touch, lasts = land.touch + landing + tiptoe, flat - b.t_touch
+        knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in land.lowering), (flat, 0.0)]
     knots.append((t_end + 10.0, 0.0))
     flats.append((flat, t_end + 10.0))
     at = np.array(knots)

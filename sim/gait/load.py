@@ -16,8 +16,10 @@ from stridetwin.streams.samples import Array
 # centre of pressure along the foot against the share of stance: x as a share of the toe hinge's x
 _TRAVEL = {
     "flat": ((0.0, 0.45), (0.15, 0.40), (0.55, 0.85), (0.86, 1.12), (1.0, 1.10)),
-    "forefoot": ((0.0, 1.08), (0.12, 1.00), (0.35, 0.45), (0.60, 0.75), (0.86, 1.12), (1.0, 1.10)),
-}
+    # under the toes until the heel is down
+    "forefoot": ((0.0, 1.34), (0.17, 1.32), (0.23, 1.06), (0.32, 0.45), (0.46, 0.60), (0.62, 0.95), (0.86, 1.06),
+                 (1.0, 1.08)),
+}  # fmt: skip
 _STANDING = 0.50
 _BALL = 0.03  # inside the borders of what touches
 _INSIDE_M = 0.003

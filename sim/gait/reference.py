@@ -40,7 +40,7 @@ _ZMP_ROUNDS = 6
 # the frame follows the last shift of the pelvis in the last round.
 _WEIGHED_ROUND = 3
 _SETTLING_ROUNDS = 2
-_HEEL_ROUNDS = (0, 1)  # after which the heels give way, as the pelvis shows how far the ankles bend
+_HEEL_ROUNDS = (0, 1, 2)  # after which the heels give way, as the pelvis shows how far the ankles bend
 _ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
 _STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone

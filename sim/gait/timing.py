@@ -19,7 +19,7 @@ from stridetwin.streams.samples import Array
 
 # Share of a step; the same share of the stride is spent on both feet. Who came down needs the time to lower the heel.
 _STAIR_DOUBLE_SUPPORT, _COME_DOWN_DOUBLE_SUPPORT = 0.18, 0.30
-_STAIR_TRANSFER = 0.85
+_STAIR_TRANSFER, _DOWN_TRANSFER = 0.85, 0.60
 _STEP_TIME = {"level": 1.0, "ramp": 1.04, "up": 1.16, "down": 1.04}
 _STAIR_STEP_S = 0.60  # at the preferred speed of 1.2 m/s
 _STAIR_SWING_MAX_S = 0.75  # who climbs more slowly stands on both feet for longer
@@ -92,7 +92,8 @@ def _styles(prints: Sequence[Place], rises: Sequence[float], durations: Array, s
         style = style_at(pace(speed, size))
         if rise:
             level = level_style(pace(speed, size))
-            style = replace(level, double_support=_STAIR_DOUBLE_SUPPORT, transfer=_STAIR_TRANSFER)
+            transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWN_TRANSFER
+            style = replace(level, double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
         if before < 0.0:
             style = replace(style, double_support=max(style.double_support, _COME_DOWN_DOUBLE_SUPPORT))
         swing = duration * (1.0 - float(style.double_support))

@@ -87,6 +87,8 @@ class AhrsPart(Part):
         heading_drift: Largest drift, rad/s.
         heading_walk: rad/√s in full motion.
         rate_noise: Standard deviation of each rate, rad/s.
+        rate_bias: Standard deviation of what its filter leaves of each rate's bias, rad/s.
+        rate_instability: How that wanders: the flat bottom of its Allan deviation, rad/s.
     """
 
     tilt_bias: float = figure("tilt_bias_deg", 0, 10, scale=DEG, ideal=0.0)
@@ -96,6 +98,9 @@ class AhrsPart(Part):
     heading_drift: float = figure("heading_drift_deg_per_min", 0, 60, scale=DEG / 60, ideal=0.0)
     heading_walk: float = figure("heading_walk_deg_per_rtmin", 0, 60, scale=DEG / math.sqrt(60), ideal=0.0, default=0.0)
     rate_noise: float = figure("rate_noise_dps", 0, 10, scale=DEG, ideal=0.0)
+    rate_bias: float = figure("rate_bias_dps", 0, 10, scale=DEG, ideal=0.0, default=0.0)
+    rate_instability: float = figure("rate_bias_instability_deg_per_h", 0, 3600, scale=DEG / 3600, ideal=0.0,
+                                     default=0.0)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,7 @@ def _ahrs(part: AhrsPart) -> Parameters:
         "heading_bias_sd_rad": part.heading_bias,
         "heading_drift_radps": part.heading_drift,
         "rate_sd_radps": part.rate_noise,
+        "rate_bias_sd_radps": math.hypot(part.rate_bias, part.rate_instability),
     }
 
 

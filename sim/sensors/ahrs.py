@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import AhrsPart
+from stridetwin.sim.sensors.wander import Wander
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Ahrs, Array, Block
@@ -26,7 +27,8 @@ class AhrsModel:
 
     Roll and pitch have a constant error and a first-order Gauss-Markov one, whose standard deviation goes from that at
     rest to that in motion with the share |ω| / 2 rad/s of full motion. The heading starts with an error, drifts at a
-    constant rate within the part's limits, and walks at random in motion.
+    constant rate within the part's limits, and walks at random in motion. The rates keep what the filter leaves of
+    their biases, which wanders.
 
     Args:
         calibration: Topic and mount.
@@ -41,11 +43,14 @@ class AhrsModel:
         self._tilt = self._keep * noise.normal(part.tilt_still, 2)[None]
         self._heading = float(noise.normal(part.heading_bias, 1)[0])
         self._drift = part.heading_drift * float(2 * noise.uniform(1)[0] - 1)
+        self._rate_bias = noise.at(0).normal(part.rate_bias, 3)
+        self._wander = Wander(np.full(3, part.rate_instability), np.zeros(3), calibration.rate_hz, noise.at(1))
 
     def read(self, body: Track) -> Block[Ahrs]:
         """Samples at the instants of the carrying body's track."""
         sensor = body.mounted(self._calibration.mount.T_body_sensor)
         white = self._noise.normal(1.0, (len(body), 6))
+        rate = sensor.w_body + self._rate_bias + self._wander.draw(len(body)) + self._part.rate_noise * white[:, 3:]
         error = self._error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])
         return Block(
             topic=self._calibration.topic,
@@ -53,7 +58,7 @@ class AhrsModel:
             t_ns=body.t_ns,
             columns={
                 "q_world_sensor": (Rotation.from_rotvec(error) * sensor.rotation).as_quat(scalar_first=True),
-                "angular_rate": sensor.w_body + self._part.rate_noise * white[:, 3:],
+                "angular_rate": rate,
             },
         )
 

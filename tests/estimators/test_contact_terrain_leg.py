@@ -107,12 +107,12 @@ def test_an_ankle_is_at_its_stop_within_the_margin():
     leg = links(EXO.legs["l"])
     q, margin = np.zeros(6), np.radians(2.0)
     assert not at_stop(leg, q, margin)
-    for joint, limit in ((4, 20.0), (5, 10.0)):
-        for sign in (-1, 1):
+    for joint, stops in ((4, (-45.0, 50.0)), (5, (-10.0, 10.0))):
+        for sign, stop in zip((-1, 1), stops):
             bent = q.copy()
-            bent[joint] = sign * np.radians(limit - 2.5)
+            bent[joint] = np.radians(stop - 2.5 * sign)
             assert not at_stop(leg, bent, margin)
-            bent[joint] = sign * np.radians(limit - 1.5)
+            bent[joint] = np.radians(stop - 1.5 * sign)
             assert at_stop(leg, bent, margin)
 
 

@@ -18,6 +18,7 @@ from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.replan import Planned, Sensed, StepReplan
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.dynamics.soles import sole_points, toe_prices
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
 from stridetwin.sim.dynamics.whole_body import contact_forces, eliminate, solve
 from stridetwin.sim.exoskeleton import couplings
@@ -353,3 +354,27 @@ def test_dynamics_without_dynamic_physics_is_refused() -> None:
     config = TwinConfig(name="still", route=Route(segments=LEVEL), sensors=(), dynamics=Dynamics(assist=True))
     with pytest.raises(ConfigError, match="still: dynamics: 'physics kinematic' is not valid"):
         Twin(config, 1)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.85])
+def test_forces_that_cost_what_toes_cost_press_where_they_are_wanted(share: float) -> None:
+    size = Twin(TwinConfig(name="toes", route=Route(segments=(Level(length_m=2.0),)), sensors=()), 1).size
+    ahead = np.array([p[0] for body, p in sole_points(size) if body == "toe"])
+    x = size.shoe.toe_hinge_x + share * ahead.max()
+    force = 1.0 / toe_prices(size, np.array([x]))[0]  # the least cost of any sum of forces
+    assert size.shoe.toe_hinge_x + force @ ahead / force.sum() == pytest.approx(x)
+    assert toe_prices(size, np.array([-1.0, 1.0])).max() < 10.0
+
+
+def test_a_simulated_foot_presses_under_its_toes_until_the_heel_is_down() -> None:
+    route = Route(segments=(Level(length_m=2.0), Stairs(risers=3, down=True), Level(length_m=1.5)))
+    twin = Twin(TwinConfig(name="down", route=route, sensors=(), physics="dynamic"), 3)
+    player, pressed = twin.player(), []
+    for side in "lr":
+        for step in (s for s in twin.walk.steps[side] if (s.mode, s.departure) == ("SD", "lower")):
+            t_ns = np.round(1e9 * (step.t_touch + np.linspace(0.09, 0.16, 20) * (step.t_off - step.t_touch)))
+            load = player.loads(t_ns.astype(np.int64), player.motion(t_ns.astype(np.int64))).feet[side]
+            pressed.append(np.median((load.cop - step.p_foot_in_world) @ step.R_world_sole[:, 0]))
+    assert twin.fell_at is None
+    assert len(pressed) == 2
+    assert min(pressed) > 0.175

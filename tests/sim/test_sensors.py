@@ -133,6 +133,13 @@ def test_an_ideal_ahrs_tells_attitude_and_rate():
     np.testing.assert_allclose(told.columns["angular_rate"], body.w_body, atol=1e-12)
 
 
+def test_the_rates_of_an_ahrs_keep_some_bias():
+    part, body = OUTFIT.sensors["/exo/thigh_l/ahrs"].part, still(np.zeros((1000, 3)))
+    models = [made(AhrsModel, "/exo/thigh_l/ahrs", Noise.of_topic(seed, "x")) for seed in range(60)]
+    means = np.array([(model.read(body).columns["angular_rate"] - body.w_body).mean(axis=0) for model in models])
+    assert means.std() == pytest.approx(part.rate_bias, rel=0.2)
+
+
 def test_the_tilt_of_an_ahrs_errs_more_in_motion_and_its_heading_drifts():
     part = OUTFIT.sensors["/exo/thigh_l/ahrs"].part
     at_rest, moving = ahrs_errors(0.0), ahrs_errors(3.0)

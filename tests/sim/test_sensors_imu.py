@@ -304,7 +304,7 @@ def test_drawing_a_wander_in_pieces_changes_nothing():
 @pytest.mark.parametrize("name", allan.parts())
 def test_every_imu_of_the_library_is_as_noisy_as_its_figures(name):
     part, counts = allan.parts()[name], np.array([1, 2, 5])
-    means = allan.means(allan.at_rest(part, 300.0, seed=1), part.rate_hz)
+    means = allan.means(allan.at_rest(part, 600.0, seed=1), part.rate_hz)
     seen, tau = allan.allan_variance(means, counts), counts * allan.SHORTEST_S
     for i, triad in enumerate(allan.TRIADS):
         white, instability, walk = allan.truth(part, triad)

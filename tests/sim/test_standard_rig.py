@@ -6,7 +6,7 @@ import pytest
 
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.fitting import Fitting
-from stridetwin.sim.rig_bodies import add_rig
+from stridetwin.sim.rig_bodies import add_rig, visible
 from stridetwin.sim.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -103,10 +103,22 @@ def test_the_chest_carries_the_same_camera():
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_a_group_can_be_left_out(group):
+    every = standard_rig(replace(CONFIG, sensors=GROUPS))
     rig = standard_rig(replace(CONFIG, sensors=tuple(g for g in GROUPS if g != group)))
     count = sum(len(g) for g in (rig.imus, rig.cameras, rig.others))
-    assert count < sum(len(g) for g in (RIG.imus, RIG.cameras, RIG.others))
+    assert count < sum(len(g) for g in (every.imus, every.cameras, every.others))
     assert bool(rig.boards) == (group != "foot_camera")
+
+
+def test_the_inertial_sensors_of_the_ahrs_are_there_when_asked_for():
+    rig = standard_rig(replace(CONFIG, sensors=("ahrs", "exo_imu")))
+    assert {t.replace("/imu", "/ahrs") for t in rig.imus} == set(rig.others)
+    for topic, imu in rig.imus.items():
+        ahrs = rig.others[topic.replace("/imu", "/ahrs")]
+        assert imu.part.startswith(ahrs.part.split(",")[0])
+        assert (imu.mount.body, imu.rate_hz) == (ahrs.mount.body, ahrs.rate_hz)
+    assert not any(topic.startswith("/exo") for topic in RIG.imus)
+    assert not list(visible(rig))  # they sit inside
 
 
 def test_unknown_groups_and_places_are_refused():
