@@ -50,7 +50,7 @@ from stridetwin.sim.config import (
     TwinConfig,
 )
 from stridetwin.sim.fault_plan import check_faults
-from stridetwin.sim.gait_checks import ASYMMETRY_MAX, GAZES, SPEED_RANGE_MPS, STAIRS
+from stridetwin.sim.gait_checks import ASYMMETRY_MAX, GAZES, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
 from stridetwin.sim.route_checks import BYSTANDERS_MAX, LANES_MAX, LIGHT_RANGE, SCENERIES, TEXTURES
@@ -220,6 +220,9 @@ _GAZE = mapping(
         "kind": Field(attribute="kind", read=one_word(GAZES)),
         "pitch_deg": Field(attribute="pitch_rad", read=number(-34, 45, scale=_DEG)),
         "yaw_deg": Field(attribute="yaw_rad", read=number(-40, 40, scale=_DEG)),
+        "sway_yaw_deg": Field(attribute="sway_yaw_rad", read=number(0, 40, scale=_DEG)),
+        "sway_pitch_deg": Field(attribute="sway_pitch_rad", read=number(0, 40, scale=_DEG)),
+        "sway_hz": Field(attribute="sway_hz", read=number(*SWAY_RANGE_HZ)),
     },
     Gaze,
 )

@@ -9,8 +9,10 @@ from functools import partial
 from pathlib import Path
 
 from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, pair, suggest, triple
+from stridetwin.sim.calibration import CalibrationSd
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.fitting import KIND, Clock, Fitting, ShoeMount
+from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
 
@@ -25,6 +27,16 @@ _CLOCK = mapping(
         "told": Field(attribute="told", read=flag),
     },
     Clock,
+)
+_CALIBRATION = mapping(
+    {
+        "rotation_deg": Field(attribute="rotation_rad", read=number(0, 5, scale=math.pi / 180)),
+        "position_mm": Field(attribute="position_m", read=number(0, 50, scale=1e-3)),
+        "intrinsics_pct": Field(attribute="intrinsics", read=number(0, 5, scale=0.01)),
+        "offset_ms": Field(attribute="offset_s", read=number(0, 50, scale=1e-3)),
+        "depth_scale_pct": Field(attribute="depth_scale", read=number(0, 5, scale=0.01)),
+    },
+    CalibrationSd,
 )
 _POSITION = Field(attribute="position_m", read=triple(number(-300, 300, scale=1e-3)), required=True)
 _DEG = math.pi / 180
@@ -92,6 +104,11 @@ def _options(group: str) -> dict[str, Field]:
     }
     if group in _CAMERAS:
         options["light"] = Field(attribute="light", read=number(0.001, 10))
+        options["exposure_ms"] = Field(attribute="exposure_s", read=number(0, 100, scale=1e-3))
+    if group == "head_imu":
+        options["strike_g"] = Field(attribute="strike", read=number(0, 5, scale=G))
+    if group == "head_camera":
+        options["calibration_sd"] = Field(attribute="calibration_sd", read=_CALIBRATION)
     if group == "foot_camera":
         options["frames"] = Field(attribute="frames", read=choice({"board": "board", "full": "full"}))
         options["mount"] = Field(attribute="mount", read=_MOUNT)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.bystanders import Crowd
+from stridetwin.sim.calibration import depth_scale
 from stridetwin.sim.crowd_bodies import pose as pose_crowd
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import CameraPart, Imager, RgbdPart
@@ -201,6 +202,7 @@ class _Camera:
             fu, _, pu, pv = told.intrinsics
             noise = Noise.of_topic(seed, told.depth_topic)
             self._depth = DepthModel((told.height, told.width), fu, (pu, pv), part.depth, noise)
+            self._scale = np.float32(depth_scale(topic, worn.fitting.calibration_sd, seed))
 
     def take(
         self, view: SensorView, data: mujoco.MjData, due: Due, T_body_frame: Array
@@ -228,7 +230,7 @@ class _Camera:
         yield Image(topic=due.topic, t_ns=due.t_ns, pixels=pixels)
         if self._depth is not None:
             grey = rgb[..., 1] if self.lens.straight else self.lens.bent(np.ascontiguousarray(rgb[..., 1]))
-            told = self._depth.picture(due.t_ns, self.lens.bent(depth, cv2.INTER_NEAREST), grey)
+            told = self._depth.picture(due.t_ns, self._scale * self.lens.bent(depth, cv2.INTER_NEAREST), grey)
             yield Depth(topic=self._told.depth_topic, t_ns=due.t_ns, depth=told)
 
     def _clean(self, rgb: Pixels) -> Pixels:

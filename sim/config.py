@@ -136,11 +136,17 @@ class Gaze:
         kind: `ahead` along the way, `terrain` down to the ground that the feet come to next, or `wandering` about.
         pitch_rad: Added to the pitch of the head, down positive.
         yaw_rad: Added to the yaw of the head, left positive.
+        sway_yaw_rad: Amplitude of a steady turning to either side, on top of all that.
+        sway_pitch_rad: Amplitude of a nodding with it, a quarter of a period behind.
+        sway_hz: How often; 2 pi times this and the amplitude is the head's highest rate, rad/s.
     """
 
     kind: str = "ahead"
     pitch_rad: float = 0.0
     yaw_rad: float = 0.0
+    sway_yaw_rad: float = 0.0
+    sway_pitch_rad: float = 0.0
+    sway_hz: float = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from stridetwin.sim.calibration import CalibrationSd
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import ideal, part
 
@@ -90,7 +91,10 @@ class Fitting:
         ideal: The part's ideal twin.
         rate_hz: Instead of the part's.
         clock: Of every sensor of the group.
+        strike: What the strikes of the heels leave of themselves, m/s²; the IMU beside the camera with depth alone.
         light: Light on the scene over what the camera is set for; cameras alone.
+        exposure_s: Instead of the camera's.
+        calibration_sd: How far what is told of it may be off; the camera with depth alone.
         frames: `board`, where the shoe cameras draw nothing but the surroundings of the other shoe's board, or `full`.
         position_m: Where a shoe's IMU sits instead, in the foot's frame: forward, outward, up.
         mount: Where a shoe's camera sits instead.
@@ -101,7 +105,10 @@ class Fitting:
     ideal: bool = False
     rate_hz: float | None = None
     clock: Clock = field(default_factory=Clock)
+    strike: float = 0.0
     light: float = 1.0
+    exposure_s: float | None = None
+    calibration_sd: CalibrationSd = field(default_factory=CalibrationSd)
     frames: str = "board"
     position_m: tuple[float, float, float] | None = None
     mount: ShoeMount | None = None
@@ -120,7 +127,9 @@ def part_of(
         standard: Name of the part where none is asked for; None takes the group's.
     """
     fitting = fittings.get(group, Fitting())
-    told = fitting.part or part(standard or STANDARD[group])
+    told: Any = fitting.part or part(standard or STANDARD[group])
     if fitting.rate_hz is not None:
         told = replace(told, rate_hz=fitting.rate_hz)
+    if fitting.exposure_s is not None:
+        told = replace(told, imager=replace(told.imager, exposure_s=fitting.exposure_s))
     return (ideal(told) if every_ideal or fitting.ideal else told), told

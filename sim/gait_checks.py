@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from stridetwin.sim.config import PATTERNS, Gait
 from stridetwin.streams.errors import ConfigError
 
@@ -11,6 +13,7 @@ STAIRS = ("step_over_step", "step_by_step")
 GAZES = ("ahead", "terrain", "wandering")
 GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
 GAZE_YAW_MAX_RAD = 0.7
+SWAY_MAX_RAD, SWAY_RANGE_HZ, SWAY_MAX_RADPS = 0.7, (0.05, 3.0), 5.0
 
 
 def check_gait(gait: Gait) -> None:
@@ -22,6 +25,9 @@ def check_gait(gait: Gait) -> None:
     slow, fast = SPEED_RANGE_MPS
     up, down = GAZE_PITCH_RANGE_RAD
     gaze, aside = gait.gaze, GAZE_YAW_MAX_RAD
+    sways = {"yaw": gaze.sway_yaw_rad, "pitch": gaze.sway_pitch_rad}
+    seldom, often = SWAY_RANGE_HZ
+    fastest = 2 * math.pi * gaze.sway_hz * max(sways.values())
     for field, value, valid, range_in_words in (
         ("pattern", gait.pattern, gait.pattern in PATTERNS, ", ".join(PATTERNS)),
         ("speed_mps", gait.speed_mps, slow <= gait.speed_mps <= fast, f"{slow}-{fast} m/s"),
@@ -32,6 +38,15 @@ def check_gait(gait: Gait) -> None:
         ("gaze.kind", gaze.kind, gaze.kind in GAZES, ", ".join(GAZES)),
         ("gaze.pitch_rad", gaze.pitch_rad, up <= gaze.pitch_rad <= down, f"{up} to {down} rad, down positive"),
         ("gaze.yaw_rad", gaze.yaw_rad, abs(gaze.yaw_rad) <= aside, f"{-aside} to {aside} rad, left positive"),
-    ):
+        *(
+            (f"gaze.sway_{axis}_rad", sway, 0.0 <= sway <= SWAY_MAX_RAD, f"0-{SWAY_MAX_RAD} rad")
+            for axis, sway in sways.items()
+        ),
+        ("gaze.sway_hz", gaze.sway_hz, seldom <= gaze.sway_hz <= often, f"{seldom}-{often} Hz"),
+        (
+            "gaze.sway_hz", gaze.sway_hz, fastest <= SWAY_MAX_RADPS,
+            f"no more than {SWAY_MAX_RADPS:g} rad/s at the most, which 2 pi times rate and amplitude are",
+        ),
+    ):  # fmt: skip
         if not valid:
             raise ConfigError("gait", field, value, range_in_words)

@@ -20,6 +20,7 @@ from stridetwin.sim.coupling import Coupling, Pose, wrench
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.rig_bodies import UPPERS
 from stridetwin.sim.rigid_tree import Tree
 from stridetwin.sim.rotation import cross, matrix_from_quat
 from stridetwin.sim.shock import UpperMotion
@@ -35,7 +36,8 @@ class Motion:
         t_ns: (N,) increasing.
         qpos: (N, nq) in MuJoCo's layout.
         tracks: Track by body name (`body.tracked`).
-        uppers: Track of the shoe's upper by name of the foot; none where the shoes are rigid.
+        uppers: Track of the shoe's upper by name of the foot; none where the shoes are rigid. Where strikes are felt
+            further up, that of the case by name of the body that it sits on.
         angle: (N,) rad by hinge name.
         speed: (N,) rad/s by hinge name.
         cuff_force: (N,) N by place (thigh_l, ...), force of the cuff on the wearer, forward positive; none without
@@ -61,8 +63,10 @@ class Motion:
     def upper_poses(self, rows: NDArray[np.int64]) -> dict[str, Array]:
         """(len(rows), 7) position (m) and quaternion of each shoe's upper in its foot's frame, by name of the foot."""
         poses = {}
-        for name, upper in self.uppers.items():
-            foot = self.tracks[name]
+        for name in UPPERS:
+            if name not in self.uppers:
+                continue
+            upper, foot = self.uppers[name], self.tracks[name]
             R_foot_world = foot.rotation[rows].inv()
             shift = R_foot_world.apply(upper.p_body_in_world[rows] - foot.p_body_in_world[rows])
             turn = (R_foot_world * upper.rotation[rows]).as_quat(scalar_first=True)

@@ -64,6 +64,28 @@ SHOE = ShoeParameters(
 """A walking shoe with the sensor clipped to it, at 1.3 m/s: `dual_foot_walk` of gaitmap's example data (MIT), both
 feet, 56 strikes of one person."""
 
+
+def case_parameters(strike: float) -> ShoeParameters:
+    """What the strikes of both heels leave of themselves in a case on head or chest: a push, mostly up, that rings out.
+
+    Pictures do not show it: 10 m/s² at 12 Hz are 2 mm.
+
+    Args:
+        strike: m/s², the largest acceleration up.
+    """
+    return ShoeParameters(
+        ring_hz=np.array([12.0, 25.0]),
+        ring_s=np.array([0.050, 0.020]),
+        ring_force=strike * np.array([[0.30, 0.20, 0.80], [0.10, 0.10, 0.40]]),
+        ring_rate=np.zeros((2, 3)),
+        impact_mps=1.0,
+        strike_sd=SHOE.strike_sd,
+        slap=0.0,
+        rock_hz=np.ones(1),
+        rock_rate=np.zeros((1, 3)),
+    )
+
+
 BEFORE_S = 0.02
 RISE_PERIODS = 0.4
 """A mode swings up within this share of its period."""

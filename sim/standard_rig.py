@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.actuation import modules
+from stridetwin.sim.calibration import told
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Fitting, ShoeMount, part_of
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
@@ -66,16 +67,20 @@ class Outfit:
     """Everything that a walk carries.
 
     Attributes:
-        rig: What estimators are told.
+        rig: Its calibration without any error.
         sensors: What there really is, by topic.
     """
 
     rig: Rig
     sensors: dict[str, WornSensor]
 
+    def told(self, seed: int) -> Rig:
+        """What estimators are told on the walk of a seed."""
+        return told(self.rig, ((t, self.sensors[t].fitting.calibration_sd) for t in self.rig.cameras), seed)
+
 
 def standard_rig(config: TwinConfig) -> Rig:
-    """What estimators are told of the rig that a walk carries; arguments and errors as `outfit`."""
+    """Calibration of the rig that a walk carries, without any error; arguments and errors as `outfit`."""
     return outfit(config).rig
 
 

@@ -162,7 +162,7 @@ def _planter(
 
 
 def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
-    """Four walls with shelves along them, tables and chests in between, wherever the way leaves room."""
+    """Four walls with shelves and posters along them, tables and chests in between, wherever the way leaves room."""
     rng = np.random.default_rng(_SEED)
     low, high = _extent(layout)
     middle, (length, width) = (low + high) / 2, high - low
@@ -179,11 +179,21 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
             size, tall = rng.uniform(0.8, 1.5), rng.uniform(0.8, 2.0)
             shelf = wall.box(size, 0.4, z, z + tall, along=u + rng.uniform(-0.2, 0.2), left=0.22 - away / 2)
             yield [Landmark(box=shelf, material=str(rng.choice(["wood", "brick", "stone"])))]
+            yield _poster(np.random.default_rng([_SEED, quarter, round(100 * (u + along))]), wall, u + 0.95, away)
     for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
         for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():
             x, y, yaw = u + rng.uniform(-0.3, 0.3), v + rng.uniform(-0.3, 0.3), rng.uniform(0, math.pi)
             at = _Frame(x=x, y=y, yaw=yaw, z=z)
             yield _table(rng, at) if rng.uniform() < 0.5 else _chest(rng, at)
+
+
+def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -> list[Landmark]:
+    """A sheet on a wall, where no shelf hides it."""
+    bottom = wall.z + rng.uniform(1.0, 1.5)
+    sheet = wall.box(
+        rng.uniform(0.4, 0.7), 0.02, bottom, bottom + rng.uniform(0.4, 0.9), along=along, left=0.015 - away / 2
+    )
+    return [Landmark(box=sheet, material="poster")]
 
 
 def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:

@@ -71,8 +71,16 @@ def plaster(rng: np.random.Generator) -> Pixels:
     return _paint(tone, (1.0, 0.96, 0.88))
 
 
+def poster(rng: np.random.Generator) -> Pixels:
+    """Printed sheets of coloured fields of 0.17 m with blots and fine dots on them."""
+    v, u = np.mgrid[0:SIZE, 0:SIZE] * 12 // SIZE
+    fields = rng.uniform(0.25, 0.9, (12, 12, 1)) * rng.uniform(0.75, 1.15, (12, 12, 3))
+    ink = _pebbles(rng, count=600, radius=(4.0, 12.0), contrast=0.25) + _pebbles(rng, 5000, (1.0, 2.5), 0.3)
+    return np.clip(255 * (fields[v, u] + ink[..., None]), 0, 255).astype(np.uint8)
+
+
 TEXTURES: dict[str, Callable[[np.random.Generator], Pixels]] = {
-    f.__name__: f for f in (concrete, wood, brick, stone, grass, leaves, plaster)
+    f.__name__: f for f in (concrete, wood, brick, stone, grass, leaves, plaster, poster)
 }
 
 _PLAIN_CONTRAST = 0.12

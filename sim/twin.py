@@ -31,7 +31,7 @@ from stridetwin.sim.playback import Playback
 from stridetwin.sim.render import FilmCamera
 from stridetwin.sim.rig_bodies import add_rig
 from stridetwin.sim.sensor_suite import SensorSuite, instants
-from stridetwin.sim.shock import SHOE, UpperMotion
+from stridetwin.sim.shock import SHOE, UpperMotion, case_parameters
 from stridetwin.sim.standard_rig import foot_imu_place, outfit
 from stridetwin.sim.straps import Straps
 from stridetwin.sim.terrain import Terrain
@@ -73,12 +73,12 @@ class Twin:
             raise ConfigError(config.name, "dynamics", f"physics {config.physics}", "no dynamics, or physics dynamic")
         self.config, self.seed = config, seed
         self.outfit = outfit(config)
-        self.rig: Rig = self.outfit.rig
+        self.rig: Rig = self.outfit.told(seed)
         self.terrain = Terrain.from_route(config.route)
         spec = mujoco.MjSpec()
         self.terrain.add_to(spec)
         self.size = add_wearer(spec, config.person, config.exo)
-        add_rig(spec, self.rig)
+        add_rig(spec, self.outfit.rig)
         add_soles(spec, self.size)
         add_bystanders(spec, config.route.bystanders)
         spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # on in the forward simulation alone
@@ -105,7 +105,7 @@ class Twin:
         other = copy(self)
         other.config = replace(self.config, sensors=sensors, fittings=fittings)
         other.outfit = outfit(other.config)
-        other.rig = other.outfit.rig
+        other.rig = other.outfit.told(self.seed)
         return other
 
     @property
@@ -124,7 +124,7 @@ class Twin:
     @cached_property
     def straps(self) -> Straps:
         """What holds the sensors, and when it slips."""
-        return Straps.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.rig)
+        return Straps.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.outfit.rig)
 
     @property
     def fell_at(self) -> float | None:
@@ -142,9 +142,25 @@ class Twin:
 
     @cached_property
     def _uppers(self) -> dict[str, UpperMotion]:
-        """What the shoes' uppers do, by name of the foot; nothing where the sensors are ideal."""
-        if self.config.ideal or not self.config.shock:
+        """What the shoes' uppers and the case above do, by name of the body; nothing where the sensors are ideal."""
+        if self.config.ideal:
             return {}
+        return {**(self._shoes() if self.config.shock else {}), **self._case()}
+
+    def _case(self) -> dict[str, UpperMotion]:
+        """How the strikes of the heels shake the case with camera and IMU."""
+        worn = self.outfit.sensors.get(f"/{self.config.rig_mount}/imu")
+        if worn is None or not worn.fitting.strike:
+            return {}
+        steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(4,)))
+        shaken = UpperMotion.of(
+            steps, np.ones_like, np.ones_like, np.zeros(3), rng, case_parameters(worn.fitting.strike)
+        )  # fmt: skip
+        return {worn.told.mount.body: shaken}
+
+    def _shoes(self) -> dict[str, UpperMotion]:
+        """What the shoes' uppers do."""
         bare, uppers = self._player({}), {}
         for i, side in enumerate(SIDES):
             foot = f"foot_{side}"
@@ -185,7 +201,7 @@ class Twin:
                     pictures = asked
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
-                        *truth.truth(self.walk, self.rig, motion, loads, after_ns, until_ns, self.straps),
+                        *truth.truth(self.walk, self.outfit.rig, motion, loads, after_ns, until_ns, self.straps),
                         *truth.of_bystanders(self.crowd, truth_ns),
                     ]
                 after_ns = until_ns

@@ -6,8 +6,8 @@ Faults of samples are those of `sim.faults`; wrong calibration and exchanged sho
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,40 +16,20 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, follow
 from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.spoilt import Samples, Spoilt
 from stridetwin.scenarios.experiments.two_feet import FEET, figures, true_start
 from stridetwin.scenarios.experiments.walks import RecordedWalk, recorded_walk
 from stridetwin.scenarios.truth import TruePath
-from stridetwin.sim.fault_plan import plan_faults
-from stridetwin.sim.faults import Fault, arrivals
 from stridetwin.sim.picture_faults import Occlusion
 from stridetwin.sim.sample_faults import ClockJump, Dropout
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
-from stridetwin.streams.samples import Array, Block, Image, Imu, Sample
+from stridetwin.streams.samples import Array, Image, Imu
 
 SCENARIO = "jao_straight_53m"
 SEEDS = range(1000, 1003)
 AT_S, LOST_S = 20.0, 10.0
 STRIKE_RANGE = 25.0  # m/s², half of what the accelerometer of an ADIS16485 can tell
-
-Samples = Iterator[Sample]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Spoilt:
-    """One thing that goes wrong.
-
-    Attributes:
-        words: What it is.
-        faults: Of the samples.
-        samples: What else becomes of them.
-        rig: What the filter is told of the rig.
-    """
-
-    words: str
-    faults: tuple[Fault, ...] = ()
-    samples: Callable[[Samples], Samples] = lambda samples: samples
-    rig: Callable[[Rig], Rig] = lambda rig: rig
 
 
 def _clipped(samples: Samples) -> Samples:
@@ -155,10 +135,8 @@ def _result(spoilt: Spoilt, walk: RecordedWalk, truth: Mapping[str, TruePath], s
     """
     rig = spoilt.rig(walk.shoes.rig)
     estimator = _Unsure(rig, true_start(truth))
-    planned = plan_faults(spoilt.faults, rig, seed, walk.shoes.duration)
-    arriving = (a.item for a in arrivals(walk.samples(), planned))
     try:
-        paths = follow(estimator, spoilt.samples(_one_by_one(arriving)))
+        paths = follow(estimator, spoilt.arriving(walk.samples(), rig, seed, walk.shoes.duration))
     except StrideTwinError as error:
         return {"error": str(error)}
     ground = [paths[f].trajectory.covariance for f in FEET]
@@ -167,11 +145,6 @@ def _result(spoilt: Spoilt, walk: RecordedWalk, truth: Mapping[str, TruePath], s
         "apart_sd_mean_m": float(np.mean(estimator.apart_sd)),
         "apart_sd_max_m": max(estimator.apart_sd),
     }
-
-
-def _one_by_one(items: Iterable[Block[Any] | Sample]) -> Samples:
-    for item in items:
-        yield from item if isinstance(item, Block) else (item,)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:

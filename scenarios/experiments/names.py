@@ -6,5 +6,9 @@ EXPERIMENT_NAMES = {
     "jao_loop_126m": "Jao et al. 2020, Table III: 126 m loop on the simulated walker, shoe cameras rendered",
     "stairs_16": "sixteen risers up and down on the simulated walker, shoe cameras rendered",
     "jao_faults": "what the filter of two feet makes of faults: cameras, IMUs, clock, mounts, exchanged shoes",
+    "zhao_closed_loop": "Zhao et al. 2023, Table V: a loop of 60 m with stairs, fifteen subjects, on head and chest",
+    "zhao_closed_loop_stress": "the same loop with plain walls, blur, heel strikes, clock and mount off",
+    "dvio_bench": "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",
+    "dvio_faults": "what the visual-inertial odometry makes of faults: depth, camera, IMU, passers-by, calibration",
     "shim_table5": "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",
 }

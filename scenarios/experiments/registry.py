@@ -11,7 +11,15 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.experiments import jao_faults, jao_simulation, jao_walk, shim_table5
+from stridetwin.scenarios.experiments import (
+    dvio_bench,
+    dvio_faults,
+    jao_faults,
+    jao_simulation,
+    jao_walk,
+    shim_table5,
+    zhao_closed_loop,
+)
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
@@ -57,6 +65,21 @@ EXPERIMENTS = {
     ),
     "shim_table5": Experiment(
         seeds=shim_table5.SEEDS, run_case=shim_table5.run_case, collect=shim_table5.collect, table=shim_table5.table
+    ),
+    **{
+        name: Experiment(
+            seeds=zhao_closed_loop.SEEDS,
+            run_case=partial(zhao_closed_loop.run_case, scenario),
+            collect=zhao_closed_loop.collect,
+            table=zhao_closed_loop.table,
+        )
+        for name, scenario in (("zhao_closed_loop", "zhao_loop"), ("zhao_closed_loop_stress", "zhao_loop_stress"))
+    },
+    "dvio_bench": Experiment(
+        seeds=dvio_bench.SEEDS, run_case=dvio_bench.run_case, collect=dvio_bench.collect, table=dvio_bench.table
+    ),
+    "dvio_faults": Experiment(
+        seeds=dvio_faults.SEEDS, run_case=dvio_faults.run_case, collect=dvio_faults.collect, table=dvio_faults.table
     ),
 }
 

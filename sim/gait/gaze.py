@@ -27,6 +27,7 @@ _HOLD_S, _HOLD_SPREAD = 1.1, 0.5  # median, and SD of its logarithm
 _YAW_SD, _YAW_MAX = np.radians(22.0), np.radians(40.0)
 _PITCH_SD, _PITCH_MIN, _PITCH_MAX = 0.24, -0.62, 0.75
 _MOVE_S, _MOVE_S_PER_RAD = 0.22, 0.32
+_SWAY_ONSET_S = 1.0  # the head is still for so long, and sways in full after as long again
 _HEAD_LIMIT_RAD = 1.0  # neck against trunk, which it nears but never passes
 _CHEST_YAW, _CHEST_PITCH = 0.22, 0.12  # of what the head does
 _CHEST_SMOOTHING_S = 0.30
@@ -73,6 +74,8 @@ def look(
         pitch = usual + away
     if gaze == Gaze():
         return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
+    yaw_sway, pitch_sway = _sway(gaze, t)
+    pitch, yaw = pitch + pitch_sway, yaw + yaw_sway
     pitch, yaw = (_HEAD_LIMIT_RAD * np.tanh((x + more) / _HEAD_LIMIT_RAD)
                   for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
     return Look(
@@ -107,6 +110,12 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
             turn += step * ease((t - now) / move)
         now, last = now + move, goal
     return turns[0], turns[1]
+
+
+def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:
+    """(N,) yaw and (N,) pitch of a head that is commanded to and fro."""
+    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
+    return gaze.sway_yaw_rad * share * np.sin(phase), -gaze.sway_pitch_rad * share * np.cos(phase)
 
 
 def _smooth(x: Array, sigma_s: float, dt: float) -> Array:

@@ -32,12 +32,19 @@ def joined(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]
             continue
         name = _GYRO.sub(_JOINED, topic)
         del result[topic], result[other]
-        result[name] = _one(name, gyro, accel)
+        result[name] = joined_at_rates(name, gyro, accel)
         notes.warn(f"{topic} and {other} are joined as {name}, the force interpolated to the stamps of the rate")
     return result
 
 
-def _one(name: str, gyro: Block[Imu], accel: Block[Imu]) -> Block[Imu]:
+def joined_at_rates(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu]:
+    """One IMU of two streams, with the force interpolated to those stamps of the rate that lie within its own.
+
+    Args:
+        name: Topic of the IMU.
+        gyro: Its rates count.
+        accel: Its forces count; two samples or more.
+    """
     order = increasing(accel.t_ns, -1)
     t, force = accel.t_ns[order], accel.columns["specific_force"][order]
     within = (gyro.t_ns >= t[0]) & (gyro.t_ns <= t[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,11 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.camera_choice import chosen_camera
 from stridetwin.streams.formats.picture_files import write_depth, write_image
-from stridetwin.streams.formats.tum_rgbd import PER_METRE
+from stridetwin.streams.formats.tum_rgbd import COLOR, DEPTH, IMU, PER_METRE
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.recorder import RIG_NAME
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Depth, Image
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.streams.tum import seconds, write_tum
@@ -21,6 +22,8 @@ from stridetwin.streams.tum import seconds, write_tum
 
 def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None = None) -> dict[str, int]:
     """Writes `rgb/`, `depth/` (5000 units a metre, up to 13.1 m) and the lists, truth and calibration of the layout.
+
+    The layout knows no gyroscope: rates and forces together go into an `imu.txt` of their own.
 
     Args:
         recording: Needs a colour camera with a registered depth stream.
@@ -50,13 +53,17 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
             for t, a in zip(block.t_ns.tolist(), block.columns["specific_force"].tolist())
         ]
         (folder / "accelerometer.txt").write_text("\n".join(["# timestamp ax ay az", *rows]) + "\n", encoding="ascii")
-        counts["accelerometer.txt"] = len(rows)
+        rates = block.columns["angular_rate"].tolist()
+        rows = [f"{t} {' '.join(map(repr, w))} {a}" for (t, a), w in zip((r.split(" ", 1) for r in rows), rates)]
+        header = "# timestamp wx wy wz ax ay az"
+        (folder / "imu.txt").write_text("\n".join([header, *rows]) + "\n", encoding="ascii")
+        counts |= {"accelerometer.txt": len(rows), "imu.txt": len(rows)}
     path = camera_path(recording, camera)
     if path is not None:
         write_tum(path, folder / "groundtruth.txt")
         counts["groundtruth.txt"] = len(path)
     (folder / "calibration.txt").write_text(" ".join(repr(float(v)) for v in camera.intrinsics) + "\n", "ascii")
-    write_rig(Rig(cameras={camera.topic: camera}, imus=_kept(recording, imu)), folder / RIG_NAME)
+    write_rig(_both_names(camera, recording.rig.imus.get(imu)), folder / RIG_NAME)
     return counts
 
 
@@ -83,8 +90,12 @@ def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory |
     )
 
 
-def _kept(recording: Recording, imu: str) -> dict:
-    return {imu: recording.rig.imus[imu]} if imu in recording.rig.imus else {}
+def _both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
+    """Camera and IMU under their own topics, and under those that a folder of this layout is read as."""
+    read_as = replace(camera, topic=COLOR, depth_topic=DEPTH, imu_topic=IMU if imu else "")
+    cameras = {c.topic: c for c in (camera, read_as)}
+    imus = {i.topic: i for i in (imu, replace(imu, topic=IMU))} if imu else {}
+    return Rig(cameras=cameras, imus=imus)
 
 
 def _write_pictures(recording: Recording, topic: str, folder: Path, name: str) -> int:

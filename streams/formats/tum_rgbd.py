@@ -1,7 +1,9 @@
 """RGB-D folders in the TUM layout: `rgb.txt`, `depth.txt`, `groundtruth.txt`, `accelerometer.txt` and the pictures.
 
 Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012. Depth PNGs hold 5000 units a metre. Poses
-are those of the colour camera's optical frame. `calibration.txt` (fx fy cx cy) is that of the ETH3D sets.
+are those of the colour camera's optical frame. `calibration.txt` (fx fy cx cy) is that of the ETH3D sets. Of the IMU
+the layout has no more than the accelerometer: rates come from `gyroscope.txt` beside it, or rates and forces from one
+`imu.txt`, whose header names its columns (wx wy wz ax ay az, in this order where there is none).
 """
 
 from __future__ import annotations
@@ -10,21 +12,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.calibrations import BODY, picture_size
 from stridetwin.streams.formats.picture_lists import read_picture_list
 from stridetwin.streams.formats.poses import odometry
+from stridetwin.streams.formats.split_imu import joined_at_rates
 from stridetwin.streams.formats.text_rows import numbers, read_text_rows
 from stridetwin.streams.imported import Notes, Pictures, Source
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
-from stridetwin.streams.samples import Accelerometer, Block, Depth
+from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Imu
 from stridetwin.streams.tum import decimal_seconds
 
 PER_METRE = 5000.0
-COLOR, DEPTH, ACCELEROMETER = "/head/color", "/head/depth", "/head/accelerometer"
+COLOR, DEPTH, ACCELEROMETER, IMU = "/head/color", "/head/depth", "/head/accelerometer", "/head/imu"
 TRUTH = "/truth/head/color/odometry"
+_RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PLAUSIBLE_M = (0.25, 15.0)
 
@@ -52,18 +57,41 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     if (path / "depth.txt").is_file():
         pictures[DEPTH] = read_picture_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
         _check_depth(pictures[DEPTH], per_metre, notes)
-    file = path / "accelerometer.txt"
-    if file.is_file():
-        _, rows = read_text_rows(file, None)
-        t_ns, table = numbers(file, rows, [("ax", 1), ("ay", 2), ("az", 3)], decimal_seconds, notes)
-        columns = {"specific_force": table}
-        blocks[ACCELEROMETER] = Block(topic=ACCELEROMETER, kind=Accelerometer, t_ns=t_ns, columns=columns)
+    blocks |= _inertial(path, notes)
     file = path / "groundtruth.txt"
     if file.is_file():
         _, rows = read_text_rows(file, None)
         t_ns, table = numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], decimal_seconds, notes)
         blocks[TRUTH] = odometry(TRUTH, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
     return Source(kind="tum", blocks=blocks, pictures=pictures, rig=_rig(path, pictures), unread={})
+
+
+def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
+    """Accelerometer and IMU, as far as there are files of them."""
+    blocks: dict[str, Block[Any]] = {}
+    force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
+    if force.is_file():
+        t_ns, table = _columns(force, _FORCE, notes)
+        columns = {"specific_force": table}
+        blocks[ACCELEROMETER] = Block(topic=ACCELEROMETER, kind=Accelerometer, t_ns=t_ns, columns=columns)
+    if both.is_file():
+        t_ns, table = _columns(both, (*_RATE, *_FORCE), notes)
+        columns = {"angular_rate": table[:, :3], "specific_force": table[:, 3:]}
+        blocks[IMU] = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns=columns)
+    elif rate.is_file() and len(blocks.get(ACCELEROMETER, ())) > 1:
+        t_ns, table = _columns(rate, _RATE, notes)
+        gyro = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table})
+        blocks[IMU] = joined_at_rates(IMU, gyro, blocks[ACCELEROMETER])
+        notes.warn("gyroscope.txt and accelerometer.txt are joined, the force interpolated to the stamps of the rate")
+    return blocks
+
+
+def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[NDArray[np.int64], Array]:
+    """Stamps (N,) ns and (N, K) columns of a file, where its header says, or in this order after the stamp."""
+    header, rows = read_text_rows(file, None)
+    told = all(name in header for name in names)
+    places = [(name, header.index(name) if told else i) for i, name in enumerate(names, 1)]
+    return numbers(file, rows, places, decimal_seconds, notes)
 
 
 def _check_depth(pictures: Pictures, per_metre: float, notes: Notes) -> None:

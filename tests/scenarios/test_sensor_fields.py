@@ -113,3 +113,18 @@ def test_what_is_wrong_is_told_with_its_place_and_what_is_valid(node, words):
 def test_the_lists_of_the_command_line_are_refused_as_before():
     with pytest.raises(ConfigError, match="every name once"):
         read(["sonar", "sonar"])
+
+
+def test_errors_of_calibration_exposure_and_strikes_are_read_in_the_units_of_files():
+    camera = {"exposure_ms": 15, "calibration_sd": {"rotation_deg": 0.2, "position_mm": 1, "intrinsics_pct": 0.1}}
+    asked = read({"head_camera": camera, "head_imu": {"strike_g": 1}})
+    sd = asked.fittings["head_camera"].calibration_sd
+    assert (sd.rotation_rad, sd.position_m, sd.intrinsics) == pytest.approx((np.radians(0.2), 1e-3, 1e-3))
+    assert (sd.offset_s, sd.depth_scale) == (0.0, 0.0)
+    assert asked.fittings["head_imu"].strike == pytest.approx(9.80665)
+    worn = fitted({"head_camera": camera})
+    assert worn.sensors["/head/color"].part.imager.exposure_s == pytest.approx(0.015)
+    with pytest.raises(ConfigError, match="calibration_sd"):
+        read({"foot_imu": {"calibration_sd": {}}})
+    with pytest.raises(ConfigError, match=r"head_camera\.calibration_sd\.rotation_deg: 9 is not valid; valid: 0-5"):
+        read({"head_camera": {"calibration_sd": {"rotation_deg": 9}}})

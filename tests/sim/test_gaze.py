@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stridetwin.sim.config import Gaze
+from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.gait.gaze import Look, look
+from stridetwin.sim.gait_checks import check_gait
 from stridetwin.sim.route import Strip
+from stridetwin.streams.errors import ConfigError
 
 LEG_M = 0.93
 PROFILE = (
@@ -61,3 +63,29 @@ def test_what_the_user_adds_turns_the_head_and_a_little_the_chest() -> None:
     assert np.mean(turned.head_pitch - plain.head_pitch) == pytest.approx(0.3, abs=0.03)
     assert np.mean(turned.head_yaw) == pytest.approx(-0.4, abs=0.03)
     assert -0.15 < np.mean(turned.chest_yaw) < -0.05
+
+
+def test_a_head_that_sways_starts_still_and_reaches_the_rate_it_is_told() -> None:
+    amplitude, hz = np.radians(9.0), 2.0
+    found, plain = looked(Gaze(sway_yaw_rad=amplitude, sway_pitch_rad=0.05, sway_hz=hz)), looked(Gaze(yaw_rad=1e-9))
+    assert np.abs(found.head_yaw[T < 1.0]).max() < 1e-6
+    rate = np.gradient(found.head_yaw, T)[T > 2.0]
+    assert np.abs(rate).max() == pytest.approx(2 * np.pi * hz * amplitude, rel=0.03)
+    nod = (found.head_pitch - plain.head_pitch)[T > 2.0]
+    assert np.ptp(nod) == pytest.approx(2 * 0.05, rel=0.03)
+    assert abs(np.corrcoef(nod, found.head_yaw[T > 2.0])[0, 1]) < 0.05  # a quarter of a period apart
+    assert np.abs(found.chest_yaw).max() < 0.01  # too quick for the trunk
+
+
+@pytest.mark.parametrize(
+    ("gaze", "field"),
+    [
+        (Gaze(sway_yaw_rad=0.71), "sway_yaw_rad"),
+        (Gaze(sway_pitch_rad=-0.1), "sway_pitch_rad"),
+        (Gaze(sway_yaw_rad=0.1, sway_hz=3.5), "sway_hz"),
+        (Gaze(sway_yaw_rad=0.7, sway_hz=2.0), "sway_hz"),
+    ],
+)
+def test_a_sway_that_no_neck_can_do_is_refused(gaze: Gaze, field: str) -> None:
+    with pytest.raises(ConfigError, match=field):
+        check_gait(Gait(gaze=gaze))

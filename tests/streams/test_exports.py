@@ -1,5 +1,7 @@
 """What is exported comes back to the format's precision, and the tools of others read it."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import open3d
@@ -133,6 +135,53 @@ def test_tum_comes_back(recording, tmp_path):
         np.testing.assert_allclose(a.depth, b.depth, atol=1e-4)
     camera = back.rig.cameras["/head/color"]
     assert camera.intrinsics == (30.0, 30.5, 15.5, 11.5)
+
+
+@pytest.mark.parametrize("place", ["head", "chest"])
+def test_a_tum_folder_feeds_visual_inertial_odometry(recording, tmp_path, place):
+    """Rates, forces, and how camera and IMU sit to each other come back, wherever they were worn."""
+    source = tmp_path / "worn.mcap"
+    told = rig()
+    if place != "head":
+        names = {"topic": f"/{place}/color", "depth_topic": f"/{place}/depth", "imu_topic": f"/{place}/imu"}
+        camera = replace(told.cameras["/head/color"], **names)
+        imu = replace(told.imu("/head/imu"), topic=f"/{place}/imu")
+        told = Rig(cameras={camera.topic: camera}, imus={imu.topic: imu})
+    with RecordingWriter(source, told, {}, depth_encoding="32FC1", jpeg_quality=None) as writer:
+        for sample in recording.samples(["/head/imu", "/head/color", "/head/depth"]):
+            writer.write(replace(sample, topic=sample.topic.replace("head", place)))
+    (tmp_path / "out").mkdir()
+    write_tum_rgbd(Recording(source), tmp_path / "out")
+    back = open_any(tmp_path / "out")
+    same_block(recording, back, "/head/imu")
+    np.testing.assert_array_equal(
+        back.block("/head/imu").columns["angular_rate"], recording.block("/head/imu").columns["angular_rate"]
+    )
+    same_mounts(recording, back)
+    camera = back.rig.cameras["/head/color"]
+    assert (camera.depth_topic, camera.imu_topic) == ("/head/depth", "/head/imu")
+    assert not back.warnings
+
+
+def test_gyroscope_and_accelerometer_of_a_tum_folder_are_joined(recording, tmp_path):
+    write_tum_rgbd(recording, tmp_path)
+    rows = [line.split() for line in (tmp_path / "imu.txt").read_text().splitlines()[1:]]
+    (tmp_path / "gyroscope.txt").write_text("\n".join(" ".join(row[:4]) for row in rows) + "\n")
+    (tmp_path / "imu.txt").unlink()
+    back = open_any(tmp_path)
+    same_block(recording, back, "/head/imu")
+    np.testing.assert_array_equal(
+        back.block("/head/imu").columns["angular_rate"], recording.block("/head/imu").columns["angular_rate"]
+    )
+    assert "joined" in back.warnings[0]
+
+
+def test_the_header_of_imu_txt_names_its_columns(recording, tmp_path):
+    write_tum_rgbd(recording, tmp_path)
+    rows = [line.split() for line in (tmp_path / "imu.txt").read_text().splitlines()[1:]]
+    swapped = ["# timestamp ax ay az wx wy wz", *(" ".join([row[0], *row[4:], *row[1:4]]) for row in rows)]
+    (tmp_path / "imu.txt").write_text("\n".join(swapped) + "\n")
+    same_block(recording, open_any(tmp_path), "/head/imu")
 
 
 def test_tum_truth_is_that_of_the_camera(recording, tmp_path):

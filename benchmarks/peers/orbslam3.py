@@ -1,0 +1,42 @@
+"""ORB-SLAM3 on RGB-D, with or without IMU: `orbslam3.py FOLDER OUT VOCABULARY SETTINGS rgbd|inertial`.
+
+What counts is where it says the camera is when the frame comes, not what its map makes of it later.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+from folder import frames, imu, row
+from pyorbslam3 import Sensor, Slam
+
+
+def main(folder: Path, out: Path, vocabulary: str, settings: str, mode: str) -> None:
+    """Writes a row a frame; unsure where it is not tracking, or where the IMU is not initialised yet."""
+    inertial = mode == "inertial"
+    slam = Slam(vocabulary, settings, Sensor.IMU_RGBD if inertial else Sensor.RGBD, use_viewer=False)
+    samples, after = imu(folder) if inertial else None, 0.0
+    last = np.eye(4)
+    with out.open("w") as file:
+        for frame in frames(folder):
+            t, extra = float(frame.stamp), {}
+            if inertial:
+                rows = samples[(samples[:, 0] > after) & (samples[:, 0] <= t)]
+                if not len(rows):
+                    continue
+                extra, after = {"imu": rows}, t
+            began = time.perf_counter()
+            told = slam.track_rgbd(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), frame.depth, t, **extra)
+            ms = 1e3 * (time.perf_counter() - began)
+            sure = bool(told.ok) and (not inertial or slam.imu_initialized())
+            last = told.pose_wc if told.ok else last
+            file.write(row(frame.stamp, sure, ms, last))
+    slam.shutdown()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:6])

@@ -1,0 +1,85 @@
+"""A small vocabulary of ORB descriptors for ORB-SLAM3 (DBoW2's text format), learnt from pictures of the twin.
+
+Its own comes apart from the wheel. A tree of means of bits (Gálvez-López & Tardós 2012): 10 branches, 4 levels, words
+weighted by the logarithm of how few pictures have them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+BRANCHES, LEVELS, ROUNDS = 10, 4, 6
+Bits = NDArray[np.float32]
+
+
+@dataclass
+class _Node:
+    centre: Bits
+    children: list[_Node] = field(default_factory=list)
+    weight: float = 0.0
+
+
+def write_vocabulary(pictures: Iterable[NDArray[np.uint8]], file: Path, rng: np.random.Generator) -> int:
+    """Learns a tree and writes it.
+
+    Args:
+        pictures: (H, W) grey.
+        file: To write.
+        rng: Draws the first centres.
+
+    Returns:
+        Number of words.
+    """
+    orb = cv2.ORB_create(nfeatures=500)
+    found = [orb.detectAndCompute(picture, None)[1] for picture in pictures]
+    each = [np.unpackbits(d, axis=1).astype(np.float32) for d in found if d is not None]
+    bits, picture = np.concatenate(each), np.repeat(np.arange(len(each)), [len(d) for d in each])
+    root = _Node(centre=np.zeros(256, np.float32))
+    _grow(root, bits, picture, len(each), 1, rng)
+    lines = [f"{BRANCHES} {LEVELS} 0 0", *_lines(root)]
+    file.write_text("\n".join(lines), encoding="ascii")  # its reader takes an empty last line for a node
+    return sum(line.split(" ", 2)[1] == "1" for line in lines[1:])
+
+
+def _grow(
+    node: _Node, bits: Bits, picture: NDArray[np.intp], pictures: int, level: int, rng: np.random.Generator
+) -> None:
+    if level > LEVELS or len(bits) <= BRANCHES:
+        node.weight = float(np.log(pictures / max(len(np.unique(picture)), 1)))
+        return
+    centres = bits[rng.choice(len(bits), BRANCHES, replace=False)]
+    for _ in range(ROUNDS):
+        nearest = _nearest(bits, centres)
+        for k in np.unique(nearest):
+            centres[k] = bits[nearest == k].mean(axis=0) > 0.5
+    nearest = _nearest(bits, centres)
+    for k in np.unique(nearest):
+        child = _Node(centre=centres[k].copy())
+        node.children.append(child)
+        own = nearest == k
+        _grow(child, bits[own], picture[own], pictures, level + 1, rng)
+
+
+def _nearest(bits: Bits, centres: Bits) -> NDArray[np.intp]:
+    """(N,) which centre has the fewest other bits."""
+    return np.asarray(np.argmin(centres.sum(axis=1) - 2.0 * bits @ centres.T, axis=1))
+
+
+def _lines(root: _Node) -> Iterator[str]:
+    """A line a node, level by level: parent, whether it is a word, its 32 bytes, its weight."""
+    level, number = [(0, root)], 0
+    while level:
+        below = []
+        for parent, node in level:
+            for child in node.children:
+                number += 1
+                below.append((number, child))
+                octets = " ".join(str(b) for b in np.packbits(child.centre.astype(np.uint8)))
+                yield f"{parent} {int(not child.children)} {octets} {child.weight:.6g}"
+        level = below

@@ -1,0 +1,70 @@
+"""Errors of a camera's calibration: what estimators are told is a little off from what is.
+
+All of them are drawn once a walk, from the seed and the camera's topic alone. The scale of a depth camera has no place
+in a rig's file, so that it is the depth itself that is off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.sim.noise import Noise
+from stridetwin.streams.rig import CameraCalibration, Rig
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationSd:
+    """Standard deviations of what a calibration has wrong; 0 throughout is a perfect one.
+
+    Attributes:
+        rotation_rad: Of the mount, about each axis of the camera.
+        position_m: Of the mount, along each axis.
+        intrinsics: Of focal lengths and centre, as a share of each.
+        offset_s: Of the time shift to the IMU.
+        depth_scale: Of measured depth, as a share of it.
+    """
+
+    rotation_rad: float = 0.0
+    position_m: float = 0.0
+    intrinsics: float = 0.0
+    offset_s: float = 0.0
+    depth_scale: float = 0.0
+
+
+def told(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
+    """What estimators are told of a rig.
+
+    Args:
+        rig: As it is.
+        sd: Topics of cameras, and how well each is calibrated.
+        seed: Of the walk.
+    """
+    off = {topic: _off(rig.cameras[topic], own, seed) for topic, own in sd if own != CalibrationSd()}
+    return replace(rig, cameras={**rig.cameras, **off}) if off else rig
+
+
+def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
+    """Measured depth over true depth, but for noise; `topic` is the camera's."""
+    return 1.0 + float(_noise(topic, "depth", seed).normal(sd.depth_scale, 1)[0])
+
+
+def _off(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalibration:
+    draw = {name: _noise(camera.topic, name, seed) for name in ("rotation", "position", "intrinsics", "offset")}
+    error = np.eye(4)
+    error[:3, :3] = Rotation.from_rotvec(draw["rotation"].normal(sd.rotation_rad, 3)).as_matrix()
+    error[:3, 3] = draw["position"].normal(sd.position_m, 3)
+    fu, fv, pu, pv = (np.array(camera.intrinsics) * (1.0 + draw["intrinsics"].normal(sd.intrinsics, 4))).tolist()
+    return replace(
+        camera,
+        mount=replace(camera.mount, T_body_sensor=camera.mount.T_body_sensor @ error),
+        intrinsics=(fu, fv, pu, pv),
+        timeshift_cam_imu_s=camera.timeshift_cam_imu_s + float(draw["offset"].normal(sd.offset_s, 1)[0]),
+    )
+
+
+def _noise(topic: str, what: str, seed: int) -> Noise:
+    return Noise.of_topic(seed, f"{topic}#calibration of {what}")

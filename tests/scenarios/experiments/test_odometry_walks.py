@@ -1,0 +1,204 @@
+"""The experiments of visual-inertial odometry, with a stand-in that knows the truth and drifts as it is told to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stridetwin.scenarios.experiments import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
+from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.odometry_walks import METHODS, SENSORS, follow, recorded, true_path
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.scenarios.truth import TruePath
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Image, Imu, Sample
+
+SHORT = """description: A few steps
+terrain:
+  - level: {length_m: 2.5}
+scenery: room
+gait: {stand_s: 0.5}
+sensors:
+  head_camera: {rate_hz: 2}
+"""
+DRIFT = {"stridetwin": 0.05, "dvio": 0.26, "vins_rgbd": 0.5, "vins_mono": 30.0}  # m over the whole walk
+
+
+@dataclass
+class Standin:
+    """Tells the truth, but for a drift that grows with time; and a loss in the middle where asked for."""
+
+    truth: TruePath
+    drift_m: float
+    lost: bool = False
+
+    def update(self, sample: Sample) -> SimpleNamespace | None:
+        if not isinstance(sample, Imu):
+            return None
+        t, span = sample.t_ns - self.truth.t_ns[0], self.truth.t_ns[-1] - self.truth.t_ns[0]
+        i = np.searchsorted(self.truth.t_ns, sample.t_ns)
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_quat(self.truth.q_world_frame[i], scalar_first=True).as_matrix()
+        T[:3, 3] = self.truth.p_frame_in_world[i] + [0.0, self.drift_m * t / span, 0.0]
+        health = "lost" if self.lost and 0.4 < t / span < 0.5 else "tracking"
+        return SimpleNamespace(t_ns=sample.t_ns, T_world_imu=T, covariance=1e-4 * np.eye(6), health=health)
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """A short walk, recorded where a case of every experiment looks for it, and its true path."""
+    folder = tmp_path_factory.mktemp("walks")
+    scenario = folder / "short.yaml"
+    scenario.write_text(SHORT, encoding="utf-8")
+    case = Case(seed=1000, folder=folder, physics="kinematic", resume=True, keep=True)
+    with recorded(replace(load_scenario(str(scenario)).config, sensors=SENSORS), case, "head") as recording:
+        truth = true_path(recording, "head")
+    return SimpleNamespace(scenario=str(scenario), case=case, truth=truth, file=case.file("_head.mcap"))
+
+
+def maker(truth: TruePath):
+    return lambda method, rig, mount: Standin(truth, DRIFT[method])
+
+
+def test_time_is_counted_from_picture_to_picture_and_the_last_word_of_an_instant_counts() -> None:
+    imu = Imu(topic="/head/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.zeros(3))
+    picture = Image(topic="/head/color", t_ns=0, pixels=np.zeros((2, 2), np.uint8))
+    samples = [sample for t in (0, 5, 10, 15) for sample in (replace(imu, t_ns=t), replace(picture, t_ns=t))]
+    told = iter(range(len(samples)))
+
+    def update(sample: Sample) -> SimpleNamespace:
+        T = np.eye(4)
+        T[0, 3] = next(told)
+        return SimpleNamespace(t_ns=sample.t_ns, T_world_imu=T, covariance=np.eye(6), health="coasting")
+
+    ride = follow(SimpleNamespace(update=update), samples)
+    assert ride.told.path.t_ns.tolist() == [0, 5, 10, 15]
+    assert ride.told.path.p_frame_in_world[:, 0].tolist() == [1, 3, 5, 7]
+    assert len(ride.frame_ms) == 3
+
+
+def test_the_closed_loop_tells_every_method_beside_the_paper(walk) -> None:
+    result = zhao_closed_loop.run_case(walk.scenario, walk.case, make=maker(walk.truth))
+    assert (result["subject"], result["mount"]) == ("zhao_i_1", "head")
+    for method in METHODS:
+        assert result["methods"][method]["loop_drift_m"] == pytest.approx(DRIFT[method], rel=0.02)
+    collected = zhao_closed_loop.collect([result])
+    summary = collected["summary"]
+    assert {m: summary[m]["failures"] for m in METHODS} == {"stridetwin": 0, "dvio": 0, "vins_rgbd": 0, "vins_mono": 1}
+    assert summary["stridetwin"]["by_mount"]["head"]["loop_drift_m"] == summary["stridetwin"]["loop_drift_m"]
+    assert summary["time_ms"]["p99"] >= summary["time_ms"]["mean"] > 0.0
+    assert collected["paper"]["dvio"]["loop_drift_m"] == pytest.approx(0.2563, abs=1e-4)
+    assert collected["paper"]["vins_mono"]["loop_drift_m"] == ">10"
+    lines = zhao_closed_loop.table({**collected, "cases": [result]})
+    assert any(line.startswith("dvio") and "0.26" in line for line in lines)
+    assert walk.file.exists()
+
+
+def test_each_subject_walks_once_with_each_mount() -> None:
+    turns = [zhao_closed_loop.who_and_where(seed) for seed in zhao_closed_loop.SEEDS]
+    assert len(set(turns)) == len(turns) == 30
+    assert {mount for _, mount in turns} == {"head", "chest"}
+    assert {zhao_closed_loop.who_and_where(seed)[1] for seed in range(30)} == {"head", "chest"}
+
+
+def test_the_bench_lays_each_sequence_beside_one_of_euroc(walk, monkeypatch) -> None:
+    names = list(dvio_bench.SEQUENCES)
+    monkeypatch.setattr(dvio_bench, "load_scenario", lambda name: load_scenario(walk.scenario))
+    walk.case.file(f"_{names[0]}.mcap").symlink_to(walk.file)
+    result = dvio_bench.run_case(walk.case, make=maker(walk.truth))
+    assert result["sequence"] == names[0]
+    collected = dvio_bench.collect([result])
+    of = collected["summary"]["dvio"]["ape_rmse_m"]
+    assert 0.01 < of[names[0]] == of["mean"] < DRIFT["dvio"] / np.sqrt(12)  # a turn takes much of it on a straight way
+    assert collected["paper"]["dvio"]["ape_rmse_m"]["mean"] == pytest.approx(0.091, abs=1e-3)
+    lines = dvio_bench.table({**collected, "cases": [result]})
+    assert len([line for line in lines if "MH_01" in line]) == 1
+    assert lines[-1].startswith("mean")
+    assert "(0.09)" in lines[-1]
+
+
+def test_ten_sequences_each_as_difficult_as_another_one_of_the_paper() -> None:
+    assert len(dvio_bench.SEQUENCES) == 10
+    assert {s.like for s in dvio_bench.SEQUENCES.values()} == set(dvio_bench.paper()["dvio"]["ape_rmse_m"]) - {"mean"}
+    for name in dvio_bench.SEQUENCES:
+        assert load_scenario(name).config.fittings["head_camera"].calibration_sd.depth_scale == pytest.approx(0.005)
+
+
+def test_faults_are_borne_or_not(walk, monkeypatch) -> None:
+    monkeypatch.setattr(dvio_faults, "load_scenario", lambda name: load_scenario(walk.scenario))
+    made = iter(range(100))
+
+    def make(method: str, rig: Rig, mount: str) -> Standin:
+        number = next(made)  # no fault, then one that drifts twice as far, and one that is lost and comes back
+        return Standin(walk.truth, {0: 0.05, 1: 0.10}.get(number, 0.3), lost=number == 2)
+
+    result = dvio_faults.run_case(walk.case, make=make)
+    summary = dvio_faults.collect([result])["summary"]
+    assert [summary[name]["borne"] for name in dvio_faults.FAULTS][:4] == [1, 1, 1, 0]
+    assert summary["depth_off_5s"]["failures"] == 1
+    assert summary["depth_off_5s"]["unhealthy_s"] > 0.1
+    lines = dvio_faults.table({"cases": [result], "summary": summary})
+    assert len(lines) == 2 + len(dvio_faults.FAULTS)
+
+
+def pictures(count: int) -> list[Sample]:
+    found: list[Sample] = []
+    for k in range(count):
+        t = 10_000_000_000 + 33_333_333 * k
+        found += [
+            Image(topic="/head/color", t_ns=t, pixels=np.full((480, 640, 3), 90, np.uint8)),
+            Depth(topic="/head/depth", t_ns=t, depth=np.full((480, 640), 3.0, np.float32)),
+        ]
+    return found
+
+
+def test_depth_gets_three_times_its_noise_and_nothing_stays_nothing() -> None:
+    depth = [s for s in pictures(5) if isinstance(s, Depth)]
+    holes = [replace(s, depth=np.where(np.arange(640) < 64, 0, s.depth)) for s in depth]
+    noisy = [s.depth for s in dvio_faults._noisier(iter(holes)) if isinstance(s, Depth)]
+    assert np.std([d[:, 64:] for d in noisy]) == pytest.approx(np.sqrt(8) * 0.004 * 9.0, rel=0.05)
+    assert all((d[:, :64] == 0).all() for d in noisy)
+
+
+def test_a_fifth_of_the_frames_is_lost_with_its_depth() -> None:
+    left = list(dvio_faults._fewer(iter(pictures(400))))
+    by_kind = [{s.t_ns for s in left if isinstance(s, kind)} for kind in (Image, Depth)]
+    assert by_kind[0] == by_kind[1]
+    assert 0.72 < len(by_kind[0]) / 400 < 0.88
+
+
+def test_the_passer_by_covers_a_third_of_the_view_and_moves() -> None:
+    seen = list(dvio_faults._passed_by(iter(pictures(90))))
+    depth = [s.depth < 2.0 for s in seen if isinstance(s, Depth)]
+    shares = [near.mean() for near in depth]
+    assert max(shares) == pytest.approx(dvio_faults.PERSON_SHARE, abs=0.02)
+    assert min(shares) > 0.2
+    columns = [np.flatnonzero(near.any(axis=0)).mean() for near in depth]
+    assert max(columns) - min(columns) > 150
+    for image, near in zip([s for s in seen if isinstance(s, Image)], depth):
+        assert (image.pixels[~near] == 90).all()
+
+
+def test_what_an_estimator_is_told_of_wrong_calibration(walk) -> None:
+    with recorded(load_scenario(walk.scenario).config, walk.case, "head") as recording:
+        rig = recording.rig
+    turned = dvio_faults.FAULTS["turned_2deg"].rig(rig).cameras["/head/color"].mount.T_body_sensor
+    R = turned[:3, :3].T @ rig.cameras["/head/color"].mount.T_body_sensor[:3, :3]
+    assert np.degrees(np.arccos((np.trace(R) - 1) / 2)) == pytest.approx(2.0, abs=1e-6)
+    late = dvio_faults.FAULTS["clock_10ms"].rig(rig).cameras["/head/color"].timeshift_cam_imu_s
+    assert late - rig.cameras["/head/color"].timeshift_cam_imu_s == pytest.approx(0.010)
+    clipped = dvio_faults.FAULTS["imu_clips"]
+    assert clipped.rig(rig).imu("/head/imu").gyroscope_range == dvio_faults.RATE_RANGE
+    hard = Imu(topic="/head/imu", t_ns=0, angular_rate=np.full(3, 2.0), specific_force=np.full(3, -15.0))
+    (soft,) = clipped.samples(iter([hard]))
+    assert soft.angular_rate.tolist() == [0.6] * 3
+    assert soft.specific_force.tolist() == [-10.0] * 3
+
+
+def test_the_methods_are_the_papers_and_ours() -> None:
+    told = set(zhao_closed_loop.paper())
+    assert set(odometry_walks.METHODS) == told | {"stridetwin"}
