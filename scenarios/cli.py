@@ -28,7 +28,16 @@ from stridetwin.scenarios.console import Console
 from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.streams.errors import StrideTwinError
 
-METHODS = ("stridetwin", "published", "zupt_relative_position", "zupt_relative_distance", "zupt")
+METHODS = (
+    "stridetwin",
+    "published",
+    "zupt_relative_position",
+    "zupt_relative_distance",
+    "zupt",
+    "dvio",
+    "vins_rgbd",
+    "vins_mono",
+)
 FORMATS = ("euroc", "tum", "rosbag2", "opensim", "table")
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 _PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
@@ -102,7 +111,7 @@ def parser() -> argparse.ArgumentParser:
         choices=tuple(ESTIMATORS),
         metavar="ESTIMATOR",
         help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars where there are any; "
-        "contact_terrain: exoskeleton",
+        "contact_terrain: exoskeleton; dvio: RGB-D camera with IMU on head or chest",
     )
     _importable(p)
     p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot of a recording (default l)")
@@ -116,7 +125,7 @@ def parser() -> argparse.ArgumentParser:
         "--method",
         choices=METHODS,
         default="stridetwin",
-        help="foot_to_foot, contact_terrain: which algorithm (default stridetwin)",
+        help="foot_to_foot, contact_terrain, dvio: which algorithm (default stridetwin)",
     )
     p.add_argument(
         "--exoskeleton", type=Path, metavar="FILE", help="contact_terrain: geometry, where the recording tells none"

@@ -28,6 +28,7 @@ ESTIMATORS = {
     "foot_ins": "path of one foot from its IMU alone (zero-velocity updates)",
     "foot_to_foot": "paths of both feet, tied together by what shoe cameras and sonars tell of each other",
     "contact_terrain": "slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
+    "dvio": "path of a head- or chest-worn RGB-D camera with IMU",
 }
 _SHOWN = {
     "end_error_m": "end m",
@@ -182,12 +183,17 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`estimate`."""
     from stridetwin.scenarios.evaluate import estimate_feet, estimate_foot, foot_filter
     from stridetwin.scenarios.imu_table import TABLES
+    from stridetwin.scenarios.odometry import estimate_odometry
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
 
     if arguments.estimator == "contact_terrain":
         return _estimate_steps(arguments, progress)
-    if arguments.estimator == "foot_to_foot":
+    if arguments.estimator == "dvio":
+        if arguments.foot or arguments.lag is not None:
+            raise StrideTwinError("--foot and --lag go with foot_ins; dvio tells one path, each pose at once")
+        paths = {arguments.output: estimate_odometry(_imported(arguments), arguments.method, progress).path}
+    elif arguments.estimator == "foot_to_foot":
         if arguments.foot:
             raise StrideTwinError("--foot goes with foot_ins; foot_to_foot writes a file for each foot")
         if arguments.lag is not None:

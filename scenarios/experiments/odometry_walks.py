@@ -15,6 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.dvio import Dvio
+from stridetwin.estimators.dvio.parameters import named
 from stridetwin.scenarios.drift import Odometry, drift_figures
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.runner import record
@@ -24,7 +26,7 @@ from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Image, Sample
+from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 METHODS = ("stridetwin", "dvio", "vins_rgbd", "vins_mono")
@@ -57,7 +59,7 @@ class Estimate(Protocol):
 class Odometer(Protocol):
     """An odometry at work."""
 
-    def update(self, sample: Sample) -> Estimate | None:
+    def update(self, sample: Imu | Image | Depth) -> Estimate | None:
         """Takes a sample in order of time."""
 
 
@@ -80,11 +82,7 @@ class Ride:
 
 def dvio(method: str, rig: Rig, mount: str) -> Odometer:
     """The odometry of a method (`METHODS`)."""
-    from stridetwin.estimators.dvio import METHODS as PARAMETERS
-    from stridetwin.estimators.dvio import Dvio
-
-    odometer: Odometer = Dvio(rig, mount=mount, parameters=PARAMETERS[method])
-    return odometer
+    return Dvio(rig, mount=mount, parameters=named(method))
 
 
 def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
@@ -93,6 +91,7 @@ def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
     frame_ms: list[float] = []
     spent = 0.0
     for sample in samples:
+        assert isinstance(sample, Imu | Image | Depth)
         if isinstance(sample, Image):
             frame_ms.append(spent)
             spent = 0.0

@@ -1,0 +1,113 @@
+"""Rotations and small products for the compiled kernels; a rotation is a matrix, its error a vector on its right."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from stridetwin.streams.samples import Array
+
+_SMALL = 1e-5  # rad; below it series serve
+
+
+@njit(error_model="numpy")
+def skew(v: Array) -> Array:
+    """(3, 3) matrix whose product with a vector is v × that vector."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+@njit(error_model="numpy")
+def mul(A: Array, B: Array) -> Array:
+    """(n, m) product of (n, k) and (k, m); quicker than BLAS where they are small."""
+    n, k, m = A.shape[0], A.shape[1], B.shape[1]
+    C = np.zeros((n, m))
+    for i in range(n):
+        for j in range(k):
+            a = A[i, j]
+            for l in range(m):
+                C[i, l] += a * B[j, l]
+    return C
+
+
+@njit(error_model="numpy")
+def rotate(R: Array, v: Array) -> Array:
+    """(3,) R v."""
+    w = np.empty(3)
+    for i in range(3):
+        w[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
+    return w
+
+
+@njit(error_model="numpy")
+def rotate_back(R: Array, v: Array) -> Array:
+    """(3,) Rᵀ v."""
+    w = np.empty(3)
+    for i in range(3):
+        w[i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+    return w
+
+
+@njit(error_model="numpy")
+def _series(v: Array, a: float, b: float, c: float) -> Array:
+    """(3, 3) a 1 + b [v]x + c [v]x²."""
+    x, y, z = v
+    M = np.empty((3, 3))
+    xx, yy, zz = x * x, y * y, z * z
+    M[0, 0], M[1, 1], M[2, 2] = a - c * (yy + zz), a - c * (xx + zz), a - c * (xx + yy)
+    M[0, 1], M[1, 0] = c * x * y - b * z, c * x * y + b * z
+    M[0, 2], M[2, 0] = c * x * z + b * y, c * x * z - b * y
+    M[1, 2], M[2, 1] = c * y * z - b * x, c * y * z + b * x
+    return M
+
+
+@njit(error_model="numpy")
+def exponential(v: Array) -> Array:
+    """(3, 3) rotation by the vector v, rad."""
+    t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    t = math.sqrt(t2)
+    if t < _SMALL:
+        return _series(v, 1.0, 1.0 - t2 / 6.0, 0.5 - t2 / 24.0)
+    return _series(v, 1.0, math.sin(t) / t, (1.0 - math.cos(t)) / t2)
+
+
+@njit(error_model="numpy")
+def logarithm(R: Array) -> Array:
+    """(3,) rotation vector of a rotation matrix, rad, of length ≤ π."""
+    v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    s = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    c = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    t = math.atan2(s, c)
+    if s > 1e-7:
+        return v * (t / s)
+    if c > 0.0:
+        return v
+    # a half turn: R = 2 a aᵀ − 1
+    k = 0
+    for i in range(1, 3):
+        if R[i, i] > R[k, k]:
+            k = i
+    a = R[:, k].copy()
+    a[k] += 1.0
+    return a * (math.pi / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]))
+
+
+@njit(error_model="numpy")
+def right_jacobian(v: Array) -> Array:
+    """(3, 3) Jr with Exp(v + d) = Exp(v) Exp(Jr d) to the first order."""
+    t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    t = math.sqrt(t2)
+    if t < 1e-4:
+        return _series(v, 1.0, -0.5 + t2 / 24.0, 1.0 / 6.0 - t2 / 120.0)
+    return _series(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
+
+
+@njit(error_model="numpy")
+def right_jacobian_inverse(v: Array) -> Array:
+    """(3, 3) inverse of `right_jacobian`, for |v| < 2π."""
+    t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    t = math.sqrt(t2)
+    if t < 1e-4:
+        return _series(v, 1.0, 0.5, 1.0 / 12.0 + t2 / 720.0)
+    return _series(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))

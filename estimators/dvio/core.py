@@ -1,0 +1,303 @@
+"""One picture after the other into the sliding window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.inertial import Inertial
+from stridetwin.estimators.dvio.live import Live, blank_live
+from stridetwin.estimators.dvio.marginal import shift
+from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Window, blank_increment, blank_window
+from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.estimators.dvio.solver import blank_work
+from stridetwin.estimators.dvio.tracker import Lens, Tracker
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration
+from stridetwin.streams.samples import Array
+
+_TAKEN_AS_TOLD = 1e-7  # standard deviation of what is not estimated
+_UNKNOWN_INVERSE_DEPTH = 0.15
+_SURE = 8.0  # standard deviations of an inverse depth that counts as measured by parallax
+_STILL_PX = 0.25  # a picture; points move so little where the camera stands
+_FEW = 8  # points; with fewer the IMU is alone
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Picture:
+    """One picture of the camera.
+
+    Attributes:
+        t_ns: On the camera's clock.
+        grey: (H, W).
+        depth: (H, W) m, 0 where none; or None.
+    """
+
+    t_ns: int
+    grey: NDArray[np.uint8]
+    depth: NDArray[np.float32] | None
+
+
+class Core:
+    """The window, what follows points into it, and the state that its newest frame leads to.
+
+    Args:
+        camera: Calibration.
+        imu: Calibration.
+        T_imu_camera: (4, 4) camera to IMU.
+        parameters: What holds for any rig.
+    """
+
+    def __init__(
+        self, camera: CameraCalibration, imu: ImuCalibration, T_imu_camera: Array, parameters: DvioParameters
+    ) -> None:
+        self.parameters, self.noise = parameters, parameters.noise(imu)
+        turn_on = [
+            max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd),
+            max(imu.accelerometer_bias_sd, parameters.accel_bias_sd),
+        ]
+        self._bias_sd = np.repeat(turn_on, 3)
+        self.inertial = Inertial(imu)
+        self.lens = Lens(camera)
+        self.terms = parameters.terms(self.lens.focal_px, self.noise)
+        self._tracker = Tracker(self.lens.shape, parameters.forward_backward_px, parameters.corner_least)
+        slots = parameters.landmark_slots
+        self._frames = parameters.keyframes + 2
+        self._work = blank_work(self._frames, slots)
+        self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s)
+        self.live: Live = blank_live()
+        self._room = blank_increment()
+        self._alive = np.zeros(slots, np.uint8)
+        self._pixels = np.zeros((slots, 2), np.float32)
+        self._newest_is_key = False
+        self.seen = 0
+
+    def imu_time(self, t_ns: int) -> int:
+        """A stamp of the camera on the IMU's clock, by what the offset is believed to be."""
+        return t_ns + round(self.window.calibration.offset[0] * 1e9)
+
+    def start(self, picture: Picture, covariance: Array) -> None:
+        """Begins a window with a picture, at what `live` says.
+
+        Args:
+            picture: The first.
+            covariance: (15, 15) of the state.
+        """
+        w, p = self.window, self.parameters
+        f, c = w.frames, w.calibration
+        self._alive[:] = 0
+        w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
+        f.held[:], f.count[0] = 0, 1
+        self._place(0, picture.t_ns, self.live)
+        f.held[0] = 1
+        f.R_first[0], f.p_first[0], f.v_first[0], f.bias_first[0] = f.R[0], f.p[0], f.v[0], f.bias[0]
+        f.moved[0] = 0.0
+        w.prior.H[:], w.prior.b[:] = 0.0, 0.0
+        sd = np.array(
+            [p.extrinsic_position_sd] * 3 + [p.extrinsic_rotation_sd] * 3 + [p.time_offset_sd, p.depth_scale_sd]
+        )
+        if not p.uses_depth:
+            sd[7] = 0.0
+        n = CALIBRATION
+        w.prior.H[range(n), range(n)] = np.maximum(sd, _TAKEN_AS_TOLD) ** -2
+        w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
+        w.prior.H[n : n + FRAME, n : n + FRAME] = np.linalg.inv(covariance)
+        self.live.covariance[:] = covariance
+        self._tracker.forget()
+        self._tracker.follow(picture.grey, np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32))
+        self._find(picture, 0)
+        self._newest_is_key = True
+        self.seen = int(self._alive.sum())
+
+    def start_covariance(self, tilt_sd: float, speed_sd: float) -> Array:
+        """(15, 15) of a state at the origin of the world.
+
+        Args:
+            tilt_sd: Of the vertical, rad.
+            speed_sd: m/s.
+        """
+        P = np.zeros((FRAME, FRAME))
+        R = self.live.R
+        P[:3, :3] = np.eye(3) * 1e-8
+        P[3:6, 3:6] = R.T @ np.diag([tilt_sd**2, tilt_sd**2, 1e-8]) @ R
+        P[6:9, 6:9] = np.eye(3) * speed_sd**2
+        P[range(9, 15), range(9, 15)] = self._bias_sd**2
+        return P
+
+    def take(self, picture: Picture, still: bool) -> None:
+        """Takes the next picture; the IMU has been heard up to its time."""
+        w, p, f = self.window, self.parameters, self.window.frames
+        before = int(f.count[0]) - 1
+        slot = before + 1 if self._newest_is_key else before
+        t_ns = self.imu_time(picture.t_ns)
+        x = self.inertial
+        foreseen = self._foreseen(before, t_ns)
+        still &= self._follow(picture, foreseen, before, slot) < _STILL_PX
+        f.count[0] = slot + 1
+        self._place(slot, picture.t_ns, foreseen)
+        f.held[slot] = 0
+        f.still_sd[slot] = p.still_speed_sd if still and p.standing else np.inf
+        kernel.integrate_into(
+            w.increments, slot - 1, x.t_ns, x.samples, x.doubt, x.count,
+            f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1], self.noise,
+        )  # fmt: skip
+        key = self._is_key(slot)
+        kernel.minimise(w, self.terms, self._work, p.keyframe_steps if key else p.steps, p.enough)
+        self._measure()
+        o = CALIBRATION + FRAME * slot
+        L = self._work.factor[o : o + FRAME, o : o + FRAME]
+        inverse = np.linalg.inv(np.tril(L))
+        self.live.covariance[:] = inverse.T @ inverse
+        self.seen = kernel.cull(w, self.terms, self._work, p.cull_sd, self._alive)
+        if key:
+            self._find(picture, slot)
+            if slot >= p.keyframes:
+                kernel.forget_oldest(w, self.terms, self._work, self._alive)
+                shift(w)
+        self._newest_is_key = key
+        s = int(f.count[0]) - 1
+        self.live.t_ns[0] = f.t_ns[s]
+        self.live.R[:], self.live.p[:], self.live.v[:], self.live.bias[:] = f.R[s], f.p[s], f.v[s], f.bias[s]
+
+    def carry(self, until_ns: int) -> None:
+        """Propagates `live` to a time that the IMU has reached."""
+        x = self.inertial
+        if until_ns > self.live.t_ns[0]:
+            kernel.carry(
+                self.live,
+                self._room,
+                x.t_ns,
+                x.samples,
+                x.doubt,
+                x.count,
+                until_ns,
+                self.noise,
+                self.parameters.gravity,
+            )
+
+    @property
+    def sound(self) -> bool:
+        """Whether the newest state can be one of a person."""
+        l = self.live
+        values = (l.p, l.v, l.bias, l.R, l.covariance)
+        return all(bool(np.isfinite(a).all()) for a in values) and bool(
+            np.linalg.norm(l.v) < 15.0 and np.abs(l.bias[:3]).max() < 0.5 and np.abs(l.bias[3:]).max() < 3.0
+        )
+
+    def _place(self, slot: int, t_ns: int, state: Live) -> None:
+        f = self.window.frames
+        f.offset[slot] = self.window.calibration.offset[0]
+        f.t_ns[slot] = self.imu_time(t_ns)
+        f.R[slot], f.p[slot], f.v[slot], f.bias[slot] = state.R, state.p, state.v, state.bias
+        f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
+        f.still_sd[slot] = np.inf
+
+    def _foreseen(self, before: int, t_ns: int) -> Live:
+        f, x = self.window.frames, self.inertial
+        state = blank_live()
+        state.t_ns[0] = f.t_ns[before]
+        state.R[:], state.p[:], state.v[:], state.bias[:] = f.R[before], f.p[before], f.v[before], f.bias[before]
+        kernel.carry(state, self._room, x.t_ns, x.samples, x.doubt, x.count, t_ns, self.noise, self.parameters.gravity)
+        return state
+
+    def _follow(self, picture: Picture, foreseen: Live, before: int, slot: int) -> float:
+        """Follows landmarks into the picture and writes what was seen into the slot; returns how far they moved, px."""
+        w, marks, p = self.window, self.window.landmarks, self.parameters
+        n = len(marks.host)
+        expected, start, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, np.uint8)
+        kernel.foresee(w, foreseen.R, foreseen.p, before, expected, start, known)
+        marks.seen[:, slot] = 0
+        ids = np.flatnonzero((self._alive > 0) & (known > 0))
+        self._alive[:] = 0
+        was = self._pixels[ids]
+        shift = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids, :2])
+        there, good = self._tracker.follow(picture.grey, was, was + shift)
+        # What moves by itself is elsewhere than the wearer's own motion and the point's depth have it.
+        off = np.linalg.norm(there - was - shift, axis=1)
+        speed_sd = float(np.sqrt(np.trace(self.live.covariance[6:9, 6:9])))
+        dt = (foreseen.t_ns[0] - w.frames.t_ns[before]) * 1e-9
+        unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
+        moved = np.linalg.norm(shift, axis=1)
+        gate = p.gate_px + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2] + unsure * (10.0 + moved)
+        fits = off < gate
+        if good.sum() >= _FEW and (good & fits).sum() < 0.5 * good.sum():
+            fits = self._agree(ids, there, good)
+        good &= fits
+        ids, there, was = ids[good], there[good], was[good]
+        told = self._depth(picture, there)
+        # So is what is at another depth, or hidden by something that came before it.
+        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - told) > p.apart_sd * p.inverse_depth_sd
+        here = ~(apart & (told > 0) & (marks.measured[ids] > 0))
+        ids, there, was, told = ids[here], there[here], was[here], told[here]
+        at = self.lens.normalised(there)
+        self._alive[ids] = 1
+        self._pixels[ids] = there
+        marks.seen[ids, slot] = 1
+        marks.at[ids, slot] = at
+        marks.told[ids, slot] = told
+        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= _FEW else np.inf
+
+    def _measure(self) -> None:
+        """Counts landmarks as measured whose depth the motion has told."""
+        marks = self.window.landmarks
+        sure = marks.inverse_depth**2 * self._work.Hl > _SURE**2
+        marks.measured[(marks.host != NO_HOST) & (self._alive > 0) & sure & (marks.seen.sum(axis=1) > 2)] = 1
+
+    def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(N,) which points one pose of the camera explains, where the foreseen one explains few."""
+        w, marks = self.window, self.window.landmarks
+        f, c = w.frames, w.calibration
+        use = good & (marks.measured[ids] > 0)
+        agree = np.zeros(len(ids), bool)
+        if use.sum() < _FEW:
+            return agree
+        h = marks.host[ids]
+        m = np.concatenate([marks.at[ids, h], np.ones((len(ids), 1))], axis=1) / marks.inverse_depth[ids][:, None]
+        points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
+        at = self.lens.normalised(there)
+        found, _, _, inliers = cv2.solvePnPRansac(
+            points[use], at[use], np.eye(3), None, iterationsCount=60,
+            reprojectionError=3.0 / self.lens.focal_px, flags=cv2.SOLVEPNP_AP3P,
+        )  # fmt: skip
+        if found and inliers is not None and len(inliers) >= _FEW:
+            agree[np.flatnonzero(use)[inliers[:, 0]]] = True
+        return agree
+
+    def _depth(self, picture: Picture, points: NDArray[np.float32]) -> Array:
+        told = np.zeros(len(points))
+        p = self.parameters
+        if picture.depth is not None and p.uses_depth and len(points):
+            kernel.read_depth(picture.depth, points, p.depth_min, p.depth_max, p.depth_edge, told)
+        return told
+
+    def _find(self, picture: Picture, slot: int) -> None:
+        """New landmarks, hosted by the slot."""
+        marks, p = self.window.landmarks, self.parameters
+        free = np.flatnonzero(marks.host == NO_HOST)
+        taken = self._pixels[self._alive > 0]
+        points = self._tracker.find(taken, min(p.landmarks - len(taken), len(free)))
+        ids = free[: len(points)]
+        told = self._depth(picture, points)
+        marks.host[ids] = slot
+        marks.seen[ids] = 0
+        marks.seen[ids, slot] = 1
+        marks.at[ids, slot] = self.lens.normalised(points)
+        marks.told[ids, slot] = told
+        marks.measured[ids] = told > 0
+        scale = self.window.calibration.scale[0]
+        marks.inverse_depth[ids] = np.where(told > 0, told / scale, _UNKNOWN_INVERSE_DEPTH)
+        self._alive[ids] = 1
+        self._pixels[ids] = points
+
+    def _is_key(self, slot: int) -> bool:
+        """Whether the newest frame tells something new against the last keyframe."""
+        p, f = self.parameters, self.window.frames
+        moved, common = kernel.parallax(self.window, slot, slot - 1)
+        return bool(
+            moved * self.lens.focal_px > p.keyframe_parallax_px
+            or common < p.keyframe_share * self.window.landmarks.seen[:, slot - 1].sum()
+            or (f.t_ns[slot] - f.t_ns[slot - 1]) * 1e-9 > p.keyframe_s
+        )

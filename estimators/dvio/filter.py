@@ -1,0 +1,213 @@
+"""The depth-enhanced visual-inertial odometry as an estimator: samples in, poses out."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import cv2
+import numpy as np
+
+from stridetwin.estimators.dvio.core import Core, Picture
+from stridetwin.estimators.dvio.estimate import COASTING, LOST, TRACKING, DvioEstimate
+from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array, Depth, Image, Imu
+
+MOUNTS = ("head", "chest")
+_HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
+_SAME_S = 0.012  # colour and depth this near are of one moment
+_BLIND_S = 3.0  # without a picture; the window then begins anew at what the IMU leads to
+_FEW = 10  # sightings of a picture
+_SLOW = 0.5  # m/s; who starts without standing moves about so fast
+_LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)  # of position, attitude, velocity and biases
+_LOST_WALK = 1.0  # m/√s; how the wearer goes on meanwhile
+_MOVING_TILT, _RESTING_TILT = 0.15, 0.03  # rad
+
+
+class Dvio:
+    """Visual-inertial odometry with depth of a camera on head or chest: causal, of constant memory, deterministic.
+
+    After Zhao et al. 2023, §II-C, and beyond it, see `DvioParameters`. It starts at once where the sensor rests, and
+    otherwise from the mean of the force. A picture is used once the IMU has reached its time and its depth is there, or
+    does not come. A sample that is not finite, of another size than told, or not later than the last one of its topic
+    is ignored.
+
+    Args:
+        rig: Calibration.
+        mount: `head` or `chest`.
+        parameters: Ours by default; `METHODS` has the published ones.
+
+    Raises:
+        ConfigError: An unknown mount.
+        StrideTwinError: The rig has no camera or IMU there.
+    """
+
+    def __init__(self, rig: Rig, *, mount: str = "head", parameters: DvioParameters | None = None) -> None:
+        if mount not in MOUNTS:
+            raise ConfigError("Dvio", "mount", mount, " or ".join(MOUNTS))
+        self._color, self._depth, self._imu = (f"/{mount}/{s}" for s in ("color", "depth", "imu"))
+        if self._color not in rig.cameras:
+            raise StrideTwinError(f"the rig has no camera {self._color!r}; it has {', '.join(rig.cameras) or 'none'}")
+        camera, imu = rig.cameras[self._color], rig.imu(self._imu)
+        T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
+        self._parameters = parameters or DvioParameters()
+        self._shape = (camera.height, camera.width)
+        self._waits = camera.depth_topic != "" and self._parameters.uses_depth
+        self._core = Core(camera, imu, T_imu_camera, self._parameters)
+        self._pictures: deque[Image] = deque(maxlen=_HELD)
+        self._depths: deque[Depth] = deque(maxlen=_HELD)
+        self._last_ns: dict[str, int] = {}
+        self._begun_ns: int | None = None
+        self._health = ""
+        self._sound_p, self._sound_R = np.zeros(3), np.eye(3)
+
+    def update(self, sample: Imu | Image | Depth) -> DvioEstimate | None:
+        """Takes one sample; returns the new estimate after one of the IMU.
+
+        None where the sample is ignored, is a picture (it waits for the IMU), or comes before the start.
+
+        Raises:
+            StrideTwinError: A sample of another topic.
+        """
+        if isinstance(sample, Imu) and sample.topic == self._imu:
+            return self._sense(sample)
+        queue: deque[Image] | deque[Depth]
+        if isinstance(sample, Image) and sample.topic == self._color:
+            fine, queue = sample.pixels.shape[:2] == self._shape, self._pictures
+        elif isinstance(sample, Depth) and sample.topic == self._depth:
+            fine, queue = sample.depth.shape == self._shape, self._depths
+        else:
+            raise StrideTwinError(
+                f"{sample.topic} is not of this odometry; it takes {self._imu}, {self._color}, {self._depth}"
+            )
+        if fine and sample.t_ns > self._last_ns.get(sample.topic, -(2**62)):
+            self._last_ns[sample.topic] = sample.t_ns
+            queue.append(sample)  # type: ignore[arg-type]
+        return None
+
+    @property
+    def time_offset_s(self) -> float:
+        """What t_imu − t_cam is believed to be, s."""
+        return float(self._core.window.calibration.offset[0])
+
+    @property
+    def depth_scale(self) -> float:
+        """What the true over the told depth is believed to be."""
+        return float(self._core.window.calibration.scale[0])
+
+    def _sense(self, sample: Imu) -> DvioEstimate | None:
+        core = self._core
+        if not core.inertial.take(sample):
+            return None
+        if self._health and core.inertial.gap_s() > self._parameters.max_gap_s:
+            self._lose()
+        while (picture := self._next()) is not None:
+            if self._health in (TRACKING, COASTING):
+                self._see(picture)
+            else:
+                self._begin(picture)
+        if not self._health:
+            return None
+        if self._health == LOST:
+            seconds = (sample.t_ns - int(core.live.t_ns[0])) * 1e-9
+            core.live.covariance[range(3), range(3)] += _LOST_WALK**2 * max(seconds, 0.0)
+            core.live.t_ns[0] = sample.t_ns
+        else:
+            core.carry(sample.t_ns)
+            if core.sound:
+                self._sound_p[:], self._sound_R[:] = core.live.p, core.live.R
+            else:
+                self._lose()
+                core.live.t_ns[0] = sample.t_ns
+        return DvioEstimate.of(core.live, self._health)
+
+    def _next(self) -> Picture | None:
+        """The oldest picture whose time the IMU has reached and whose depth is there, or will not come."""
+        if not self._pictures:
+            return None
+        image, newest = self._pictures[0], self._core.inertial.newest_ns
+        if self._core.imu_time(image.t_ns) >= newest:
+            return None
+        depth = None
+        for d in self._depths:
+            if abs(d.t_ns - image.t_ns) * 1e-9 < _SAME_S:
+                depth = d.depth
+        late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.wait_s
+        if depth is None and self._waits and not late:
+            return None
+        self._pictures.popleft()
+        while self._depths and self._depths[0].t_ns <= image.t_ns:
+            self._depths.popleft()
+        grey = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
+        return Picture(t_ns=image.t_ns, grey=np.ascontiguousarray(grey), depth=depth)
+
+    def _see(self, picture: Picture) -> None:
+        core, frames = self._core, self._core.window.frames
+        t_ns, before = core.imu_time(picture.t_ns), int(frames.t_ns[frames.count[0] - 1])
+        if t_ns <= before:
+            return
+        if (t_ns - before) * 1e-9 > _BLIND_S:
+            if core.live.t_ns[0] <= t_ns:
+                core.carry(t_ns)
+                core.start(picture, core.live.covariance.copy())
+            return
+        core.take(picture, core.inertial.still(t_ns, self._parameters))
+        self._health = TRACKING if core.seen >= _FEW else COASTING
+        if not core.sound:
+            self._lose()
+
+    def _begin(self, picture: Picture) -> None:
+        """Starts at a picture, at rest or, after a while, in motion."""
+        core, p = self._core, self._parameters
+        t_ns = core.imu_time(picture.t_ns)
+        if not core.inertial.reaches_back(t_ns - round(p.still_s * 1e9)):
+            return
+        if self._begun_ns is None:
+            self._begun_ns = t_ns
+        still = core.inertial.still(t_ns, p)
+        if not still and (t_ns - self._begun_ns) * 1e-9 < p.start_s:
+            return
+        span = p.still_s if still else p.start_s
+        mean = core.inertial.since(t_ns - round(span * 1e9), t_ns).mean(axis=0)
+        live, again = core.live, self._health == LOST
+        live.t_ns[0] = t_ns
+        live.R[:] = _upright(mean[3:], live.R if again else None)
+        live.v[:] = 0.0
+        if still:
+            live.bias[:3] = mean[:3]
+        covariance = core.start_covariance(
+            _RESTING_TILT if still else _MOVING_TILT, p.still_speed_sd if still else _SLOW
+        )
+        if again:
+            # How little is known of place and heading stays; the vertical is found anew.
+            covariance[:3, :3] = live.covariance[:3, :3]
+            up = live.R.T @ np.array([0.0, 0.0, 1.0])
+            covariance[3:6, 3:6] += np.outer(up, up) * float(up @ live.covariance[3:6, 3:6] @ up)
+        core.start(picture, covariance)
+        if core.seen < _FEW:
+            return
+        self._begun_ns, self._health = None, TRACKING
+
+    def _lose(self) -> None:
+        """Holds the last sound pose, little known, until a new start."""
+        live = self._core.live
+        self._health, self._begun_ns = LOST, None
+        self._pictures.clear()
+        live.p[:], live.R[:], live.v[:], live.bias[:] = self._sound_p, self._sound_R, 0.0, 0.0
+        live.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
+
+
+def _upright(force: Array, before: Array | None) -> Array:
+    """(3, 3) world <- IMU whose z axis is along a mean force, with the heading of a rotation before it.
+
+    Without, the world's x axis is where the IMU's z axis (a camera's line of sight) points over the ground, or its
+    negative y axis, where that looks straight down.
+    """
+    up = force / np.linalg.norm(force)
+    forward = np.array([0.0, 0.0, 1.0]) if before is None else before[0]
+    if np.linalg.norm(np.cross(up, forward)) < 0.2:
+        forward = np.array([0.0, -1.0, 0.0])
+    x = forward - up * (up @ forward)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(up, x), up])

@@ -1,0 +1,92 @@
+"""The IMU's newest samples, cleaned, and whether the sensor stands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.samples import Array, Imu
+
+_CAPACITY = 2048  # 10 s at 200 Hz; no interval between keyframes comes near
+_SATURATED = 0.995
+_MAX_RATE, _MAX_FORCE = 100.0, 1000.0  # no head moves faster
+
+
+class Inertial:
+    """A buffer of samples in order of time.
+
+    A sample that is not finite, not possible or not later than the last one is not taken. One that is at the sensor's
+    limit, or that comes after missing ones (it then stands for them, as the mean with the one before), is doubtful.
+
+    Args:
+        calibration: Rate and ranges.
+    """
+
+    def __init__(self, calibration: ImuCalibration) -> None:
+        self.t_ns = np.zeros(_CAPACITY, np.int64)
+        self.samples = np.zeros((_CAPACITY, 6))
+        self.doubt = np.zeros(_CAPACITY, np.uint8)
+        self.count = 0
+        self.period_s = 1.0 / calibration.rate_hz
+        ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
+        self._limit = np.repeat(ranges, 3) * _SATURATED
+
+    def take(self, sample: Imu) -> bool:
+        """Takes a sample; False where it is ignored."""
+        if self.count and sample.t_ns <= self.t_ns[self.count - 1]:
+            return False
+        x = np.concatenate([sample.angular_rate, sample.specific_force]).astype(float)
+        if not (np.abs(x[:3]).max() <= _MAX_RATE and np.abs(x[3:]).max() <= _MAX_FORCE):
+            return False
+        if self.count == _CAPACITY:
+            half = _CAPACITY // 2
+            for a in (self.t_ns, self.samples, self.doubt):
+                a[:half] = a[half:].copy()
+            self.count = half
+        i = self.count
+        missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > 1.7 * self.period_s
+        self.t_ns[i] = sample.t_ns
+        self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
+        self.doubt[i] = missing or bool((np.abs(x) >= self._limit).any())
+        self.count += 1
+        return True
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest sample."""
+        return int(self.t_ns[self.count - 1])
+
+    def gap_s(self) -> float:
+        """Time between the two newest samples, s."""
+        return (self.newest_ns - int(self.t_ns[self.count - 2])) * 1e-9 if self.count > 1 else 0.0
+
+    def rate_at(self, t_ns: int) -> Array:
+        """(3,) told angular rate about a time, rad/s."""
+        i = int(np.searchsorted(self.t_ns[: self.count], t_ns))
+        i = min(max(i, 1), self.count - 1)
+        share = (t_ns - self.t_ns[i - 1]) / (self.t_ns[i] - self.t_ns[i - 1])
+        # a sample is the mean over the period that ends with it
+        j = min(i + 1, self.count - 1) if share > 0.5 else max(i - 1, 0)
+        weight = abs(share - 0.5)
+        return np.asarray((1 - weight) * self.samples[i, :3] + weight * self.samples[j, :3])
+
+    def since(self, t_ns: int, until_ns: int) -> Array:
+        """(N, 6) samples within (t_ns, until_ns]."""
+        i, j = np.searchsorted(self.t_ns[: self.count], [t_ns, until_ns], side="right")
+        return self.samples[i:j]
+
+    def reaches_back(self, t_ns: int) -> bool:
+        """Whether the samples cover all from a time on."""
+        return self.count > 0 and int(self.t_ns[0]) <= t_ns
+
+    def still(self, until_ns: int, parameters: DvioParameters) -> bool:
+        """Whether the sensor stood in the last while before a time, by the scatter of its samples."""
+        start = until_ns - round(parameters.still_s * 1e9)
+        if not self.reaches_back(start):
+            return False
+        x = self.since(start, until_ns)
+        if len(x) < 0.7 * parameters.still_s / self.period_s:
+            return False
+        spread = x.std(axis=0)
+        return bool(spread[:3].max() < parameters.still_rate_sd and spread[3:].max() < parameters.still_force_sd)

@@ -1,0 +1,82 @@
+"""The compiled functions that Python calls, cached under the digest of all that is compiled into them."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+from stridetwin.estimators.dvio import algebra, factors, live, marginal, memory, pixels, preintegration, sights, solver
+
+_SOURCES = (algebra, factors, live, marginal, memory, pixels, preintegration, sights, solver)
+
+
+def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
+    """What Python calls; only these outermost functions are cached, see `foot_ins.kernel`.
+
+    Args:
+        sources: Digest, ≥ 0.
+    """
+
+    @njit(cache=True, error_model="numpy")
+    def integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        preintegration.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
+
+    @njit(cache=True, error_model="numpy")
+    def integrate_into(zs, k, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        z = preintegration.Increment(
+            zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.bias[k]
+        )
+        preintegration.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
+
+    @njit(cache=True, error_model="numpy")
+    def carry(state, z, t_ns, samples, doubt, count, end_ns, noise, gravity):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        live.carry(state, z, t_ns, samples, doubt, count, end_ns, noise, gravity)
+
+    @njit(cache=True, error_model="numpy")
+    def minimise(window, terms, work, steps, enough):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return solver.minimise(window, terms, work, steps, enough)
+
+    @njit(cache=True, error_model="numpy")
+    def forget_oldest(window, terms, work, alive):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        marginal.forget_oldest(window, terms, work, alive)
+
+    @njit(cache=True, error_model="numpy")
+    def foresee(window, R, p, before, expected, start, known):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        sights.foresee(window, R, p, before, expected, start, known)
+
+    @njit(cache=True, error_model="numpy")
+    def cull(window, terms, work, most, alive):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return sights.cull(window, terms, work, most, alive)
+
+    @njit(cache=True, error_model="numpy")
+    def parallax(window, newest, since):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return sights.parallax(window, newest, since)
+
+    @njit(cache=True, error_model="numpy")
+    def pick(grey, candidates, taken, columns, rows, apart, margin, least, wanted, out):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return pixels.pick(grey, candidates, taken, columns, rows, apart, margin, least, wanted, out)
+
+    @njit(cache=True, error_model="numpy")
+    def read_depth(depth, points, least, most, spread, told):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        pixels.read_depth(depth, points, least, most, spread, told)
+
+    return integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth
+
+
+(integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth) = _compiled(
+    zlib.crc32(b"".join(Path(str(m.__file__)).read_bytes() for m in _SOURCES))
+)

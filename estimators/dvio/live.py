@@ -1,0 +1,101 @@
+"""The newest state between pictures: propagated with each IMU sample, with its covariance."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.dvio.algebra import mul, skew
+from stridetwin.estimators.dvio.memory import FRAME, ImuNoise, Increment
+from stridetwin.estimators.dvio.preintegration import integrate
+from stridetwin.streams.samples import Array
+
+
+class Live(NamedTuple):
+    """A state and its covariance.
+
+    Attributes:
+        t_ns: (1,) on the IMU's clock.
+        R: (3, 3) world <- IMU.
+        p: (3,) m.
+        v: (3,) m/s.
+        bias: (6,) rad/s, m/s².
+        covariance: (15, 15) in the order of a frame's errors.
+    """
+
+    t_ns: NDArray[np.int64]
+    R: Array
+    p: Array
+    v: Array
+    bias: Array
+    covariance: Array
+
+
+def blank_live() -> Live:
+    """At rest at the origin, perfectly known."""
+    return Live(
+        t_ns=np.zeros(1, np.int64), R=np.eye(3), p=np.zeros(3), v=np.zeros(3), bias=np.zeros(6),
+        covariance=np.zeros((FRAME, FRAME)),
+    )  # fmt: skip
+
+
+@njit(error_model="numpy")
+def carry(
+    live: Live,
+    z: Increment,
+    t_ns: NDArray[np.int64],
+    samples: Array,
+    doubt: NDArray[np.uint8],
+    count: int,
+    end_ns: int,
+    noise: ImuNoise,
+    gravity: float,
+) -> None:
+    """Propagates a state to `end_ns`.
+
+    Args:
+        live: Changed in place.
+        z: Room for the increment.
+        t_ns: See `integrate`.
+        samples: See `integrate`.
+        doubt: See `integrate`.
+        count: See `integrate`.
+        end_ns: Not later than the last sample.
+        noise: Of the sensor.
+        gravity: m/s².
+    """
+    integrate(z, t_ns, samples, doubt, count, live.t_ns[0], end_ns, live.bias, noise)
+    dt = z.dt[0]
+    R = live.R.copy()
+    F = np.eye(FRAME)
+    for i in range(3):
+        F[i, 6 + i] = dt
+    F[0:3, 3:6] = -mul(R, skew(z.alpha))
+    F[3:6, 3:6] = z.gamma.T
+    F[6:9, 3:6] = -mul(R, skew(z.beta))
+    F[0:3, 9:15] = mul(R, np.ascontiguousarray(z.by_bias[0:3]))
+    F[3:6, 9:15] = z.by_bias[3:6]
+    F[6:9, 9:15] = mul(R, np.ascontiguousarray(z.by_bias[6:9]))
+    P = mul(mul(F, live.covariance), np.ascontiguousarray(F.T))
+    G = np.zeros((9, 9))
+    G[0:3, 0:3] = R
+    for i in range(3):
+        G[3 + i, 3 + i] = 1.0
+    G[6:9, 6:9] = R
+    P[:9, :9] += mul(mul(G, z.covariance), np.ascontiguousarray(G.T))
+    for i in range(3):
+        P[9 + i, 9 + i] += noise.rate_walk**2 * dt
+        P[12 + i, 12 + i] += noise.force_walk**2 * dt
+    live.covariance[:] = 0.5 * (P + P.T)
+    for i in range(3):
+        live.p[i] += live.v[i] * dt
+        for j in range(3):
+            live.p[i] += R[i, j] * z.alpha[j]
+            live.v[i] += R[i, j] * z.beta[j]
+    live.p[2] -= 0.5 * gravity * dt * dt
+    live.v[2] -= gravity * dt
+    live.R[:] = mul(R, z.gamma)
+    live.t_ns[0] = end_ns

@@ -1,0 +1,158 @@
+"""Takes the oldest frame out of the window and keeps what it told as the prior (6)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.dvio.factors import SIGHT, Terms, add_motion, add_prior, add_standing, errors, seen_at, view
+from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Landmarks, Window
+from stridetwin.estimators.dvio.solver import LEAST_INVERSE_DEPTH, Work, add_landmark, eliminate, usable
+from stridetwin.streams.samples import Array
+
+
+@njit(error_model="numpy")
+def hold(window: Window, H: Array, last: int) -> None:
+    """From now on the prior H speaks of frames up to `last`: their Jacobians stay where they are first taken."""
+    f = window.frames
+    for k in range(1, last + 1):
+        o = CALIBRATION + FRAME * k
+        if not f.held[k] and H[o, o] > 0.0:
+            f.held[k] = 1
+            f.R_first[k], f.p_first[k], f.v_first[k], f.bias_first[k] = f.R[k], f.p[k], f.v[k], f.bias[k]
+            f.moved[k] = 0.0
+
+
+@njit(error_model="numpy")
+def without_oldest(H: Array, b: Array, size: int) -> None:
+    """Eliminates the oldest frame from H d = b, of which the lower triangle counts; its rows become free.
+
+    Args:
+        H: (N, N), symmetric on return.
+        b: (N,).
+        size: Of the states.
+    """
+    o, m = CALIBRATION, CALIBRATION + FRAME
+    for i in range(size):
+        for j in range(i):
+            H[j, i] = H[i, j]
+    own = H[o:m, o:m].copy()
+    scale = np.empty(FRAME)
+    for i in range(FRAME):
+        scale[i] = 1.0 / np.sqrt(max(own[i, i], 1e-12))
+    for i in range(FRAME):
+        for j in range(FRAME):
+            own[i, j] *= scale[i] * scale[j]
+        own[i, i] += 1e-12
+    inverse = np.linalg.inv(own)
+    for i in range(FRAME):
+        for j in range(FRAME):
+            inverse[i, j] *= scale[i] * scale[j]
+    share = np.zeros((size, FRAME))
+    for i in range(size):
+        if o <= i < m:
+            continue
+        for j in range(FRAME):
+            s = 0.0
+            for k in range(FRAME):
+                s += H[i, o + k] * inverse[k, j]
+            share[i, j] = s
+    for i in range(size):
+        if o <= i < m:
+            continue
+        for k in range(FRAME):
+            b[i] -= share[i, k] * b[o + k]
+        for j in range(i + 1):
+            if o <= j < m:
+                continue
+            s = H[i, j]
+            for k in range(FRAME):
+                s -= share[i, k] * H[o + k, j]
+            H[i, j] = s
+            H[j, i] = s
+
+
+@njit(error_model="numpy")
+def leave(marks: Landmarks, work: Work, scale: float, alive: NDArray[np.uint8], newest: int) -> None:
+    """Gives the landmarks of the oldest frame to the newest one, where that sees them, or lets them go.
+
+    Args:
+        marks: Changed in place.
+        work: Views of the frames.
+        scale: True over told depth.
+        alive: (L,) 1 where the landmark is followed.
+        newest: Slot of the newest frame, whose sightings of these landmarks have not been used for the prior.
+    """
+    for l in range(len(marks.host)):
+        if marks.host[l] == 0:
+            if not (alive[l] and marks.seen[l, newest]):
+                marks.host[l] = NO_HOST
+                marks.seen[l] = 0
+                continue
+            q, before = seen_at(work.views, 0, newest, marks.at[l, 0, 0], marks.at[l, 0, 1], marks.inverse_depth[l])
+            if marks.told[l, newest] > 0.0:
+                marks.inverse_depth[l], marks.measured[l] = marks.told[l, newest] / scale, 1
+            elif before:
+                marks.inverse_depth[l] = max(q[2], LEAST_INVERSE_DEPTH)
+            marks.seen[l] = 0
+            marks.seen[l, newest] = 1
+            marks.host[l] = newest
+
+
+@njit(error_model="numpy")
+def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.uint8]) -> None:
+    """Marginalises the oldest frame with the landmarks that it hosts; `shift` then takes it out of the window.
+
+    Each sighting is used once: those of these landmarks by the newest frame are left to it, which becomes their host.
+
+    Args:
+        window: Of three frames or more; changed in place.
+        terms: What the factors believe.
+        work: Room.
+        alive: (L,) 1 where a landmark is followed.
+    """
+    n, marks = window.frames.count[0], window.landmarks
+    size = CALIBRATION + FRAME * n
+    work.H[:size, :size] = 0.0
+    work.b[:size] = 0.0
+    view(window, terms, work.views)
+    add_prior(window, size, work.H, work.b)
+    add_standing(window.frames, 0, work.H, work.b)
+    add_motion(window, 0, terms, work.H, work.b)
+    J, Jl, index = np.zeros((3, SIGHT)), np.zeros(3), np.zeros(size, np.int64)
+    host_depth = terms.host_depth and terms.host_depth_in_prior
+    for l in range(len(marks.host)):
+        if marks.host[l] == 0 and usable(window, l, n - 2):
+            add_landmark(window, terms, work, l, n - 2, host_depth, J, Jl)
+            eliminate(work, l, 0, marks.seen[l], n - 2, index)
+    without_oldest(work.H, work.b, size)
+    hold(window, work.H, n - 2)
+    d = errors(window, size)
+    d[CALIBRATION : CALIBRATION + FRAME] = 0.0
+    prior = window.prior
+    prior.H[:] = 0.0
+    prior.b[:] = 0.0
+    for i in range(size - FRAME):
+        a = i if i < CALIBRATION else i + FRAME
+        s = work.b[a]
+        for j in range(size - FRAME):
+            c = j if j < CALIBRATION else j + FRAME
+            prior.H[i, j] = work.H[a, c]
+            s += work.H[a, c] * d[c]
+        prior.b[i] = s
+    leave(marks, work, window.calibration.scale[0], alive, n - 1)
+
+
+def shift(window: Window) -> None:
+    """Moves every slot one to the front, over the oldest frame."""
+    frames, marks = window.frames, window.landmarks
+    n = int(frames.count[0])
+    for a in (*frames[1:], *window.increments):
+        a[: n - 1] = a[1:n]
+    for a in (marks.seen, marks.at, marks.told):
+        a[:, : n - 1] = a[:, 1:n]
+    marks.seen[:, n - 1] = 0
+    marks.host[marks.host > 0] -= 1
+    frames.held[n - 1] = 0
+    frames.count[0] = n - 1

@@ -1,0 +1,232 @@
+"""All that the odometry remembers, as arrays of fixed size that the compiled kernels change in place."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+# Error state: that of the calibration first, then of each frame from the oldest to the newest. Rotations have their
+# error on the right, R_true = R Exp(e).
+D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE = 0, 3, 6, 7
+CALIBRATION = 8
+D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
+FRAME = 15
+NO_HOST = -1
+
+
+class ImuNoise(NamedTuple):
+    """What an IMU's samples are off by.
+
+    Attributes:
+        rate: Density of the white noise, rad/s/√Hz.
+        force: m/s²/√Hz.
+        rate_walk: Density of the walk of the bias, rad/s²/√Hz.
+        force_walk: m/s³/√Hz.
+        doubtful_rate: Standard deviation of a value that stands for missing or saturated ones, rad/s.
+        doubtful_force: m/s².
+    """
+
+    rate: float
+    force: float
+    rate_walk: float
+    force_walk: float
+    doubtful_rate: float
+    doubtful_force: float
+
+
+class Increment(NamedTuple):
+    """What the IMU says of the motion from one frame to another, in the first one's axes, without gravity.
+
+    Attributes:
+        dt: (1,) s.
+        alpha: (3,) position, m.
+        gamma: (3, 3) rotation, second to first frame.
+        beta: (3,) velocity, m/s.
+        by_bias: (9, 6) derivative of position, rotation and velocity by the biases of gyroscope and accelerometer.
+        covariance: (9, 9) of position, rotation and velocity.
+        bias: (6,) at which it was taken, rad/s and m/s².
+    """
+
+    dt: Array
+    alpha: Array
+    gamma: Array
+    beta: Array
+    by_bias: Array
+    covariance: Array
+    bias: Array
+
+
+class Frames(NamedTuple):
+    """States of the window's frames: F slots, of which the first `count` are in use, the last of them the newest.
+
+    Attributes:
+        count: (1,) int64.
+        t_ns: (F,) time of the state on the IMU's clock.
+        R: (F, 3, 3) world <- IMU.
+        p: (F, 3) IMU in the world, m.
+        v: (F, 3) m/s.
+        bias: (F, 6) of gyroscope (rad/s) and accelerometer (m/s²).
+        held: (F,) 1 where the prior speaks of the frame, and Jacobians are taken at its first estimate.
+        R_first: (F, 3, 3) that estimate.
+        p_first: (F, 3).
+        v_first: (F, 3).
+        bias_first: (F, 6).
+        moved: (F, 15) how far the state is from its first estimate.
+        rate: (F, 3) angular rate at the frame, rad/s.
+        offset: (F,) time offset that `t_ns` of the frame was told with, s.
+        still_sd: (F,) standard deviation of the velocity about 0, m/s; inf where it is not known to stand.
+    """
+
+    count: NDArray[np.int64]  # type: ignore[assignment]
+    t_ns: NDArray[np.int64]
+    R: Array
+    p: Array
+    v: Array
+    bias: Array
+    held: NDArray[np.uint8]
+    R_first: Array
+    p_first: Array
+    v_first: Array
+    bias_first: Array
+    moved: Array
+    rate: Array
+    offset: Array
+    still_sd: Array
+
+
+class Landmarks(NamedTuple):
+    """Points that are followed: L slots.
+
+    Attributes:
+        host: (L,) slot of the frame that first saw it, NO_HOST where the slot is free.
+        inverse_depth: (L,) in the host's camera, 1/m.
+        measured: (L,) 1 where a depth camera or parallax has told it.
+        seen: (L, F) 1 where the frame saw it.
+        at: (L, F, 2) where, on the plane at depth 1.
+        told: (L, F) 1 / depth as told there, 1/m; 0 where none.
+    """
+
+    host: NDArray[np.int64]
+    inverse_depth: Array
+    measured: NDArray[np.uint8]
+    seen: NDArray[np.uint8]
+    at: Array
+    told: Array
+
+
+class Calibration(NamedTuple):
+    """What the window estimates of the sensors.
+
+    Attributes:
+        R: (3, 3) IMU <- camera.
+        p: (3,) camera in the IMU's frame, m.
+        offset: (1,) t_imu = t_cam + offset, s.
+        scale: (1,) true over told depth.
+        moved: (8,) how far they are from where the prior was first taken.
+    """
+
+    R: Array
+    p: Array
+    offset: Array
+    scale: Array
+    moved: Array
+
+
+class Prior(NamedTuple):
+    """What marginalised states told: ½ dᵀ H d − bᵀ d of the errors d from the first estimates (Zhao et al. 2023, (6)).
+
+    Attributes:
+        H: (N, N).
+        b: (N,).
+    """
+
+    H: Array
+    b: Array
+
+
+class Window(NamedTuple):
+    """The sliding window.
+
+    Attributes:
+        frames: States.
+        increments: Of the IMU from each frame to the next, each array with a leading axis F.
+        landmarks: Points.
+        calibration: Of the sensors.
+        prior: Of calibration and frames.
+    """
+
+    frames: Frames
+    increments: Increment
+    landmarks: Landmarks
+    calibration: Calibration
+    prior: Prior
+
+
+def blank_increment(slots: int | None = None) -> Increment:
+    """An increment of no time, or an array of them."""
+    lead = () if slots is None else (slots,)
+    gamma = np.zeros((*lead, 3, 3))
+    gamma[...] = np.eye(3)
+    return Increment(
+        dt=np.zeros((*lead, 1)),
+        alpha=np.zeros((*lead, 3)),
+        gamma=gamma,
+        beta=np.zeros((*lead, 3)),
+        by_bias=np.zeros((*lead, 9, 6)),
+        covariance=np.zeros((*lead, 9, 9)),
+        bias=np.zeros((*lead, 6)),
+    )
+
+
+def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float) -> Window:
+    """An empty window.
+
+    Args:
+        frames: Slots of frames.
+        landmarks: Slots of landmarks.
+        T_imu_camera: (4, 4) camera to IMU.
+        offset_s: t_imu = t_cam + offset.
+    """
+    F, L = frames, landmarks
+    eyes = np.zeros((F, 3, 3))
+    eyes[:] = np.eye(3)
+    return Window(
+        frames=Frames(
+            count=np.zeros(1, np.int64),
+            t_ns=np.zeros(F, np.int64),
+            R=eyes.copy(),
+            p=np.zeros((F, 3)),
+            v=np.zeros((F, 3)),
+            bias=np.zeros((F, 6)),
+            held=np.zeros(F, np.uint8),
+            R_first=eyes.copy(),
+            p_first=np.zeros((F, 3)),
+            v_first=np.zeros((F, 3)),
+            bias_first=np.zeros((F, 6)),
+            moved=np.zeros((F, FRAME)),
+            rate=np.zeros((F, 3)),
+            offset=np.zeros(F),
+            still_sd=np.full(F, np.inf),
+        ),
+        increments=blank_increment(F),
+        landmarks=Landmarks(
+            host=np.full(L, NO_HOST, np.int64),
+            inverse_depth=np.zeros(L),
+            measured=np.zeros(L, np.uint8),
+            seen=np.zeros((L, F), np.uint8),
+            at=np.zeros((L, F, 2)),
+            told=np.zeros((L, F)),
+        ),
+        calibration=Calibration(
+            R=np.ascontiguousarray(T_imu_camera[:3, :3], dtype=float).copy(),
+            p=np.ascontiguousarray(T_imu_camera[:3, 3], dtype=float).copy(),
+            offset=np.array([float(offset_s)]),
+            scale=np.ones(1),
+            moved=np.zeros(CALIBRATION),
+        ),
+        prior=Prior(H=np.zeros((CALIBRATION + FRAME * F,) * 2), b=np.zeros(CALIBRATION + FRAME * F)),
+    )

@@ -1,0 +1,189 @@
+"""What the odometry believes about any rig, and the published methods as choices of terms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from stridetwin.estimators.dvio.factors import Terms
+from stridetwin.estimators.dvio.memory import ImuNoise
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import ImuCalibration
+
+HOST_DEPTHS = ("none", "fixed", "factor")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvioParameters:
+    """One set serves head and chest, every gait and room; the defaults are ours.
+
+    Attributes:
+        keyframes: In the window, beside the newest frame.
+        landmarks: Followed at a time.
+        landmark_slots: Landmarks in the window, followed or not.
+        steps: Of the optimisation at each frame.
+        keyframe_steps: At each keyframe.
+        enough: Stop where a step lowers the cost by less than this share.
+        keyframe_parallax_px: Mean motion of points that makes a frame a keyframe.
+        keyframe_share: Or where less than this share of what the last keyframe saw is still followed.
+        keyframe_s: Or after so long.
+        host_depth: How the host's told depth of a landmark is used: `none` (never), `fixed` (the landmark keeps it),
+            `factor` (11).
+        projection_depth: Whether the depths told in the other frames are used (12).
+        host_depth_in_prior: Whether (11) of a landmark goes into the prior with it; the paper drops it.
+        first_estimates: Jacobians of frames that the prior speaks of stay where they were first taken.
+        standing: Whether a sensor that seems to stand is told to.
+        sight_sd_px: Of a sighting.
+        sight_limit: Standard deviations beyond which a sighting counts less.
+        inverse_depth_sd: Of a told inverse depth, 1/m: that of a depth z is this times z².
+        depth_limit: As `sight_limit`.
+        depth_min: Nearest depth that counts, m.
+        depth_max: Farthest, m.
+        depth_edge: Difference of inverse depths about a point that makes an edge, 1/m.
+        cull_sd: Sightings further off are removed, standard deviations.
+        apart_sd: A point that is told so far from the depth that it should have is not followed, standard deviations.
+        gate_px: A point that is seen further from where motion and depth have it is not followed.
+        forward_backward_px: Largest distance of a point followed there and back.
+        corner_least: Cornerness of a new point, grey levels² a pixel².
+        extrinsic_position_sd: How well the camera's place on the IMU is told, m; 0 takes it as told.
+        extrinsic_rotation_sd: rad.
+        time_offset_sd: Of the camera's clock, s.
+        depth_scale_sd: Of the depth camera.
+        gravity: m/s².
+        imu_noise_factor: Actual over told noise of the IMU, for scale errors, misalignment and vibration.
+        walk_factor: The same of the walk of its biases.
+        gyro_bias_sd: Turn-on bias, rad/s, where the calibration has less.
+        accel_bias_sd: Turn-on bias, m/s², where the calibration has less.
+        doubtful_rate: Error of a rate that stands for missing or saturated ones, rad/s.
+        doubtful_force: The same of a force, m/s².
+        still_s: How long all must be quiet to stand.
+        still_rate_sd: Largest scatter of the rate of a sensor that stands, rad/s.
+        still_force_sd: Largest scatter of its force, m/s².
+        still_speed_sd: Speed of a sensor that stands, m/s.
+        start_s: Longest wait for a start at rest.
+        max_gap_s: A longer gap of the IMU makes a new start.
+        wait_s: Longest wait for the depth picture of a colour picture.
+    """
+
+    keyframes: int = 9
+    landmarks: int = 90
+    landmark_slots: int = 256
+    steps: int = 2
+    keyframe_steps: int = 3
+    enough: float = 1e-3
+    keyframe_parallax_px: float = 18.0
+    keyframe_share: float = 0.6
+    keyframe_s: float = 0.4
+    host_depth: str = "factor"
+    projection_depth: bool = True
+    host_depth_in_prior: bool = True
+    first_estimates: bool = True
+    standing: bool = True
+    sight_sd_px: float = 0.25
+    sight_limit: float = 1.5
+    inverse_depth_sd: float = 0.005
+    depth_limit: float = 1.5
+    depth_min: float = 0.3
+    depth_max: float = 6.5
+    depth_edge: float = 0.04
+    cull_sd: float = 5.0
+    apart_sd: float = 7.0
+    gate_px: float = 3.0
+    forward_backward_px: float = 0.7
+    corner_least: float = 6.0
+    extrinsic_position_sd: float = 2e-3
+    extrinsic_rotation_sd: float = 5e-3
+    time_offset_sd: float = 5e-3
+    depth_scale_sd: float = 1e-2
+    gravity: float = 9.81
+    imu_noise_factor: float = 2.0
+    walk_factor: float = 3.0
+    gyro_bias_sd: float = 0.01
+    accel_bias_sd: float = 0.1
+    doubtful_rate: float = 1.0
+    doubtful_force: float = 5.0
+    still_s: float = 0.25
+    still_rate_sd: float = 0.02
+    still_force_sd: float = 0.15
+    still_speed_sd: float = 0.01
+    start_s: float = 1.0
+    max_gap_s: float = 0.5
+    wait_s: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value is out of range."""
+        if self.host_depth not in HOST_DEPTHS:
+            raise ConfigError("DvioParameters", "host_depth", self.host_depth, ", ".join(HOST_DEPTHS))
+        zero = {"extrinsic_position_sd", "extrinsic_rotation_sd", "time_offset_sd", "depth_scale_sd"}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool | str):
+                continue
+            if not (math.isfinite(value) and (value > 0 or (value == 0 and field.name in zero))):
+                raise ConfigError("DvioParameters", field.name, value, "a finite number > 0")
+        if self.keyframes < 3:
+            raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
+
+    @property
+    def uses_depth(self) -> bool:
+        """Whether any term reads depth."""
+        return self.host_depth != "none" or self.projection_depth
+
+    def noise(self, imu: ImuCalibration) -> ImuNoise:
+        """Of the samples of an IMU."""
+        f, w = self.imu_noise_factor, self.walk_factor
+        return ImuNoise(
+            rate=f * max(imu.gyroscope_noise_density, 1e-5),
+            force=f * max(imu.accelerometer_noise_density, 1e-4),
+            rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
+            force_walk=w * max(imu.accelerometer_random_walk, 1e-5),
+            doubtful_rate=self.doubtful_rate,
+            doubtful_force=self.doubtful_force,
+        )
+
+    def terms(self, focal_px: float, noise: ImuNoise) -> Terms:
+        """Of the factors, for a camera of some focal length."""
+        return Terms(
+            gravity=self.gravity,
+            sight_weight=(focal_px / self.sight_sd_px) ** 2,
+            sight_limit=self.sight_limit,
+            depth_weight=self.inverse_depth_sd**-2,
+            depth_limit=self.depth_limit,
+            host_depth=self.host_depth == "factor",
+            depth_fixed=self.host_depth == "fixed",
+            projection_depth=self.projection_depth,
+            host_depth_in_prior=self.host_depth_in_prior,
+            first_estimates=self.first_estimates,
+            rate_walk=noise.rate_walk,
+            force_walk=noise.force_walk,
+        )
+
+
+_PUBLISHED: dict[str, Any] = {
+    "host_depth_in_prior": False,
+    "first_estimates": False,
+    "standing": False,
+    "extrinsic_position_sd": 0.0,
+    "extrinsic_rotation_sd": 0.0,
+    "time_offset_sd": 0.0,
+    "depth_scale_sd": 0.0,
+}
+METHODS: dict[str, DvioParameters] = {
+    "stridetwin": DvioParameters(),
+    "dvio": DvioParameters(**_PUBLISHED),
+    "vins_rgbd": DvioParameters(**_PUBLISHED, host_depth="fixed", projection_depth=False),
+    "vins_mono": DvioParameters(**_PUBLISHED, host_depth="none", projection_depth=False),
+}
+"""Ours; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
+
+
+def named(method: str) -> DvioParameters:
+    """The parameters of a method.
+
+    Raises:
+        ConfigError: No such method; the message lists those there are.
+    """
+    if method not in METHODS:
+        raise ConfigError("Dvio", "method", method, ", ".join(METHODS))
+    return replace(METHODS[method])

@@ -1,0 +1,132 @@
+"""The front end: points followed from picture to picture (Lucas and Kanade 1981), and new ones where there are few."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.dvio import kernel
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array
+
+_WINDOW, _LEVELS = (15, 15), 2
+_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02)
+_CELLS = (10, 8)
+_APART_PX = 16.0
+_MARGIN_PX = 10
+_FAST = (14, 5)  # thresholds, tried in turn
+Points = NDArray[np.float32]
+
+
+class Lens:
+    """From pixels to the plane at depth 1 and back.
+
+    Raises:
+        ConfigError: An unknown model of distortion.
+    """
+
+    def __init__(self, camera: CameraCalibration) -> None:
+        if camera.distortion_model not in ("radtan", "equidistant"):
+            raise ConfigError(camera.topic, "distortion_model", camera.distortion_model, "radtan or equidistant")
+        self.shape = (camera.height, camera.width)
+        self._fisheye = camera.distortion_model == "equidistant"
+        self._distortion = np.array(camera.distortion, dtype=float)
+        self._K, (fu, fv, pu, pv) = camera.K, camera.intrinsics
+        self._centre, self._focal = np.array([pu, pv]), np.array([fu, fv])
+        self.focal_px = float(np.sqrt(fu * fv))
+
+    def normalised(self, pixels: NDArray[np.floating[Any]]) -> Array:
+        """(N, 2) on the plane at depth 1 of (N, 2) pixels."""
+        if not self._fisheye and not self._distortion.any():
+            return np.asarray((pixels - self._centre) / self._focal)
+        if not len(pixels):
+            return np.zeros((0, 2))
+        undistort = cv2.fisheye.undistortPoints if self._fisheye else cv2.undistortPoints
+        return np.asarray(undistort(pixels[:, None].astype(float), self._K, self._distortion)[:, 0], dtype=float)
+
+    def pixels(self, at: Array) -> Points:
+        """(N, 2) pixels of (N, 2) on the plane at depth 1."""
+        if self._fisheye and len(at):
+            return np.asarray(cv2.fisheye.distortPoints(at[:, None], self._K, self._distortion)[:, 0], np.float32)
+        x, y = at[:, 0], at[:, 1]
+        k1, k2, p1, p2 = self._distortion
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + k2 * r2)
+        xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return (np.stack([xd, yd], axis=1) * self._focal + self._centre).astype(np.float32)
+
+
+class Tracker:
+    """Follows points; keeps the last picture.
+
+    Args:
+        shape: (H, W) of the pictures.
+        forward_backward_px: Largest distance of a point followed there and back.
+        corner_least: Cornerness of a new point.
+    """
+
+    def __init__(self, shape: tuple[int, int], forward_backward_px: float, corner_least: float) -> None:
+        self._shape = shape
+        self._most_px, self._least = forward_backward_px, corner_least
+        self._grey: NDArray[np.uint8] | None = None
+        self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in _FAST]
+
+    def forget(self) -> None:
+        """Follows nothing into the next picture."""
+        self._grey = None
+
+    def follow(self, grey: NDArray[np.uint8], points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
+        """Takes the next picture.
+
+        Args:
+            grey: (H, W).
+            points: (N, 2) px in the last picture.
+            start: (N, 2) px where they are expected.
+
+        Returns:
+            (N, 2) px where they are, and (N,) whether they could be followed there and back.
+        """
+        before, self._grey = self._grey, grey
+        if before is None or not len(points):
+            return points.copy(), np.zeros(len(points), bool)
+        flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+        there, found, _ = cv2.calcOpticalFlowPyrLK(
+            before, grey, points, start.copy(), winSize=_WINDOW, maxLevel=_LEVELS, criteria=_CRITERIA, flags=flags
+        )
+        back, returned, _ = cv2.calcOpticalFlowPyrLK(
+            grey, before, there, points.copy(), winSize=_WINDOW, maxLevel=0, criteria=_CRITERIA, flags=flags
+        )
+        good = (found[:, 0] > 0) & (returned[:, 0] > 0)
+        good &= np.abs(back - points).max(axis=1) < self._most_px
+        height, width = self._shape
+        good &= (there > 2).all(axis=1) & (there[:, 0] < width - 3) & (there[:, 1] < height - 3)
+        return np.asarray(there, np.float32), good
+
+    def find(self, taken: Points, wanted: int) -> Points:
+        """(N, 2) px, new points in the last picture, N ≤ wanted, away from those that there are."""
+        out = np.zeros((max(wanted, 0), 2), np.float32)
+        if wanted <= 0 or self._grey is None:
+            return out
+        count = 0
+        for detector in self._detectors:
+            corners = detector.detect(self._grey)
+            candidates = np.array([c.pt for c in corners], np.float32).reshape(-1, 2)
+            count = kernel.pick(
+                self._grey,
+                candidates,
+                np.ascontiguousarray(taken),
+                *_CELLS,
+                _APART_PX,
+                _MARGIN_PX,
+                self._least,
+                wanted,
+                out,
+            )
+            if count >= 0.7 * wanted:
+                break
+        return out[:count]

@@ -1,0 +1,93 @@
+"""The visual-inertial odometry over a whole recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.dvio import Dvio
+from stridetwin.estimators.dvio.parameters import named
+from stridetwin.estimators.dvio.stereo import Stereo, with_stereo
+from stridetwin.scenarios.evaluate import Estimate
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.samples import Depth, Image, Imu, Sample
+from stridetwin.streams.trajectory import Trajectory
+
+MOUNTS = ("head", "chest")
+
+
+def mount_of(recording: Recording) -> str:
+    """Where the recording's RGB-D camera with IMU is worn.
+
+    Raises:
+        RecordingError: It has none.
+    """
+    for mount in MOUNTS:
+        if {f"/{mount}/color", f"/{mount}/imu"} <= set(recording.topics):
+            return mount
+    wanted = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
+    raise RecordingError(f"{recording.path}: feeds no dvio; valid: a recording with {wanted}")
+
+
+def estimate_odometry(
+    recording: Recording, method: str = "stridetwin", progress: Callable[[str, float], None] | None = None
+) -> Estimate:
+    """Path of the camera's IMU.
+
+    Args:
+        recording: Needs /head/color and /head/imu or those of the chest; depth, or a second picture /head/color_right,
+            as EuRoC folders have, where it can.
+        method: See `estimators.dvio.METHODS`.
+        progress: Is told how far it is.
+
+    Raises:
+        StrideTwinError: A topic or calibration is missing, or the method is unknown.
+    """
+    mount = mount_of(recording)
+    color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
+    rig, parameters = recording.rig, named(method)
+    topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
+    samples: Iterable[Sample] = recording.samples(topics)
+    if depth not in recording.topics and right in recording.topics and parameters.uses_depth:
+        stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
+        samples = _with_depth(recording.samples([*topics, right]), stereo, right)
+    estimator = Dvio(rig, mount=mount, parameters=parameters)
+    first = int(recording.picture_times(f"/{mount}/color")[0])
+    t_ns, poses, covariances = [], [], []
+    for sample in samples:
+        if not isinstance(sample, Imu | Image | Depth):
+            continue
+        estimate = estimator.update(sample)
+        if progress is not None and isinstance(sample, Image):
+            progress("estimate", min(1.0, (sample.t_ns - first) * 1e-9 / max(recording.duration, 1e-9)))
+        if estimate is not None:
+            t_ns.append(estimate.t_ns)
+            poses.append(estimate.T_world_imu)
+            covariances.append(estimate.covariance)
+    if not t_ns:
+        raise RecordingError(f"{recording.path}: dvio never starts; it needs a second of IMU and pictures together")
+    T = np.array(poses)
+    path = Trajectory(
+        t_ns=np.array(t_ns, np.int64),
+        p_frame_in_world=T[:, :3, 3],
+        q_world_frame=Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True),
+        covariance=np.array(covariances),
+    )
+    name = "dvio" if method == "stridetwin" else f"dvio_{method}"
+    return Estimate(name=name, frame=f"{mount}/imu", path=path, ready_ns=int(path.t_ns[0]))
+
+
+def _with_depth(samples: Iterable[Sample], stereo: Stereo, right: str) -> Iterator[Sample]:
+    """The samples with the depth of each pair of pictures in the place of the right ones."""
+    pair: dict[bool, Image] = {}
+    for sample in samples:
+        if isinstance(sample, Image):
+            pair[sample.topic == right] = sample
+        if not (isinstance(sample, Image) and sample.topic == right):
+            yield sample
+        if len(pair) == 2 and pair[False].t_ns == pair[True].t_ns:
+            yield stereo.depth(pair[False], pair[True])
+            pair.clear()

@@ -1,0 +1,200 @@
+"""The odometry before a painted wall: accuracy, what it finds out about its sensors, and faults."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.dvio import METHODS, Dvio, DvioParameters
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Image, Imu
+from tests.estimators.dvio.wall import Wall, rig, still, swaying
+
+
+def followed(wall, samples=None, **parameters):
+    """The odometry, and its estimates."""
+    odometry = Dvio(rig(), parameters=DvioParameters(**parameters))
+    made = [odometry.update(s) for s in (wall.samples() if samples is None else samples)]
+    return odometry, [e for e in made if e is not None]
+
+
+def errors(wall, made):
+    """(N,) m, after laying the first estimate over the truth by its place and heading."""
+    R, p = wall.pose(made[0].t_ns * 1e-9)
+    heading = R @ made[0].T_world_imu[:3, :3].T
+    turn = Rotation.from_euler("z", np.arctan2(heading[1, 0], heading[0, 0])).as_matrix()
+    told = np.array([turn @ (e.T_world_imu[:3, 3] - made[0].T_world_imu[:3, 3]) + p for e in made])
+    return np.linalg.norm(told - np.array([wall.pose(e.t_ns * 1e-9)[1] for e in made]), axis=1)
+
+
+@pytest.fixture(scope="module")
+def sway():
+    wall = Wall(swaying, 8.0, seed=2)
+    return wall, list(wall.samples())
+
+
+def test_follows_a_swaying_head(sway):
+    wall, samples = sway
+    _, made = followed(wall, samples)
+    off = errors(wall, made)
+    assert off.max() < 0.03
+    R, _ = wall.pose(made[-1].t_ns * 1e-9)
+    tilt = np.arccos(np.clip((R.T[:, 2] @ made[-1].T_world_imu[:3, :3].T[:, 2]), -1, 1))
+    assert tilt < np.radians(0.5)
+    assert {e.health for e in made} == {"tracking"}
+
+
+def test_tells_poses_at_the_rate_of_the_imu_with_covariances(sway):
+    wall, samples = sway
+    _, made = followed(wall, samples)
+    steps = np.diff([e.t_ns for e in made])
+    assert np.all(steps == 5_000_000)
+    assert made[0].t_ns < 400_000_000
+    for e in made[::50]:
+        assert np.linalg.eigvalsh(e.covariance).min() > -1e-12
+        assert e.T_world_imu[:3, :3] @ e.T_world_imu[:3, :3].T == pytest.approx(np.eye(3), abs=1e-6)
+
+
+def test_is_deterministic(sway):
+    wall, samples = sway
+    a, b = (followed(wall, samples[:1200])[1][-1] for _ in range(2))
+    assert np.array_equal(a.T_world_imu, b.T_world_imu)
+    assert np.array_equal(a.covariance, b.covariance)
+
+
+def test_stands_still():
+    wall = Wall(still, 12.0, seed=4)
+    _, made = followed(wall)
+    assert errors(wall, made).max() < 0.004
+    assert np.linalg.norm(made[-1].v_imu_in_world) < 0.01
+
+
+def test_finds_a_large_gyro_bias_at_a_start_at_rest():
+    bias = np.array([0.08, -0.08, 0.08, 0.0, 0.0, 0.0])
+    wall = Wall(still, 2.2, seed=5, bias=bias)
+    _, made = followed(wall)
+    assert np.abs(made[-1].gyro_bias - bias[:3]).max() < 2e-3
+    assert np.abs(made[0].gyro_bias - bias[:3]).max() < 1e-2
+
+
+def test_finds_a_late_camera():
+    wall = Wall(swaying, 10.0, seed=6, late_s=0.010)
+    odometry, made = followed(wall)
+    assert odometry.time_offset_s == pytest.approx(0.010, abs=1e-3)
+    assert errors(wall, made).max() < 0.05
+
+
+@pytest.mark.parametrize("method", ["dvio", "vins_rgbd"])
+def test_published_methods_follow_too(sway, method):
+    wall, samples = sway
+    odometry = Dvio(rig(), parameters=METHODS[method])
+    made = [e for s in samples if (e := odometry.update(s)) is not None]
+    assert errors(wall, made).max() < 0.10
+
+
+def test_starts_in_motion():
+    wall = Wall(lambda t: swaying(t + 3.0), 6.0, seed=7)
+    _, made = followed(wall)
+    R, _ = wall.pose(made[-1].t_ns * 1e-9)
+    tilt = np.arccos(np.clip(R.T[:, 2] @ made[-1].T_world_imu[:3, :3].T[:, 2], -1, 1))
+    assert tilt < np.radians(2.0)
+    late = [e for e in made if e.t_ns > made[0].t_ns + 2_000_000_000]
+    assert np.ptp(errors(wall, late)) < 0.08
+
+
+def spoiled(samples, change):
+    return [c for s in samples for c in ([change(s)] if change(s) is not None else [])]
+
+
+def fault(kind, start_s, end_s, **change):
+    """Changes the samples of a kind within a time; without a change they are missing."""
+
+    def of(s):
+        if not (isinstance(s, kind) and start_s * 1e9 < s.t_ns < end_s * 1e9):
+            return s
+        return replace(s, **{name: f(getattr(s, name)) for name, f in change.items()}) if change else None
+
+    return of
+
+
+def missing(a):
+    return np.full_like(a, np.nan)
+
+
+FAULTS = {
+    "nan": fault(Imu, 3.0, 3.03, angular_rate=missing, specific_force=missing),
+    "missing_imu": fault(Imu, 3.0, 3.05),
+    "saturated": fault(Imu, 4.0, 4.03, specific_force=lambda a: np.clip(8 * a, -39, 39)),
+    "no_depth": fault(Depth, 2.0, 99.0),
+    "nan_depth": fault(Depth, 5.0, 99.0, depth=missing),
+    "frames_dropped": lambda s: None if isinstance(s, Image) and (s.t_ns // 33_333_333) % 5 == 2 else s,
+    "covered": fault(Image, 4.0, 5.0, pixels=np.zeros_like),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_bears_faults(sway, name):
+    wall, samples = sway
+    _, made = followed(wall, spoiled(samples, FAULTS[name]))
+    assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
+    assert errors(wall, made).max() < 0.12
+
+
+def test_ignores_what_is_late_or_repeated(sway):
+    wall, samples = sway
+    some = samples[:1500]
+    _, plain = followed(wall, some)
+    again = [c for i, s in enumerate(some) for c in ([s, s, some[max(i - 40, 0)]] if i % 7 == 0 else [s])]
+    _, made = followed(wall, again)
+    assert np.array_equal(plain[-1].T_world_imu, made[-1].T_world_imu)
+
+
+def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
+    wall, samples = sway
+    gap = [s for s in samples if not (isinstance(s, Imu) and 3.0e9 < s.t_ns < 4.5e9)]
+    _, made = followed(wall, gap)
+    healths = [e.health for e in made]
+    assert "lost" in healths
+    assert healths[-1] == "tracking"
+    before = next(e for e in reversed(made) if e.t_ns <= 3_000_000_000)
+    first = next(e for e in made if e.t_ns > 4_600_000_000 and e.health == "tracking")
+    assert np.linalg.norm(first.T_world_imu[:3, 3] - before.T_world_imu[:3, 3]) < 1.0
+    assert first.covariance[0, 0] > 100 * before.covariance[0, 0]
+    assert all(np.isfinite(e.T_world_imu).all() for e in made)
+
+
+def test_camera_covered_is_said(sway):
+    wall, samples = sway
+    _, made = followed(wall, spoiled(samples, FAULTS["covered"]))
+    dark = [e.health for e in made if 4.2e9 < e.t_ns < 5e9]
+    assert set(dark) == {"coasting"}
+    assert made[-1].health == "tracking"
+
+
+def test_memory_is_constant(sway):
+    _, samples = sway
+    odometry = Dvio(rig())
+    sizes = []
+    for s in samples:
+        odometry.update(s)
+        w = odometry._core.window
+        sizes.append((int(w.frames.count[0]), len(odometry._pictures), odometry._core.inertial.count))
+    assert max(n for n, _, _ in sizes) <= DvioParameters().keyframes + 1
+    assert max(n for _, n, _ in sizes) <= 4
+
+
+def test_refuses_what_it_cannot_use():
+    with pytest.raises(ConfigError, match="head or chest"):
+        Dvio(rig(), mount="wrist")
+    with pytest.raises(StrideTwinError, match="no camera"):
+        Dvio(Rig())
+    with pytest.raises(ConfigError, match="host_depth"):
+        DvioParameters(host_depth="some")
+    with pytest.raises(ConfigError, match="sight_sd_px"):
+        DvioParameters(sight_sd_px=0.0)
+    with pytest.raises(StrideTwinError, match="/foot_l/imu"):
+        Dvio(rig()).update(Imu(topic="/foot_l/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.zeros(3)))

@@ -1,0 +1,75 @@
+"""Residuals of the window and their Jacobians, against finite differences."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stridetwin.estimators.dvio import factors
+from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Increment
+from tests.estimators.dvio.scenes import TERMS, moved, seen_window
+
+SEEDS = st.integers(0, 10_000)
+STEP = 1e-6
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_the_jacobian_of_a_sighting_is_its_slope(seed):
+    window = seen_window(np.random.default_rng(seed))
+    window.frames.offset[:] = 0.0
+    views = factors.blank_views(4)
+    factors.view(window, TERMS, views)
+    x, y, xi = *window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
+    J, Jl = np.zeros((3, factors.SIGHT)), np.zeros(3)
+    assert factors.sight(window, views, 0, 2, x, y, xi, J, Jl)
+
+    def seen(error, of_depth=0.0):
+        other = copy.deepcopy(window)
+        moved(other, error)
+        v = factors.blank_views(4)
+        factors.view(other, TERMS, v)
+        return factors.seen_at(v, 0, 2, x, y, xi + of_depth)[0]
+
+    size = CALIBRATION + FRAME * 3
+    columns = [
+        *range(CALIBRATION),
+        *(CALIBRATION + i for i in range(6)),
+        *(CALIBRATION + 2 * FRAME + i for i in range(6)),
+    ]
+    for j, column in enumerate(columns):
+        e = np.zeros(size)
+        e[column] = STEP
+        slope = (seen(e) - seen(-e)) / (2 * STEP)
+        assert J[:, j] == pytest.approx(slope, abs=2e-6)
+    zero = np.zeros(size)
+    assert Jl == pytest.approx((seen(zero, STEP) - seen(zero, -STEP)) / (2 * STEP), abs=2e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_the_jacobian_of_the_motion_is_its_slope(seed):
+    rng = np.random.default_rng(seed)
+    window = seen_window(rng)
+    z = Increment(
+        dt=np.array([0.2]), alpha=0.1 * rng.normal(size=3), gamma=np.eye(3), beta=rng.normal(size=3),
+        by_bias=0.1 * rng.normal(size=(9, 6)), covariance=np.eye(9), bias=0.01 * rng.normal(size=6),
+    )  # fmt: skip
+    r, J = np.zeros(9), np.zeros((9, 2 * FRAME))
+    factors.motion(window.frames, z, 0, TERMS, r, J, False)
+
+    def residual(error):
+        other = copy.deepcopy(window)
+        moved(other, np.concatenate([np.zeros(CALIBRATION), error, np.zeros(FRAME)]))
+        out, room = np.zeros(9), np.zeros((9, 2 * FRAME))
+        factors.motion(other.frames, z, 0, TERMS, out, room, False)
+        return out
+
+    for j in range(2 * FRAME):
+        e = np.zeros(2 * FRAME)
+        e[j] = STEP
+        assert J[:, j] == pytest.approx((residual(e) - residual(-e)) / (2 * STEP), abs=2e-6)

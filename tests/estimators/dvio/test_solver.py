@@ -1,0 +1,131 @@
+"""The window's optimiser against an independent batch solution, and its prior against the window that it stands for."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.marginal import shift
+from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Window
+from stridetwin.estimators.dvio.solver import blank_work
+from tests.estimators.dvio.scenes import NOISE, TERMS, moved, seen_window
+
+PERIOD_NS = 5_000_000
+SLOTS, POINTS = 5, 12
+
+
+def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
+    """Frames 0.2 s apart with increments that fit nearly, noisy sightings, a prior of calibration and first frame."""
+    w = seen_window(rng, frames, POINTS, SLOTS)
+    f, marks = w.frames, w.landmarks
+    g = np.array([0.0, 0.0, -9.81])
+    for k in range(frames - 1):
+        n = 41
+        t_ns = f.t_ns[k] + PERIOD_NS * np.arange(n, dtype=np.int64)
+        rate = Rotation.from_matrix(f.R[k].T @ f.R[k + 1]).as_rotvec() / 0.2
+        f.v[k + 1] = 2 * (f.p[k + 1] - f.p[k]) / 0.2 - f.v[k]
+        a = (f.v[k + 1] - f.v[k]) / 0.2 - g
+        middle = f.R[k] @ Rotation.from_rotvec(0.1 * rate).as_matrix()
+        samples = np.tile(np.concatenate([rate, middle.T @ a]), (n, 1)) + f.bias[k]
+        kernel.integrate_into(
+            w.increments, k, t_ns, samples, np.zeros(n, np.uint8), n, t_ns[0], t_ns[-1], f.bias[k], NOISE
+        )
+    marks.at[:] += 1e-3 * rng.normal(size=marks.at.shape)
+    marks.told[:] += 4e-3 * rng.normal(size=marks.told.shape) * (marks.told > 0)
+    # Jacobians are those of no change of the time offset; held, all of them are exact.
+    sd = np.concatenate([np.full(3, 2e-3), np.full(3, 5e-3), [1e-8, 1e-2]])
+    w.prior.H[range(CALIBRATION), range(CALIBRATION)] = sd**-2
+    own = range(CALIBRATION, CALIBRATION + FRAME)
+    w.prior.H[own, own] = np.repeat([1e-3, 1e-2, 0.1, 0.01, 0.05], 3) ** -2.0
+    hold_first(w)
+    return w
+
+
+def hold_first(w: Window) -> None:
+    f = w.frames
+    f.held[0] = 1
+    f.R_first[0], f.p_first[0], f.v_first[0], f.bias_first[0] = f.R[0], f.p[0], f.v[0], f.bias[0]
+
+
+def residuals(w: Window, terms, depths: np.ndarray) -> np.ndarray:
+    """All of (15), written down anew."""
+    f, c, marks = w.frames, w.calibration, w.landmarks
+    n = int(f.count[0])
+    g, out = np.array([0.0, 0.0, -terms.gravity]), []
+    for k in range(n - 1):
+        z = type(w.increments)(*(a[k] for a in w.increments))
+        dt, off = z.dt[0], f.bias[k] - z.bias
+        corrected = z.by_bias @ off
+        gamma = z.gamma @ Rotation.from_rotvec(corrected[3:6]).as_matrix()
+        r = np.concatenate([
+            f.R[k].T @ (f.p[k + 1] - f.p[k] - f.v[k] * dt - 0.5 * g * dt**2) - z.alpha - corrected[:3],
+            Rotation.from_matrix(gamma.T @ f.R[k].T @ f.R[k + 1]).as_rotvec(),
+            f.R[k].T @ (f.v[k + 1] - f.v[k] - g * dt) - z.beta - corrected[6:],
+        ])  # fmt: skip
+        out.append(np.linalg.cholesky(np.linalg.inv(z.covariance)).T @ r)
+        out.append((f.bias[k + 1] - f.bias[k]) / np.repeat([terms.rate_walk, terms.force_walk], 3) / np.sqrt(dt))
+    R, p = [], []
+    for k in range(n):
+        late = c.offset[0] - f.offset[k]
+        R.append(f.R[k] @ Rotation.from_rotvec(f.rate[k] * late).as_matrix())
+        p.append(f.p[k] + f.v[k] * late)
+    depth_sd = terms.depth_weight**-0.5
+    for l, xi in enumerate(depths):
+        m = np.array([*marks.at[l, 0], 1.0])
+        world = R[0] @ (c.R @ (m / xi) + c.p) + p[0]
+        out.append([(c.scale[0] * xi - marks.told[l, 0]) / depth_sd])
+        for k in range(1, n):
+            q = c.R.T @ (R[k].T @ (world - p[k]) - c.p)
+            out.append((q[:2] / q[2] - marks.at[l, k]) * terms.sight_weight**0.5)
+            out.append([(c.scale[0] / q[2] - marks.told[l, k]) / depth_sd])
+    return np.concatenate(out)
+
+
+def test_finds_the_minimum_that_a_batch_solution_finds():
+    rng = np.random.default_rng(3)
+    start = noisy_window(rng)
+    terms = TERMS._replace(sight_limit=1e3, depth_limit=1e3)
+    n = CALIBRATION + FRAME * 3
+    prior = np.sqrt(np.diag(start.prior.H)[:n])
+
+    def cost(x: np.ndarray) -> np.ndarray:
+        w = copy.deepcopy(start)
+        moved(w, x[:n])
+        return np.concatenate([prior * x[:n], residuals(w, terms, x[n:])])
+
+    x0 = np.concatenate([np.zeros(n), start.landmarks.inverse_depth])
+    best = least_squares(cost, x0, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    w = copy.deepcopy(start)
+    kernel.minimise(w, terms, blank_work(SLOTS, POINTS), 25, 0.0)
+    found = copy.deepcopy(start)
+    moved(found, best.x[:n])
+    assert w.frames.p[:3] == pytest.approx(found.frames.p[:3], abs=2e-6)
+    assert w.frames.R[:3] == pytest.approx(found.frames.R[:3], abs=2e-6)
+    assert w.frames.v[:3] == pytest.approx(found.frames.v[:3], abs=1e-5)
+    assert w.frames.bias[:3] == pytest.approx(found.frames.bias[:3], abs=1e-5)
+    assert w.calibration.scale == pytest.approx(found.calibration.scale, abs=1e-6)
+    assert w.landmarks.inverse_depth == pytest.approx(best.x[n:], abs=1e-6)
+
+
+def test_the_prior_stands_for_what_was_marginalised():
+    """After the oldest frame went with its landmarks, the remaining states have the same best estimate."""
+    rng = np.random.default_rng(4)
+    w = noisy_window(rng, frames=4)
+    w.landmarks.seen[:, 3] = 0  # the newest frame's sightings would change hands
+    terms, work = TERMS._replace(sight_limit=1e3, depth_limit=1e3), blank_work(SLOTS, POINTS)
+    kernel.minimise(w, terms, work, 25, 0.0)
+    whole = copy.deepcopy(w)
+    kernel.forget_oldest(w, terms, work, np.zeros(POINTS, np.uint8))
+    shift(w)
+    assert w.frames.count[0] == 3
+    before = w.frames.p[:3].copy()
+    kernel.minimise(w, terms, work, 5, 0.0)
+    assert w.frames.p[:3] == pytest.approx(before, abs=1e-6)
+    assert before == pytest.approx(whole.frames.p[1:4])
+    H = w.prior.H[: CALIBRATION + 2 * FRAME, : CALIBRATION + 2 * FRAME]
+    assert np.linalg.eigvalsh(H).min() > -1e-6 * np.linalg.eigvalsh(H).max()
