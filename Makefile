@@ -16,7 +16,7 @@ demo: $(READY)
 	$(BIN)/stridetwin run demo --seed $(SEED) -o $(DEMO)
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(READY)
 	$(BIN)/ruff check .

@@ -29,6 +29,7 @@ ESTIMATORS = {
     "foot_to_foot": "paths of both feet, tied together by what shoe cameras and sonars tell of each other",
     "contact_terrain": "slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
     "dvio": "path of a head- or chest-worn RGB-D camera with IMU",
+    "terrain_map": "planes, ramps and stairs around the walker from depth pictures and poses",
 }
 _SHOWN = {
     "end_error_m": "end m",
@@ -189,6 +190,8 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
 
     if arguments.estimator == "contact_terrain":
         return _estimate_steps(arguments, progress)
+    if arguments.estimator == "terrain_map":
+        return _estimate_terrain(arguments, progress)
     if arguments.estimator == "dvio":
         if arguments.foot or arguments.lag is not None:
             raise StrideTwinError("--foot and --lag go with foot_ins; dvio tells one path, each pose at once")
@@ -227,6 +230,22 @@ def _estimate_steps(arguments: Namespace, progress: Progress) -> Outcome:
     file = str(arguments.output)
     data = {"file": file, "files": [file], "estimator": arguments.estimator, "rows": len(made)}
     return Outcome(data=data, lines=[f"{file}: {len(made)} steps"])
+
+
+def _estimate_terrain(arguments: Namespace, progress: Progress) -> Outcome:
+    from stridetwin.scenarios.terrain_files import document, map_recording, write_terrain
+    from stridetwin.streams.tum import read_tum
+
+    if arguments.foot:
+        raise StrideTwinError("--foot goes with foot_ins; terrain_map looks through the depth camera")
+    progress("estimate", 0.0)
+    terrain_map = map_recording(_imported(arguments), read_tum(arguments.poses) if arguments.poses else None)
+    files = [str(f) for f in write_terrain(terrain_map, arguments.output)]
+    found = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
+    kinds = [t["type"] for t in found["terrains"]]
+    data = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": len(found["planes"])}
+    told = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs"))
+    return Outcome(data=data, lines=[f"{files[0]}: {len(found['planes'])} planes; {told}"])
 
 
 def _for_foot(file: Path, foot: str) -> Path:

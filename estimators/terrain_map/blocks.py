@@ -1,0 +1,140 @@
+"""Voxels in blocks of 8 x 8 x 8, in a window that follows the walker: memory stays what it is.
+
+Where a block lies is looked up in a ring: block (i, j, k) stands at (i mod X, j mod Y, k mod Z), so that the window
+moves without moving a voxel. Grid axes: the world's, turned about the vertical.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+EDGE = 8
+VOXELS = EDGE**3
+SHAPE = (64, 64, 32)
+"""Blocks in the window; powers of two."""
+CAPACITY = 12000
+_NONE = -1
+
+
+class Blocks(NamedTuple):
+    """The voxels that there are.
+
+    Attributes:
+        slots: (X, Y, Z) int32 ring, which row of the others holds the block; -1 none.
+        places: (N, 3) int32, block coordinates.
+        used: (N,) bool.
+        distance: (N, 512) float32, λ of eq. (21), -1 to 1, positive behind the surface.
+        weight: (N, 512) float32, W of eq. (22); 0 = never seen.
+        seen_ns: (N,) int64, when the block was last touched by a surface.
+        free: (N,) int32, stack of unused rows.
+        counts: (1,) int64, height of that stack.
+        origin: (3,) int64, lowest block of the window.
+    """
+
+    slots: NDArray[np.int32]
+    places: NDArray[np.int32]
+    used: NDArray[np.bool_]
+    distance: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    seen_ns: NDArray[np.int64]
+    free: NDArray[np.int32]
+    counts: NDArray[np.int64]
+    origin: NDArray[np.int64]
+
+
+def empty_blocks() -> Blocks:
+    """A window without a voxel."""
+    return Blocks(
+        slots=np.full(SHAPE, _NONE, np.int32),
+        places=np.zeros((CAPACITY, 3), np.int32),
+        used=np.zeros(CAPACITY, np.bool_),
+        distance=np.zeros((CAPACITY, VOXELS), np.float32),
+        weight=np.zeros((CAPACITY, VOXELS), np.float32),
+        seen_ns=np.zeros(CAPACITY, np.int64),
+        free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
+        counts=np.array([CAPACITY], np.int64),
+        origin=np.zeros(3, np.int64),
+    )
+
+
+def clear(blocks: Blocks) -> None:
+    """Forgets every voxel."""
+    blocks.slots[:] = _NONE
+    blocks.used[:] = False
+    blocks.free[:] = np.arange(CAPACITY - 1, -1, -1, dtype=np.int32)
+    blocks.counts[0] = CAPACITY
+
+
+def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: int) -> None:
+    """Moves the window; drops what lies outside or shows no surface any more, and the farthest where room is short.
+
+    Args:
+        blocks: Changed in place.
+        centre: (3,) m, grid axes, where the middle of the window goes.
+        block_m: Edge of a block.
+        stale_ns: A block without a surface that none has touched since goes.
+    """
+    blocks.origin[:] = np.floor(centre / block_m).astype(np.int64) - np.array(SHAPE) // 2
+    rows = np.flatnonzero(blocks.used)
+    places = blocks.places[rows]
+    outside = ((places < blocks.origin) | (places >= blocks.origin + np.array(SHAPE))).any(axis=1)
+    old = ~outside & (blocks.seen_ns[rows] < stale_ns)
+    outside[old] = ~_solid(blocks, rows[old])
+    _drop(blocks, rows[outside])
+    if blocks.counts[0] < CAPACITY // 8:
+        rows = rows[~outside]
+        away = np.linalg.norm((blocks.places[rows] + 0.5) * block_m - centre, axis=1)
+        _drop(blocks, rows[np.argsort(away, kind="stable")[len(rows) * 3 // 4 :]])
+
+
+def _solid(blocks: Blocks, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    return np.asarray(((blocks.distance[rows] > 0) & (blocks.weight[rows] > 0)).any(axis=1))
+
+
+def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
+    i, j, k = (blocks.places[rows] % np.array(SHAPE, np.int32)).T
+    blocks.slots[i, j, k] = _NONE
+    blocks.used[rows] = False
+    n = int(blocks.counts[0])
+    blocks.free[n : n + len(rows)] = rows
+    blocks.counts[0] = n + len(rows)
+
+
+@njit(cache=True, inline="always")
+def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int, k: int) -> int:
+    """Row of block (i, j, k), -1 where there is none."""
+    if (
+        i < origin[0] or i >= origin[0] + SHAPE[0] or j < origin[1] or j >= origin[1] + SHAPE[1]
+        or k < origin[2] or k >= origin[2] + SHAPE[2]
+    ):  # fmt: skip
+        return _NONE
+    return slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)]
+
+
+@njit(cache=True)
+def add_block(blocks: Blocks, i: int, j: int, k: int) -> int:
+    """Row of a new block (i, j, k) within the window, -1 where there is no room."""
+    if blocks.counts[0] == 0:
+        return _NONE
+    blocks.counts[0] -= 1
+    row = blocks.free[blocks.counts[0]]
+    blocks.slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)] = row
+    blocks.places[row, 0], blocks.places[row, 1], blocks.places[row, 2] = i, j, k
+    blocks.used[row] = True
+    blocks.distance[row] = 0.0
+    blocks.weight[row] = 0.0
+    return row
+
+
+@njit(cache=True, inline="always")
+def voxel(blocks: Blocks, i: int, j: int, k: int) -> tuple[float, float]:
+    """Distance and weight of voxel (i, j, k); weight 0 where it was never seen."""
+    row = slot_of(blocks.slots, blocks.origin, i >> 3, j >> 3, k >> 3)
+    if row < 0:
+        return 0.0, 0.0
+    at = ((i & 7) << 6) | ((j & 7) << 3) | (k & 7)
+    return blocks.distance[row, at], blocks.weight[row, at]

@@ -1,0 +1,73 @@
+"""The depth camera: which it is, and its picture as a pinhole would see it, without what is no depth."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.samples import Array
+
+_WIDTH = 640.0
+
+
+class DepthCamera:
+    """A depth stream and the pinhole that it is seen through.
+
+    Args:
+        calibration: Of the camera that the depth is registered to.
+
+    Attributes:
+        topic: Of the depth.
+        shape: (H, W).
+        intrinsics: (4,) fu, fv, pu, pv.
+    """
+
+    def __init__(self, calibration: CameraCalibration) -> None:
+        self.topic = calibration.depth_topic
+        self.shape = (calibration.height, calibration.width)
+        self.intrinsics: Array = np.array(calibration.intrinsics)
+        self._maps = None
+        if any(calibration.distortion):
+            fisheye = calibration.distortion_model == "equidistant"
+            undistort = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
+            K, bent = calibration.K, np.array(calibration.distortion)
+            self._maps = undistort(K, bent, np.eye(3), K, self.shape[::-1], cv2.CV_32FC1)
+
+    @classmethod
+    def of(cls, rig: Rig, topic: str | None) -> DepthCamera:
+        """The camera with this depth stream, or the first that has one.
+
+        Raises:
+            StrideTwinError: There is none; the message lists those there are.
+        """
+        there = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
+        if not there or (topic is not None and topic not in there):
+            raise StrideTwinError(
+                f"the rig has no depth {topic or 'camera'}; it has {', '.join(sorted(there)) or 'none'}"
+            )
+        return cls(there[topic] if topic is not None else next(iter(there.values())))
+
+    def pixels(self, of_640: float) -> int:
+        """So many pixels of a 640-pixel picture in this one, at least one."""
+        return max(1, round(of_640 * self.shape[1] / _WIDTH))
+
+    def rectified(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> NDArray[np.float32]:
+        """(H, W) m, 0 = none: what lies within range, as a pinhole would see it.
+
+        Args:
+            depth: (H, W) m; 0, NaN, infinity and what is negative are none.
+            p: The range.
+
+        Raises:
+            StrideTwinError: The picture has another size than the rig tells.
+        """
+        if depth.shape != self.shape:
+            raise StrideTwinError(f"{self.topic}: picture of {depth.shape}; valid: {self.shape}, as the rig tells")
+        clean = np.where((depth >= p.range_min_m) & (depth <= p.range_max_m), depth, np.float32(0))
+        if self._maps is None:
+            return np.asarray(clean, np.float32)
+        return np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)

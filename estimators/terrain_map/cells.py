@@ -1,0 +1,158 @@
+"""Planes of an organised grid of points by agglomerative hierarchical clustering of cells (Feng et al., ICRA 2014).
+
+The grid is divided into cells; a cell without a jump, whose points fit a plane, is a node; neighbouring nodes whose
+planes agree are merged, best pair first, as long as their common plane fits. Pairs that are each other's best are
+merged together, so that a round costs one pass over the edges.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit
+from stridetwin.streams.samples import Array
+
+_FULL = 0.7
+"""Share of a cell's points that must be there."""
+_DOUBT = 2.0
+"""Standard deviations of their tilts that two planes may differ by."""
+_SIGMAS = 3.0
+"""No point of a cell lies farther off."""
+
+
+@njit(cache=True, error_model="numpy")
+def cell_sums(points: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
+    """Sums over the points of each cell that is a node.
+
+    Args:
+        points: (H, W, 3) m, NaN where there is none.
+        noise: (H, W) m, standard deviation of a point.
+        cell: Edge of a cell, points.
+
+    Returns:
+        (H // cell, W // cell, 11) sums; 0 where the cell is no node.
+    """
+    rows, columns = points.shape[0] // cell, points.shape[1] // cell
+    found = np.zeros((rows, columns, SUMS))
+    for r in range(rows):
+        for c in range(columns):
+            sums = found[r, c]
+            for i in range(r * cell, (r + 1) * cell):
+                for j in range(c * cell, (c + 1) * cell):
+                    if not math.isnan(points[i, j, 2]):
+                        add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+            if sums[0] < _FULL * cell * cell:
+                sums[:] = 0.0
+                continue
+            x, y, z, a, b, d, error = fit(sums)
+            variance = sums[10] / sums[0]
+            fits, limit = error <= variance, _SIGMAS * math.sqrt(variance)
+            for i in range(r * cell, (r + 1) * cell):
+                for j in range(c * cell, (c + 1) * cell):
+                    p = points[i, j]
+                    fits = fits and not abs(a * (p[0] - x) + b * (p[1] - y) + d * (p[2] - z)) > limit
+            if not fits:
+                sums[:] = 0.0
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _tilt_variance(s: Array) -> float:
+    """Variance of a plane's tilt, rad², about the axis along which its points reach least."""
+    n = s[0]
+    a, b, d = s[4] / n - (s[1] / n) ** 2, s[7] / n - (s[2] / n) ** 2, s[9] / n - (s[3] / n) ** 2
+    e, f, g = s[5] / n - s[1] * s[2] / n**2, s[6] / n - s[1] * s[3] / n**2, s[8] / n - s[2] * s[3] / n**2
+    # Of three eigenvalues, the least near 0: the middle one from their sum and the sum of their products.
+    total, products = a + b + d, a * b + a * d + b * d - e * e - f * f - g * g
+    middle = 0.5 * (total - math.sqrt(max(total * total - 4.0 * products, 0.0)))
+    return s[10] / n / n / max(middle, 1e-9)
+
+
+@njit(cache=True, error_model="numpy")
+def cluster(found: Array, angle: float) -> NDArray[np.int32]:
+    """Merges cells into planes.
+
+    Args:
+        found: (R, C, 11) sums of the cells; changed: a plane's sums stand at its root.
+        angle: Largest angle between two planes that are merged, rad, beside what their noise explains.
+
+    Returns:
+        (R, C) root cell of each cell's plane, as index r * C + c; -1 where there is none.
+    """
+    rows, columns = found.shape[:2]
+    sums = found.reshape(rows * columns, SUMS)
+    root = np.full(rows * columns, -1, np.int32)
+    normals, doubt = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
+    for n in range(len(root)):
+        if sums[n, 0] > 0:
+            root[n] = n
+            _, _, _, normals[n, 0], normals[n, 1], normals[n, 2], _ = fit(sums[n])
+            doubt[n] = _tilt_variance(sums[n])
+    edges = np.empty((2 * len(root), 2), np.int32)
+    count = 0
+    for r in range(rows):
+        for c in range(columns):
+            n = r * columns + c
+            if root[n] < 0:
+                continue
+            if c + 1 < columns and root[n + 1] >= 0:
+                edges[count, 0], edges[count, 1] = n, n + 1
+                count += 1
+            if r + 1 < rows and root[n + columns] >= 0:
+                edges[count, 0], edges[count, 1] = n, n + columns
+                count += 1
+    costs = np.full(count, -1.0)  # of merging an edge's planes; -1 not known, inf not allowed
+    best = np.empty(len(root), np.int64)
+    common = np.empty(SUMS)
+    while True:
+        best[:] = -1
+        for e in range(count):
+            a, b = edges[e]
+            if costs[e] < 0.0:
+                costs[e] = np.inf
+                dot = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1] + normals[a, 2] * normals[b, 2]
+                if 1.0 - dot * dot <= angle**2 + _DOUBT**2 * (doubt[a] + doubt[b]):
+                    for s in range(SUMS):
+                        common[s] = sums[a, s] + sums[b, s]
+                    error = fit(common)[6]
+                    if error <= common[10] / common[0]:
+                        costs[e] = error
+            if costs[e] < np.inf:
+                if best[a] < 0 or costs[e] < costs[best[a]]:
+                    best[a] = e
+                if best[b] < 0 or costs[e] < costs[best[b]]:
+                    best[b] = e
+        merged = False
+        for e in range(count):
+            a, b = edges[e]
+            if best[a] == e and best[b] == e:
+                for s in range(SUMS):
+                    sums[a, s] += sums[b, s]
+                    sums[b, s] = 0.0
+                root[b] = a
+                _, _, _, normals[a, 0], normals[a, 1], normals[a, 2], _ = fit(sums[a])
+                doubt[a] = _tilt_variance(sums[a])
+                best[a] = best[b] = -2 - a  # both are the new plane a
+                merged = True
+        if not merged:
+            break
+        kept = 0
+        for e in range(count):
+            a, b = edges[e]
+            new = best[a] < -1 or best[b] < -1
+            a = -2 - best[a] if best[a] < -1 else a
+            b = -2 - best[b] if best[b] < -1 else b
+            if a != b:
+                edges[kept, 0], edges[kept, 1] = a, b
+                costs[kept] = -1.0 if new else costs[e]
+                kept += 1
+        count = kept
+    for n in range(len(root)):
+        if root[n] >= 0:
+            while root[n] != root[root[n]]:
+                root[n] = root[root[n]]
+    return root.reshape(rows, columns)

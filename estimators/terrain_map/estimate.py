@@ -1,0 +1,227 @@
+"""What the terrain map tells."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+_BORDER_M = 0.25
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """A piece of ground, η of Zhao et al. 2023.
+
+    Attributes:
+        id: Its own as long as it lives.
+        centre: (3,) m, world.
+        normal: (3,) unit vector, up.
+        area_m2: Area, seen from above.
+        spread: (2, 2) m², covariance of its points in plan.
+        votes: Score w of the paper: pictures that confirm it over those that do not.
+        covariance: (3, 3) of the height at the centre (m) and of the slopes along world x and y.
+    """
+
+    id: int
+    centre: Array
+    normal: Array
+    area_m2: float
+    spread: Array
+    votes: float
+    covariance: Array
+
+    @property
+    def gradient(self) -> Array:
+        """(2,) slopes along world x and y."""
+        return np.asarray(-self.normal[:2] / self.normal[2])
+
+    @property
+    def slope(self) -> float:
+        """Angle against the level, rad, ≥ 0."""
+        return math.atan(float(np.linalg.norm(self.gradient)))
+
+    @property
+    def slope_sd(self) -> float:
+        """Its standard deviation, rad, along the steepest ascent."""
+        g = self.gradient
+        along = g / np.linalg.norm(g) if g.any() else np.array([1.0, 0.0])
+        return math.sqrt(along @ self.covariance[1:, 1:] @ along) * math.cos(self.slope) ** 2
+
+    def height(self, xy: Array) -> Array:
+        """(...) m at (..., 2) places of the world."""
+        return np.asarray(self.centre[2] + (np.asarray(xy) - self.centre[:2]) @ self.gradient)
+
+    def toward(self, xy: Array) -> Array:
+        """(2,) m, the place on the way from the centre to a (2,) place up to which the plane is well seen.
+
+        A narrow plane is known best at its centre: its slope is not, and where it ends it is half air.
+        """
+        way = np.asarray(xy) - self.centre[:2]
+        length = float(np.linalg.norm(way))
+        if length == 0.0:
+            return self.centre[:2]
+        way = way / length
+        half = math.sqrt(3.0 * float(way @ self.spread @ way))  # as if its points lay evenly
+        return np.asarray(self.centre[:2] + max(0.0, min(length, half) - _BORDER_M) * way)
+
+    def height_sd(self, xy: Array) -> float:
+        """Standard deviation of the height at a (2,) place, m."""
+        j = np.array([1.0, *(np.asarray(xy) - self.centre[:2])])
+        return math.sqrt(j @ self.covariance @ j)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Level:
+    """Ground to walk on as usual: a flat plane that is no tread.
+
+    Attributes:
+        id: Its own as long as its plane lives.
+        plane: The plane's id.
+    """
+
+    id: int
+    plane: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ramp:
+    """A sloping plane.
+
+    Attributes:
+        id: Its own as long as its plane lives.
+        plane: The plane's id.
+        slope: rad, > 0.
+        slope_sd: Standard deviation, rad.
+        heading: Direction of the steepest ascent in the world, rad from x.
+    """
+
+    id: int
+    plane: int
+    slope: float
+    slope_sd: float
+    heading: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stairs:
+    """A flight of equal steps; its edges lie at s = start + k tread, k = 0..steps - 1, along the way up.
+
+    Attributes:
+        id: Its own as long as one of its planes lives.
+        planes: Ids of the planes, from the lowest: what lies before the first riser, each tread, what lies at the top.
+        steps: Risers seen.
+        riser: Height of a step, m.
+        tread: Depth of a step, m; NaN as long as one edge alone is seen.
+        heading: Way up in the world, rad from x.
+        start: Where the first edge lies, m along that way from the world's origin.
+        base: Height of the lowest plane at the first edge, m.
+        covariance: (5, 5) of (riser, tread, heading, start, base); inf where nothing is known.
+        edges: (steps,) m along the way up, each edge as it was found; NaN where it was not.
+        risers: (steps,) m, each riser as it was found.
+        across: (2,) m, from where to where the edges reach, along the left-hand side of the way up.
+    """
+
+    id: int
+    planes: tuple[int, ...]
+    steps: int
+    riser: float
+    tread: float
+    heading: float
+    start: float
+    base: float
+    covariance: Array
+    edges: Array
+    risers: Array
+    across: Array
+
+    @property
+    def up(self) -> Array:
+        """(2,) unit vector of the way up."""
+        return np.array([math.cos(self.heading), math.sin(self.heading)])
+
+
+Terrain = Level | Ramp | Stairs
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TerrainEstimate:
+    """The ground around the walker as it is known at one instant.
+
+    Attributes:
+        t_ns: Time of the picture.
+        planes: By id.
+        terrains: Levels, ramps and stairs.
+        p_camera_in_world: (3,) m.
+    """
+
+    t_ns: int
+    planes: dict[int, Plane]
+    terrains: tuple[Terrain, ...]
+    p_camera_in_world: Array
+
+    @property
+    def stairs(self) -> tuple[Stairs, ...]:
+        """Those of the terrains that are stairs."""
+        return tuple(t for t in self.terrains if isinstance(t, Stairs))
+
+    @property
+    def ramps(self) -> tuple[Ramp, ...]:
+        """Those that are ramps."""
+        return tuple(t for t in self.terrains if isinstance(t, Ramp))
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """Those that are level."""
+        return tuple(t for t in self.terrains if isinstance(t, Level))
+
+    def terrain_of(self, plane: int) -> Terrain | None:
+        """The terrain that a plane belongs to: stairs where it is a tread, else its own."""
+        own: Terrain | None = None
+        for terrain in self.terrains:
+            if isinstance(terrain, Stairs):
+                if plane in terrain.planes[1:-1]:
+                    return terrain
+            elif terrain.plane == plane:
+                own = terrain
+        return own
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Change:
+    """Where the ground along a line changes.
+
+    Attributes:
+        kind: `edge`, a jump, or `knee`, a bend.
+        s: m along the line.
+        sd: Standard deviation of it, m.
+        drop: Height after it less the height before, m; 0 at a knee.
+        bend: Slope after it less the slope before, rad; 0 at an edge.
+    """
+
+    kind: str
+    s: float
+    sd: float
+    drop: float
+    bend: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Profile:
+    """The ground along a line.
+
+    Attributes:
+        s: (N,) m along the line.
+        height: (N,) m, NaN where nothing is known.
+        plane: (N,) id of the plane, -1 where there is none.
+        changes: Edges and knees in order.
+    """
+
+    s: Array
+    height: Array
+    plane: NDArray[np.int64]
+    changes: tuple[Change, ...]

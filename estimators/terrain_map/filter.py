@@ -1,0 +1,205 @@
+"""The terrain map as an estimator: depth pictures and poses in, ground out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map.blocks import EDGE, clear, empty_blocks, roll
+from stridetwin.estimators.terrain_map.camera import DepthCamera
+from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, TerrainEstimate
+from stridetwin.estimators.terrain_map.integrate import integrate, touch, without_outlines
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.patches import patches
+from stridetwin.estimators.terrain_map.plane_set import PlaneSet
+from stridetwin.estimators.terrain_map.poses import Poses
+from stridetwin.estimators.terrain_map.profile import profile
+from stridetwin.estimators.terrain_map.terrains import terrains
+from stridetwin.estimators.terrain_map.views import from_above, from_camera, well_seen
+from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.samples import Array, Depth, Odometry, Sample
+
+_VIEW = 208
+"""Columns along the edge of the view from above."""
+_BELOW_M = 1.5
+"""How far under the camera the middle of the window lies."""
+_STALE_NS = 1_000_000_000
+_FEWEST_PIXELS = 500
+_AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
+_SMOOTHED = 4
+"""Pixels of the camera's picture to one of the smoothed one."""
+
+
+class TerrainMap:
+    """Where the ground is, and what it is: levels, ramps and stairs around someone who wears a depth camera.
+
+    Causal, of bounded memory, deterministic. A depth picture needs a pose no older than `max_pose_age_s`; poses come
+    before the pictures of the same instant. A picture without such a pose, without depth, or older than the last one is
+    passed over; a pose that is not finite is none; where the pose jumps, the map begins anew.
+
+    Args:
+        rig: Tells the camera.
+        mount: Where the depth camera's optical frame sits in the frame whose poses come (`T_body_sensor`); None: the
+            poses are the optical frame's own.
+        topic: Depth stream; None: the first that the rig has.
+        parameters: One set serves every camera and terrain.
+
+    Raises:
+        StrideTwinError: The rig has no such depth camera.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        *,
+        mount: Mount | None = None,
+        topic: str | None = None,
+        parameters: TerrainMapParameters | None = None,
+    ) -> None:
+        self.parameters = p = parameters or TerrainMapParameters()
+        self._camera = DepthCamera.of(rig, topic)
+        self._T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, dtype=float)
+        self._poses = Poses(p)
+        self._blocks = empty_blocks()
+        self._planes = PlaneSet(p)
+        self._R_world_grid = _turned(p.grid_turn_rad)
+        self._last_ns = -1
+        self._T_grid_camera: Array | None = None
+        self._estimate: TerrainEstimate | None = None
+
+    def update(self, sample: Sample) -> TerrainEstimate | None:
+        """Takes one sample; returns what is now known of the ground, None where nothing new is."""
+        if isinstance(sample, Odometry):
+            if self._poses.add(sample):
+                self._forget()
+            return None
+        if not isinstance(sample, Depth) or sample.topic != self._camera.topic or sample.t_ns <= self._last_ns:
+            return None
+        T_world_frame = self._poses.at(sample.t_ns)
+        if T_world_frame is None:
+            return None
+        self._last_ns = sample.t_ns
+        depth = self._camera.rectified(sample.depth, self.parameters)
+        if np.count_nonzero(depth) < _FEWEST_PIXELS:
+            return None
+        self._look(sample.t_ns, depth, T_world_frame @ self._T_frame_camera)
+        return self._estimate
+
+    def run(self, samples: Iterable[Sample]) -> TerrainEstimate | None:
+        """Takes samples as `update` would; returns the last estimate."""
+        for sample in samples:
+            self.update(sample)
+        return self._estimate
+
+    @property
+    def estimate(self) -> TerrainEstimate | None:
+        """What was last known; None before the first picture, and after a jump."""
+        return self._estimate
+
+    @property
+    def blocks_used(self) -> int:
+        """Blocks of voxels that are held now."""
+        return int(self._blocks.used.sum())
+
+    def heights(self, xy: Array) -> Array:
+        """(N,) m, height of the ground at (N, 2) places of the world as the map saw it; NaN where it did not."""
+        columns = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_m).astype(np.int64)
+        return self._planes.surface.at(columns)[1].astype(float)
+
+    def profile(self, origin: Array, heading: float, length_m: float = 4.0) -> Profile:
+        """The ground along a line.
+
+        Args:
+            origin: (2,) m, world, where it starts.
+            heading: Its direction in the world, rad from x.
+            length_m: How long it is.
+        """
+        return profile(self._estimate, self._planes, self._R_world_grid, self.parameters, origin, heading, length_m)
+
+    def ground(self, xy: Array) -> tuple[Plane, Terrain | None] | None:
+        """The plane and the terrain under a (2,) place of the world, m; None where no plane is known.
+
+        The plane is that of most columns around the place, so that a hole in the map is none in the ground.
+        """
+        if self._estimate is None:
+            return None
+        column = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_m).astype(np.int64)
+        slots = self._planes.surface.at(column + _AROUND)[0]
+        if not (slots >= 0).any():
+            return None
+        plane = self._estimate.planes[int(self._planes.ids[np.bincount(slots[slots >= 0]).argmax()])]
+        return plane, self._estimate.terrain_of(plane.id)
+
+    def smoothed(self) -> NDArray[np.float32]:
+        """(H / 4, W / 4) m, 0 = none: the smoothed depth image I_D^s, the map as the camera sees it now."""
+        shape = (self._camera.shape[0] // _SMOOTHED, self._camera.shape[1] // _SMOOTHED)
+        if self._T_grid_camera is None:
+            return np.zeros(shape, np.float32)
+        shift = np.array([0.0, 0.0, 1.0, 1.0]) * (_SMOOTHED - 1) / 2
+        p = self.parameters
+        return from_camera(
+            self._blocks, (self._camera.intrinsics - shift) / _SMOOTHED, shape, self._T_grid_camera, p.voxel_m,
+            p.range_max_m,
+        )  # fmt: skip
+
+    def surface_points(self) -> tuple[Array, NDArray[np.int64]]:
+        """(N, 3) m, world, the ground seen from above, a point a column, and (N,) the id of its plane, -1 none."""
+        surface = self._planes.surface
+        i, j = np.nonzero(np.isfinite(surface.height))
+        columns = np.column_stack([i, j])
+        columns = surface.origin + (columns - surface.origin) % len(surface.label)
+        points = np.column_stack([(columns + 0.5) * self.parameters.voxel_m, surface.height[i, j]])
+        label = surface.label[i, j]
+        return points @ self._R_world_grid.T, np.where(label >= 0, self._planes.ids[label], -1)
+
+    def _look(self, t_ns: int, depth: NDArray[np.float32], T_world_camera: Array) -> None:
+        p, blocks, camera = self.parameters, self._blocks, self._camera
+        T_grid_camera = T_world_camera.copy()
+        T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]
+        self._T_grid_camera = T_grid_camera
+        eye = T_grid_camera[:3, 3]
+        block_m = EDGE * p.voxel_m
+        roll(blocks, eye - np.array([0.0, 0.0, _BELOW_M]), block_m, t_ns - _STALE_NS)
+        self._planes.surface.move(blocks.origin[:2] * EDGE)
+        clean = without_outlines(depth, p.outline_share, camera.pixels(p.outline_px))
+        top_m = float(eye[2]) + p.headroom_m
+        touch(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_m, p.truncation_m, top_m, t_ns)
+        integrate(
+            blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_m,
+            p.truncation_m, p.weight_max, p.depth_noise_per_m,
+        )  # fmt: skip
+        first = self._view_corner(T_grid_camera)
+        height, weight = from_above(blocks, first[0], first[1], _VIEW, math.floor(eye[2] / p.voxel_m), p.voxel_m)
+        well_seen(height, weight)
+        over = np.where(np.isfinite(height), eye[2] - height, 0.0)
+        noise = np.sqrt((p.plane_noise_m / 3) ** 2 + (p.depth_noise_per_m * over) ** 2 / np.maximum(weight, 0.05))
+        noise = np.minimum(noise, p.plane_noise_m).astype(np.float32)
+        fewest = round(p.strip_area_m2 / p.voxel_m**2)
+        labels, sums = patches(height, noise, first.astype(float) * p.voxel_m, p.voxel_m, p.ramp_rad, fewest)
+        self._planes.update(first, labels, sums, height, noise)
+        planes = self._planes.planes(self._R_world_grid)
+        self._estimate = TerrainEstimate(
+            t_ns=t_ns, planes=planes, p_camera_in_world=T_world_camera[:3, 3].copy(),
+            terrains=terrains(planes, self._planes, blocks, self._R_world_grid, p),
+        )  # fmt: skip
+
+    def _view_corner(self, T_grid_camera: Array) -> NDArray[np.int64]:
+        """(2,) first column of the view from above, ahead of the camera: where its axis and the picture's top lead."""
+        p = self.parameters
+        ahead = T_grid_camera[:2, 2] - T_grid_camera[:2, 1]
+        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+        middle = (T_grid_camera[:2, 3] + p.ahead_m * ahead) / p.voxel_m
+        return (np.floor(middle / EDGE).astype(np.int64) - _VIEW // EDGE // 2) * EDGE
+
+    def _forget(self) -> None:
+        clear(self._blocks)
+        self._planes.clear()
+        self._estimate = None
+
+
+def _turned(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,104 @@
+"""Planes through points, from sums over them, with covariance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from stridetwin.streams.samples import Array
+
+SUMS = 11
+"""n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
+Plane = tuple[float, float, float, float, float, float, float]
+
+
+@njit(cache=True, inline="always")
+def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
+    """Adds a point to (11,) sums."""
+    sums[0] += 1.0
+    sums[1] += x
+    sums[2] += y
+    sums[3] += z
+    sums[4] += x * x
+    sums[5] += x * y
+    sums[6] += x * z
+    sums[7] += y * y
+    sums[8] += y * z
+    sums[9] += z * z
+    sums[10] += noise * noise
+
+
+@njit(cache=True, error_model="numpy")
+def fit(s: Array) -> Plane:
+    """Principal component analysis of points.
+
+    Args:
+        s: (11,) sums over at least three points, see `SUMS`.
+
+    Returns:
+        Centre (x, y, z), unit normal (x, y, z; upwards), and the mean squared distance from the plane.
+    """
+    n = s[0]
+    x, y, z = s[1] / n, s[2] / n, s[3] / n
+    a, b, d = s[4] / n - x * x, s[7] / n - y * y, s[9] / n - z * z
+    e, f, g = s[5] / n - x * y, s[6] / n - x * z, s[8] / n - y * z
+    # Smallest eigenvalue of a symmetric matrix, in closed form (Smith 1961).
+    q = (a + b + d) / 3.0
+    p = math.sqrt(max(((a - q) ** 2 + (b - q) ** 2 + (d - q) ** 2 + 2.0 * (e * e + f * f + g * g)) / 6.0, 1e-30))
+    aa, bb, dd, ee, ff, gg = (a - q) / p, (b - q) / p, (d - q) / p, e / p, f / p, g / p
+    det = aa * (bb * dd - gg * gg) - ee * (ee * dd - gg * ff) + ff * (ee * gg - bb * ff)
+    phi = math.acos(min(1.0, max(-1.0, det / 2.0))) / 3.0
+    least = q + 2.0 * p * math.cos(phi + 2.0 * math.pi / 3.0)
+    # Its vector is orthogonal to the rows of (matrix - value): the longest cross product of two of them.
+    a, b, d = a - least, b - least, d - least
+    ux, uy, uz = e * g - f * b, f * e - a * g, a * b - e * e
+    vx, vy, vz = e * d - f * g, f * f - a * d, a * g - e * f
+    wx, wy, wz = b * d - g * g, g * f - e * d, e * g - b * f
+    uu, vv, ww = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, wx * wx + wy * wy + wz * wz
+    if vv > uu:
+        ux, uy, uz, uu = vx, vy, vz, vv
+    if ww > uu:
+        ux, uy, uz, uu = wx, wy, wz, ww
+    if uu < 1e-40:
+        ux, uy, uz, uu = 0.0, 0.0, 1.0, 1.0
+    size = math.copysign(math.sqrt(uu), uz)
+    return x, y, z, ux / size, uy / size, uz / size, max(least, 0.0)
+
+
+def spread_of(sums: Array) -> Array:
+    """(2, 2) m², covariance of points in plan, from their (11,) sums."""
+    n, x, y = sums[0], sums[1] / sums[0], sums[2] / sums[0]
+    xy = sums[5] / n - x * y
+    return np.array([[sums[4] / n - x * x, xy], [xy, sums[7] / n - y * y]])
+
+
+def height_plane(
+    sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
+) -> tuple[Array, Array, Array]:
+    """A plane as a height over the ground, z = z_c + a (x - x_c) + b (y - y_c), most likely for its points.
+
+    Level is what is expected of a plane whose points are too few, or too nearly on one line, to tell its slope.
+
+    Args:
+        sums: (11,) sums over its points, see `SUMS`.
+        common_m: Standard deviation of what all the points share.
+        common_rad: Likewise for the slopes, rad.
+        alike: How many points share an error.
+        slope_sd: Of slopes before anything is seen, rad.
+
+    Returns:
+        (3,) centre, (2,) slopes a and b, and the (3, 3) covariance of (z_c, a, b).
+    """
+    n = sums[0]
+    c = sums[1:4] / n
+    spread = spread_of(sums)
+    rise = np.array([sums[6] / n - c[0] * c[2], sums[8] / n - c[1] * c[2]])
+    share = max(sums[10] / n * alike / n, 1e-12)
+    slopes_covariance = np.linalg.inv(spread / share + np.eye(2) / slope_sd**2)
+    slopes = slopes_covariance @ rise / share
+    covariance = np.zeros((3, 3))
+    covariance[0, 0] = share + common_m**2
+    covariance[1:, 1:] = slopes_covariance + common_rad**2 * np.eye(2)
+    return c, slopes, covariance

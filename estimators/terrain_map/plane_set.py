@@ -1,0 +1,154 @@
+"""The set of planes: new ones vote for those that are there, eq. (23), and the ground knows its plane."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_plane, spread_of
+from stridetwin.estimators.terrain_map.surface import NONE, Surface, sums_of
+from stridetwin.streams.samples import Array
+
+SLOTS = 256
+_SLOPE_SD = math.radians(6.0)
+_ALIKE = 16.0
+"""Columns that share their error: what one pixel's neighbourhood, and one pose, do to them."""
+_SAME_IOU = 0.3
+_INSIDE = 0.6
+_APART = 1.5
+_MOMENTS = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
+
+
+class PlaneSet:
+    """Planes with their votes, and the columns of each.
+
+    Args:
+        parameters: See `TerrainMapParameters`.
+
+    Attributes:
+        surface: The columns; labels are slots.
+        ids: (SLOTS,) id of the plane in each slot, -1 none.
+        votes: (SLOTS,) score of each.
+    """
+
+    def __init__(self, parameters: TerrainMapParameters) -> None:
+        self._p = parameters
+        self._fewest = round(parameters.strip_area_m2 / parameters.voxel_m**2)
+        self.surface = Surface()
+        self.ids = np.full(SLOTS, NONE, np.int64)
+        self.votes = np.zeros(SLOTS)
+        self._sums = np.zeros((SLOTS, SUMS))
+        self._next_id = 0
+
+    def clear(self) -> None:
+        """Forgets every plane; ids go on."""
+        self.surface.clear()
+        self.ids[:] = NONE
+        self.votes[:] = 0.0
+        self._sums[:] = 0.0
+
+    def update(
+        self, first: NDArray[np.int64], labels: NDArray[np.int32], sums: Array, height: NDArray[np.float32],
+        noise: NDArray[np.float32],
+    ) -> None:  # fmt: skip
+        """Takes the planes of one view from above.
+
+        Args:
+            first: (2,) column of the view's corner.
+            labels: (n, n) number of each column's new plane, -1 none.
+            sums: (P, 11) over the columns of each new plane.
+            height: (n, n) m, NaN where nothing is seen.
+            noise: (n, n) m.
+        """
+        at = self.surface.view(first, len(labels))
+        seen, count = np.isfinite(height), len(sums)
+        before = self.surface.label[at]
+        both = (labels >= 0) & (before >= 0)
+        common = np.bincount(labels[both] * SLOTS + before[both], minlength=count * SLOTS).reshape(count, SLOTS)
+        in_scope = np.bincount(before[seen & (before >= 0)], minlength=SLOTS)
+        slots = self._pair(common, in_scope, sums)
+        stays = (before >= 0) & (np.abs(height - self.surface.height[at]) < self._p.plane_noise_m)
+        new = np.where(labels >= 0, slots[labels] if count else NONE, np.where(stays, before, NONE)).astype(np.int32)
+        self.surface.label[at] = np.where(seen, new, NONE)
+        self.surface.height[at], self.surface.noise[at] = height, noise
+        self._vote(slots, in_scope)
+        self.refit()
+
+    def refit(self) -> None:
+        """Sums over each plane's columns; a plane without enough of them goes."""
+        s = self.surface
+        self._sums = sums_of(s.label, s.height, s.noise, s.origin, SLOTS, self._p.voxel_m)
+        few = (self.ids >= 0) & (self._sums[:, 0] < self._fewest)
+        self._remove(np.flatnonzero(few))
+
+    def planes(self, R_world_grid: Array) -> dict[int, Plane]:
+        """The planes by id, in world axes; R_world_grid (3, 3) turns about the vertical."""
+        found = {}
+        turn = R_world_grid[:2, :2]
+        for slot in np.flatnonzero(self.ids >= 0):
+            sums = self._sums[slot]
+            centre, slopes, covariance = self._fit(sums)
+            a, b = turn @ slopes
+            normal = np.array([-a, -b, 1.0])
+            covariance[1:, 1:] = turn @ covariance[1:, 1:] @ turn.T
+            id_ = int(self.ids[slot])
+            spread = spread_of(sums)
+            found[id_] = Plane(
+                id=id_, centre=R_world_grid @ centre, normal=normal / np.linalg.norm(normal),
+                spread=turn @ spread @ turn.T, area_m2=float(sums[0]) * self._p.voxel_m**2,
+                votes=float(self.votes[slot]), covariance=covariance,
+            )  # fmt: skip
+        return found
+
+    def _fit(self, sums: Array) -> tuple[Array, Array, Array]:
+        return height_plane(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _ALIKE, _SLOPE_SD)
+
+    def _pair(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
+        """Slot of each new plane: that of the one it agrees with, or a free one."""
+        sizes = sums[:, 0].astype(np.int64)
+        slots = np.full(len(sizes), NONE, np.int32)
+        union = sizes[:, None] + in_scope[None, :] - common
+        smaller = np.minimum(sizes[:, None], in_scope[None, :])
+        pairs = np.argwhere((common > _SAME_IOU * union) | (common > _INSIDE * np.maximum(smaller, 1)))
+        order = np.argsort(-common[pairs[:, 0], pairs[:, 1]], kind="stable")
+        for d, slot in pairs[order]:
+            if slots[d] == NONE and self._agrees(sums[d], int(slot)):
+                slots[d] = slot
+        free = np.flatnonzero(self.ids < 0)
+        wanted = np.flatnonzero(slots == NONE)
+        if len(wanted) > len(free):
+            taken = np.flatnonzero(self.ids >= 0)
+            least = taken[np.argsort(self.votes[taken], kind="stable")[: len(wanted) - len(free)]]
+            self._remove(least[~np.isin(least, slots)])
+            free = np.flatnonzero(self.ids < 0)
+        for d, slot in zip(wanted, free):
+            slots[d] = slot
+            self.ids[slot], self._next_id = self._next_id, self._next_id + 1
+        return slots
+
+    def _agrees(self, new: Array, slot: int) -> bool:
+        """Whether a new plane lies on the old one, all over it, by its sums."""
+        centre, slopes, _ = self._fit(self._sums[slot])
+        # Mean square of z - a x - b y - c over the new plane's columns.
+        row = np.array([-(centre[2] - slopes @ centre[:2]), -slopes[0], -slopes[1], 1.0])
+        moments = new[_MOMENTS] / new[0]
+        return bool(row @ moments @ row < (_APART * self._p.plane_noise_m) ** 2)
+
+    def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
+        """A pair votes for the plane, a plane that was in view without one against it."""
+        paired = np.zeros(SLOTS, bool)
+        paired[slots[slots >= 0]] = True
+        self.votes[paired] = np.minimum(self.votes[paired] + 1.0, self._p.votes_max)
+        lost = (self.ids >= 0) & ~paired & (in_scope > 0.5 * self._sums[:, 0])
+        self.votes[lost] -= 1.0
+        self._remove(np.flatnonzero(lost & (self.votes <= 0)))
+
+    def _remove(self, slots: NDArray[np.intp]) -> None:
+        if len(slots):
+            self.ids[slots] = NONE
+            self.votes[slots] = 0.0
+            self.surface.label[np.isin(self.surface.label, slots)] = NONE

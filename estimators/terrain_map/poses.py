@@ -1,0 +1,54 @@
+"""Poses as they come, and where the frame is at a picture's time."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.streams.samples import Array, Odometry
+
+
+class Poses:
+    """The last two poses.
+
+    Args:
+        parameters: How old a pose may be, and how fast.
+    """
+
+    def __init__(self, parameters: TerrainMapParameters) -> None:
+        self._p = parameters
+        self._last: Odometry | None = None
+
+    def add(self, pose: Odometry) -> bool:
+        """Takes a pose; returns whether it jumped away from the one before.
+
+        A pose that is not finite, or not newer than the one before, is passed over.
+        """
+        finite = np.isfinite(pose.p_frame_in_world).all() and np.isfinite(pose.q_world_frame).all()
+        if not finite or np.linalg.norm(pose.q_world_frame) < 0.5:
+            return False
+        if self._last is None:
+            self._last = pose
+            return False
+        if pose.t_ns <= self._last.t_ns:
+            return False
+        moved = float(np.linalg.norm(pose.p_frame_in_world - self._last.p_frame_in_world))
+        dt = (pose.t_ns - self._last.t_ns) * 1e-9
+        self._last = pose
+        return moved > self._p.jump_m and moved > self._p.max_speed_mps * dt
+
+    def at(self, t_ns: int) -> Array | None:
+        """(4, 4) frame to world at a time: the last pose, carried on by its velocity; None where it is too old."""
+        pose = self._last
+        if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:
+            return None
+        dt = (t_ns - pose.t_ns) * 1e-9
+        R = Rotation.from_quat(pose.q_world_frame, scalar_first=True)
+        T = np.eye(4)
+        T[:3, 3] = pose.p_frame_in_world
+        if dt and np.isfinite(pose.v_frame_in_world).all() and np.isfinite(pose.angular_rate).all():
+            T[:3, 3] += pose.v_frame_in_world * dt
+            R = R * Rotation.from_rotvec(pose.angular_rate * dt)
+        T[:3, :3] = R.as_matrix()
+        return T

@@ -1,0 +1,125 @@
+"""The ground along a line: its height, and where it jumps or bends."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_set import PlaneSet
+from stridetwin.estimators.terrain_map.terrains import is_flat
+from stridetwin.streams.samples import Array
+
+_STEP_M = 0.02
+_LANES = np.arange(-0.24, 0.25, 0.04)
+_LEAST_LANES = 4
+_SHORTEST = 3
+"""Fewest steps of a plane that counts."""
+_EDGE_M = 0.04
+"""Jumps below this are none."""
+_KNEE = math.radians(4.0)
+
+
+def profile(
+    estimate: TerrainEstimate | None, planes: PlaneSet, R_world_grid: Array, p: TerrainMapParameters, origin: Array,
+    heading: float, length_m: float,
+) -> Profile:  # fmt: skip
+    """The ground along a line.
+
+    Args:
+        estimate: What is known.
+        planes: And its columns.
+        R_world_grid: (3, 3) grid to world axes.
+        p: Size of a column.
+        origin: (2,) m, world.
+        heading: rad from x.
+        length_m: m.
+    """
+    s = np.arange(0.0, length_m, _STEP_M) + _STEP_M / 2
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    left = np.array([-forward[1], forward[0]])
+    xy = origin + s[:, None, None] * forward + _LANES[None, :, None] * left
+    label, height = planes.surface.at(np.floor(xy @ R_world_grid[:2, :2] / p.voxel_m).astype(np.int64))
+    if estimate is None:
+        nothing = np.full(len(s), np.nan)
+        return Profile(s=s, height=nothing, plane=np.full(len(s), -1), changes=())
+    plane = _majority(label, planes.ids)
+    known = np.isfinite(height).sum(axis=1) >= _LEAST_LANES
+    middle = np.full(len(s), np.nan)
+    middle[known] = np.nanmedian(height[known], axis=1)
+    for id_ in np.unique(plane[plane >= 0]):
+        at = plane == id_
+        middle[at] = estimate.planes[int(id_)].height(origin + s[at, None] * forward)
+    changes = _changes(s, plane, estimate, origin, forward, p)
+    return Profile(s=s, height=middle, plane=plane, changes=changes)
+
+
+def _majority(label: NDArray[np.int32], ids: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) id of the plane that most lanes show at each step, -1 where too few show one."""
+    best, most = np.full(len(label), -1), np.zeros(len(label), int)
+    for column in range(label.shape[1]):
+        here = label[:, column]
+        count = (label == here[:, None]).sum(axis=1)
+        better = (count > most) & (here >= 0)
+        best[better], most[better] = here[better], count[better]
+    return np.where((most >= _LEAST_LANES) & (best >= 0), ids[best], -1)
+
+
+def _changes(
+    s: Array, plane: NDArray[np.int64], estimate: TerrainEstimate, origin: Array, forward: Array,
+    p: TerrainMapParameters,
+) -> tuple[Change, ...]:  # fmt: skip
+    runs = []
+    for id_ in np.unique(plane[plane >= 0]):
+        at = np.flatnonzero(plane == id_)
+        if len(at) >= _SHORTEST:
+            runs.append((float(s[at[0]]), float(s[at[-1]]), estimate.planes[int(id_)]))
+    runs.sort(key=lambda run: run[0] + run[1])
+    found = []
+    for (_, end, one), (start, _, other) in pairwise(runs):
+        change = _edge_or_knee(end, start, one, other, estimate, origin, forward, p)
+        if change is not None:
+            found.append(change)
+    return tuple(found)
+
+
+def _edge_or_knee(
+    end: float, start: float, one: Plane, other: Plane, estimate: TerrainEstimate, origin: Array, forward: Array,
+    p: TerrainMapParameters,
+) -> Change | None:  # fmt: skip
+    middle = 0.5 * (end + start)
+    place = origin + middle * forward
+    drop = float(other.height(place) - one.height(place))
+    slopes = [float(q.gradient @ forward) for q in (one, other)]
+    bend = math.atan(slopes[1]) - math.atan(slopes[0])
+    if is_flat(one, p) and is_flat(other, p):
+        drop, bend = float(other.height(other.toward(place)) - one.height(one.toward(place))), 0.0
+    if abs(bend) > _KNEE and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
+        s = middle - drop / (slopes[1] - slopes[0])
+        place = origin + s * forward
+        sd = math.hypot(one.height_sd(place), other.height_sd(place)) / abs(slopes[1] - slopes[0])
+        return Change(kind="knee", s=s, sd=sd, drop=0.0, bend=bend)
+    if abs(drop) < _EDGE_M:
+        return None
+    for flight in estimate.stairs:
+        known = _in_flight(flight, one.id, other.id, origin, forward)
+        if known is not None:
+            return Change(kind="edge", s=known[0], sd=known[1], drop=drop, bend=0.0)
+    s = end + p.voxel_m / 2 if drop < 0 else start - p.voxel_m / 2
+    return Change(kind="edge", s=s, sd=max(abs(start - end) / 4, p.voxel_m / 2), drop=drop, bend=0.0)
+
+
+def _in_flight(flight: Stairs, one: int, other: int, origin: Array, forward: Array) -> tuple[float, float] | None:
+    """Where a line crosses the edge between two planes of a flight, m along it, and its standard deviation."""
+    for k in range(flight.steps):
+        if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
+            along = float(flight.up @ forward)
+            if abs(along) < 0.3:
+                return None
+            sd = math.sqrt(max(flight.covariance[3, 3], 0.0)) / abs(along)
+            return (float(flight.edges[k]) - float(flight.up @ origin)) / along, max(sd, 0.005)
+    return None

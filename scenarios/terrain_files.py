@@ -1,0 +1,185 @@
+"""The terrain map on a recording, and its planes and terrains as files."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
+from stridetwin.scenarios.files import json_text
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.files import whole_file
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.samples import Odometry, Sample
+from stridetwin.streams.trajectory import Trajectory
+
+COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
+"""RGB of a point of the `.ply` by what it belongs to."""
+_POSES = "/poses"
+
+
+def depth_camera(rig: Rig) -> CameraCalibration:
+    """The first camera with depth.
+
+    Raises:
+        RecordingError: There is none.
+    """
+    for camera in rig.cameras.values():
+        if camera.depth_topic:
+            return camera
+    raise RecordingError(f"the rig has no camera with depth; it has {', '.join(sorted(rig.cameras)) or 'no camera'}")
+
+
+def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, Mount]:
+    """The poses that came with a recording, and where the camera sits in their frame.
+
+    Returns:
+        Topic of the camera's own path, or of that of another sensor of its body; and the camera in that sensor's frame.
+
+    Raises:
+        RecordingError: There are none.
+    """
+    rig = recording.rig
+    frames: list[CameraCalibration | ImuCalibration] = [camera, *rig.imus.values(), *rig.cameras.values()]
+    for frame in frames:
+        topic = f"/truth{frame.topic}/odometry"
+        if topic in recording.topics and frame.mount.body == camera.mount.body:
+            T_frame_camera = np.linalg.inv(frame.mount.T_body_sensor) @ camera.mount.T_body_sensor
+            return topic, Mount(body=camera.mount.body, T_body_sensor=T_frame_camera)
+    paths = [topic for topic, info in recording.topics.items() if info.kind is Odometry]
+    if len(paths) == 1 and not recording.is_mcap:  # a folder of depth alone: its poses are the depth camera's
+        return paths[0], Mount(body=camera.mount.body)
+    raise RecordingError(
+        f"{recording.path}: no poses (/truth{camera.topic}/odometry); terrain_map needs them, or a file with --poses"
+    )
+
+
+def map_recording(recording: Recording, path: Trajectory | None = None) -> TerrainMap:
+    """Leads a recording's depth, and poses, into a terrain map.
+
+    Args:
+        recording: With depth and its calibration.
+        path: Poses of the depth camera's optical frame, an odometry's; None: those that came with the recording.
+
+    Raises:
+        RecordingError: There is no depth, or no poses of the camera or its body.
+    """
+    camera = depth_camera(recording.rig)
+    if camera.depth_topic not in recording.topics:
+        raise RecordingError(f"{recording.path}: no topic {camera.depth_topic}; terrain_map needs depth")
+    mount = None
+    samples: Iterable[Sample]
+    if path is not None:
+        samples = heapq.merge(_odometry(path), recording.samples([camera.depth_topic]), key=lambda s: s.t_ns)
+    else:
+        topic, mount = given_poses(recording, camera)
+        samples = recording.samples([topic, camera.depth_topic])
+    terrain_map = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
+    terrain_map.run(samples)
+    return terrain_map
+
+
+def _odometry(path: Trajectory) -> Iterator[Sample]:
+    """Poses as samples; their velocities are not known."""
+    unknown = np.full(3, np.nan)
+    for t, p, q in zip(path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame):
+        yield Odometry(topic=_POSES, t_ns=t, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown,
+                       angular_rate=unknown)  # fmt: skip
+
+
+def document(estimate: TerrainEstimate) -> dict[str, Any]:
+    """Planes and terrains for a JSON file: m, degrees, world axes; what is not known is null."""
+    return {
+        "t_s": estimate.t_ns * 1e-9,
+        "p_camera_in_world_m": _plain(estimate.p_camera_in_world),
+        "planes": [_plane(p, estimate.terrain_of(p.id)) for p in estimate.planes.values()],
+        "terrains": [_terrain(t) for t in estimate.terrains],
+    }
+
+
+def write_terrain(terrain_map: TerrainMap, file: Path) -> list[Path]:
+    """Writes planes and terrains as JSON, and the ground as a `.ply` of the same name.
+
+    Raises:
+        RecordingError: The map has seen nothing.
+    """
+    estimate = terrain_map.estimate
+    if estimate is None:
+        raise RecordingError("no depth picture has a pose; nothing is mapped")
+    points, plane = terrain_map.surface_points()
+    cloud = file.with_suffix(".ply")
+    with whole_file(cloud) as out:
+        _write_ply(points, [_kind(estimate.terrain_of(int(p))) for p in plane], plane, out)
+    with whole_file(file) as out:
+        out.write_text(json_text(document(estimate)), encoding="utf-8")
+    return [file, cloud]
+
+
+def _kind(terrain: Terrain | None) -> str:
+    return "none" if terrain is None else type(terrain).__name__.lower()
+
+
+def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, Any]:
+    return {
+        "id": plane.id,
+        "terrain": _kind(terrain),
+        "centre_m": _plain(plane.centre),
+        "normal": _plain(plane.normal),
+        "area_m2": plane.area_m2,
+        "slope_deg": math.degrees(plane.slope),
+        "slope_sd_deg": math.degrees(plane.slope_sd),
+        "height_sd_m": math.sqrt(plane.covariance[0, 0]),
+        "votes": plane.votes,
+    }
+
+
+def _terrain(terrain: Terrain) -> dict[str, Any]:
+    if isinstance(terrain, Stairs):
+        sd = np.sqrt(np.diag(terrain.covariance))
+        return {
+            "type": "stairs", "id": terrain.id, "planes": list(terrain.planes), "steps": terrain.steps,
+            "riser_m": terrain.riser, "riser_sd_m": _number(sd[0]), "tread_m": _number(terrain.tread),
+            "tread_sd_m": _number(sd[1]), "heading_deg": math.degrees(terrain.heading), "start_m": terrain.start,
+            "start_sd_m": _number(sd[3]), "base_m": terrain.base, "edges_m": _plain(terrain.edges),
+            "risers_m": _plain(terrain.risers), "across_m": _plain(terrain.across),
+        }  # fmt: skip
+    known: dict[str, Any] = {"type": _kind(terrain), "id": terrain.id, "planes": [terrain.plane]}
+    if isinstance(terrain, Ramp):
+        known |= {"slope_deg": math.degrees(terrain.slope), "slope_sd_deg": math.degrees(terrain.slope_sd),
+                  "heading_deg": math.degrees(terrain.heading)}  # fmt: skip
+    return known
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _plain(values: Any) -> list[float | None]:
+    return [_number(v) for v in values]
+
+
+def _write_ply(points: Any, kinds: list[str], plane: Any, file: Path) -> None:
+    """Binary PLY: x, y, z, colour, and the plane's id."""
+    columns = [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("red", "u1"),
+        ("green", "u1"),
+        ("blue", "u1"),
+        ("plane", "<i4"),
+    ]
+    rows = np.empty(len(points), columns)
+    rows["x"], rows["y"], rows["z"] = points.T
+    rows["red"], rows["green"], rows["blue"] = np.array([COLORS[k] for k in kinds], np.uint8).reshape(-1, 3).T
+    rows["plane"] = plane
+    names = {"<f4": "float", "u1": "uchar", "<i4": "int"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    header += [f"property {names[kind]} {name}" for name, kind in columns]
+    file.write_bytes(("\n".join([*header, "end_header"]) + "\n").encode() + rows.tobytes())

@@ -1,0 +1,206 @@
+"""What a terrain map does with what comes in, sound or not, and what it holds."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, picture, pose
+
+from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
+from stridetwin.estimators.terrain_map.blocks import CAPACITY
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.samples import Imu
+
+STAIRS = flight(0.16, 0.30, 5)
+EYE = np.array([-1.2, 0.0, EYE_M])
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return picture(STAIRS, EYE, attitude(0.0), np.random.default_rng(0))
+
+
+def known(terrain_map, pixels, t_ns=0, eye=EYE):
+    terrain_map.update(pose(t_ns, eye, attitude(0.0)))
+    return terrain_map.update(depth(t_ns, pixels))
+
+
+def everything(estimate):
+    """Every number of an estimate."""
+    found = []
+    for p in estimate.planes.values():
+        found += [*p.centre, *p.normal, *p.covariance.ravel(), p.area_m2, p.votes]
+    for s in estimate.stairs:
+        found += [s.riser, s.heading, s.start, s.base, *s.risers]
+    return np.array(found)
+
+
+def test_one_picture_is_enough(seen):
+    estimate = known(TerrainMap(RIG), seen)
+    ours = max(estimate.stairs, key=lambda s: s.steps)
+    assert ours.steps >= 2
+    assert ours.riser == pytest.approx(0.16, abs=0.01)
+
+
+def test_two_runs_are_one():
+    one, other = (approach(STAIRS, start=2.0, end=1.2, frames=5)[1] for _ in range(2))
+    np.testing.assert_array_equal(everything(one), everything(other))
+    assert list(one.planes) == list(other.planes)
+
+
+def test_nothing_is_nan():
+    estimate = approach(STAIRS, start=2.0, end=1.2, frames=5)[1]
+    assert np.isfinite(everything(estimate)).all()
+    assert all((np.linalg.eigvalsh(p.covariance) > 0).all() for p in estimate.planes.values())
+
+
+@pytest.mark.parametrize("spoilt", [0.0, np.nan, np.inf, -1.0, 30.0])
+def test_a_picture_without_depth_says_nothing(seen, spoilt):
+    terrain_map = TerrainMap(RIG)
+    before = known(terrain_map, seen)
+    assert known(terrain_map, np.full_like(seen, spoilt), PERIOD_NS) is None
+    assert terrain_map.estimate is before
+
+
+def test_pixels_that_are_no_depth_are_none(seen):
+    spoilt = seen.copy()
+    spoilt[::7, ::5] = np.nan
+    spoilt[1::7, ::5] = -np.inf
+    estimate = known(TerrainMap(RIG), spoilt)
+    assert np.isfinite(everything(estimate)).all()
+    assert max(s.steps for s in estimate.stairs) >= 2
+
+
+def test_a_pose_that_is_not_finite_is_none(seen):
+    terrain_map = TerrainMap(RIG)
+    bad = pose(0, EYE, attitude(0.0))
+    for field in ("p_frame_in_world", "q_world_frame"):
+        terrain_map.update(replace(bad, **{field: np.full_like(getattr(bad, field), np.nan)}))
+        assert terrain_map.update(depth(0, seen)) is None
+    assert known(terrain_map, seen, PERIOD_NS) is not None
+
+
+def test_a_picture_without_a_pose_of_its_time_says_nothing(seen):
+    terrain_map = TerrainMap(RIG)
+    assert terrain_map.update(depth(0, seen)) is None
+    terrain_map.update(pose(0, EYE, attitude(0.0)))
+    assert terrain_map.update(depth(PERIOD_NS, seen)) is None
+    assert terrain_map.update(depth(20_000_000, seen)) is not None
+
+
+def test_a_picture_that_is_late_or_comes_twice_says_nothing(seen):
+    terrain_map = TerrainMap(RIG)
+    assert known(terrain_map, seen, PERIOD_NS) is not None
+    assert known(terrain_map, seen, PERIOD_NS) is None
+    assert known(terrain_map, seen, PERIOD_NS - 1) is None
+
+
+def test_other_samples_are_passed_over(seen):
+    terrain_map = TerrainMap(RIG)
+    terrain_map.update(pose(0, EYE, attitude(0.0)))
+    assert (
+        terrain_map.update(Imu(topic="/head/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.ones(3))) is None
+    )
+    assert terrain_map.update(replace(depth(0, seen), topic="/chest/depth")) is None
+
+
+def test_after_a_jump_of_the_pose_the_map_begins_anew(seen):
+    terrain_map = TerrainMap(RIG)
+    known(terrain_map, seen)
+    away = EYE + [3.0, 0.0, 0.4]
+    terrain_map.update(pose(PERIOD_NS, away, attitude(0.0)))
+    assert terrain_map.estimate is None
+    assert len(terrain_map.surface_points()[0]) == 0
+    estimate = terrain_map.update(depth(PERIOD_NS, seen))  # the same stairs, now elsewhere in the odometry's world
+    ours = max(estimate.stairs, key=lambda s: s.steps)
+    assert ours.start == pytest.approx(3.0, abs=0.03)
+    assert ours.base == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_wrong_picture_is_refused(seen):
+    terrain_map = TerrainMap(RIG)
+    terrain_map.update(pose(0, EYE, attitude(0.0)))
+    with pytest.raises(StrideTwinError, match=r"picture of \(100, 100\); valid: \(240, 320\)"):
+        terrain_map.update(depth(0, seen[:100, :100]))
+
+
+def test_a_rig_without_depth_is_refused():
+    with pytest.raises(StrideTwinError, match="no depth camera; it has none"):
+        TerrainMap(Rig())
+    with pytest.raises(StrideTwinError, match="no depth /x; it has /head/depth"):
+        TerrainMap(RIG, topic="/x")
+
+
+@pytest.mark.parametrize(("field", "value"), [("voxel_m", 0.0), ("riser_min_m", 0.5), ("weight_max", math.nan)])
+def test_parameters_are_checked(field, value):
+    with pytest.raises(ConfigError, match=field):
+        TerrainMapParameters(**{field: value})
+
+
+def test_the_mount_tells_where_the_camera_sits(seen):
+    """Poses of a body 10 cm behind the camera that looks another way."""
+    T = np.eye(4)
+    T[:3, :3] = attitude(0.0).as_matrix()
+    T[:3, 3] = [0.1, 0.0, 0.05]
+    terrain_map = TerrainMap(RIG, mount=Mount(body="head", T_body_sensor=T))
+    body = pose(0, EYE - T[:3, 3], attitude(0.0))
+    terrain_map.update(replace(body, q_world_frame=np.array([1.0, 0.0, 0.0, 0.0])))
+    ours = max(terrain_map.update(depth(0, seen)).stairs, key=lambda s: s.steps)
+    assert ours.start == pytest.approx(0.0, abs=0.02)
+
+
+def test_velocity_carries_a_pose_to_the_picture(seen):
+    terrain_map = TerrainMap(RIG)
+    moving = replace(pose(0, EYE - [0.04, 0.0, 0.0], attitude(0.0)), v_frame_in_world=np.array([1.0, 0.0, 0.0]))
+    terrain_map.update(moving)
+    ours = max(terrain_map.update(depth(40_000_000, seen)).stairs, key=lambda s: s.steps)
+    assert ours.start == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_long_way_keeps_to_its_memory():
+    """40 m over steps here and there: no more voxels, planes or columns than the window holds."""
+    steps = [Box(x=(x, x + 1.0), z=(-1.0, 0.15)) for x in np.arange(0.0, 40.0, 4.0)]
+    ground = Box(x=(-5, 60), y=(-5, 5))
+    terrain_map = TerrainMap(RIG)
+    held = []
+    for i, x in enumerate(np.arange(-2.0, 38.0, 0.5)):
+        eye, R = np.array([x, 0.0, EYE_M]), attitude(0.0)
+        terrain_map.update(pose(i * 400_000_000, eye, R))
+        estimate = terrain_map.update(depth(i * 400_000_000, picture([ground, *steps], eye, R, None)))
+        held.append(terrain_map.blocks_used)
+        assert len(estimate.planes) < 40
+    assert max(held) < CAPACITY
+    assert max(held[-20:]) < 1.3 * max(held[10:30])
+    points, _ = terrain_map.surface_points()
+    assert points[:, 0].min() > 37.5 - 9.0
+
+
+def test_the_smoothed_picture_is_what_the_camera_saw(seen):
+    terrain_map = TerrainMap(RIG)
+    for i in range(4):
+        known(terrain_map, picture(STAIRS, EYE, attitude(0.0), np.random.default_rng(i)), i * PERIOD_NS)
+    exact = picture(STAIRS, EYE, attitude(0.0), None)[1::4, 1::4]
+    smoothed = terrain_map.smoothed()
+    both = (smoothed > 0) & (exact > 0) & (exact < 3.0)
+    assert both.mean() > 0.4
+    assert np.median(np.abs(smoothed - exact)[both]) < 0.01
+
+
+def test_the_profile_of_nothing_is_nothing():
+    profile = TerrainMap(RIG).profile(np.zeros(2), 0.0)
+    assert np.isnan(profile.height).all()
+    assert profile.changes == ()
+    assert TerrainMap(RIG).ground(np.zeros(2)) is None
+
+
+def test_the_profile_up_a_flight():
+    terrain_map, _ = approach(STAIRS, start=2.2, end=1.2)
+    profile = terrain_map.profile(np.array([-1.2, 0.0]), 0.0)
+    edges = [c for c in profile.changes if c.kind == "edge"]
+    assert len(edges) >= 4
+    np.testing.assert_allclose([c.s for c in edges[:4]], 1.2 + 0.3 * np.arange(4), atol=0.015)
+    np.testing.assert_allclose([c.drop for c in edges[:4]], 0.16, atol=0.012)
+    at = np.argmin(np.abs(profile.s - 1.35))
+    assert profile.height[at] == pytest.approx(0.16, abs=0.008)

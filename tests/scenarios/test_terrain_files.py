@@ -1,0 +1,119 @@
+"""A folder of depth pictures with poses becomes planes and terrains in files; and the measures of the map's score."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.map_score import Drift, distance_to, mesh_of, true_changes
+from stridetwin.sim.config import Level, Ramp, Route, Stairs
+from stridetwin.sim.solids import Box
+from stridetwin.sim.terrain import Terrain
+from stridetwin.streams.samples import Odometry
+
+WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
+RISER, TREAD = 0.15, 0.30
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Three pictures, 7-Scenes layout, of three risers 1.2 m ahead of a camera 1.6 m over the floor, 35° down."""
+    where = tmp_path_factory.mktemp("frames")
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    rays = np.stack([(u - (WIDTH - 1) / 2) / FOCAL, (v - (HEIGHT - 1) / 2) / FOCAL, np.ones_like(u, float)], -1)
+    c, s = math.cos(math.radians(35)), math.sin(math.radians(35))
+    R = np.array([[0, -s, c], [-1, 0, 0], [0, -c, -s]])
+    eye = np.array([-1.2, 0.0, 1.6])
+    d = rays @ R.T
+    depth = np.full((HEIGHT, WIDTH), np.inf)
+    for k in range(4):  # treads from the floor up, and the risers between them
+        t = (k * RISER - eye[2]) / d[..., 2]
+        x = eye[0] + t * d[..., 0]
+        on = (t > 0) & (x < k * TREAD) & ((x > (k - 1) * TREAD) | (k == 0)) if k < 3 else (t > 0) & (x > 2 * TREAD)
+        depth = np.where(on & (t < depth), t, depth)
+        t = (k * TREAD - eye[0]) / d[..., 0]
+        z = eye[2] + t * d[..., 2]
+        on = (t > 0) & (z > k * RISER) & (z < (k + 1) * RISER) & (k < 3)
+        depth = np.where(on & (t < depth), t, depth)
+    pixels = np.where(depth < 5, depth * 1000, 0).astype(np.uint16)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, eye
+    for i in range(3):
+        cv2.imwrite(str(where / f"frame-{i:06d}.depth.png"), pixels)
+        np.savetxt(where / f"frame-{i:06d}.pose.txt", T)
+    np.savetxt(where / "camera-intrinsics.txt", [[FOCAL, 0, (WIDTH - 1) / 2], [0, FOCAL, (HEIGHT - 1) / 2], [0, 0, 1]])
+    return where
+
+
+def test_estimate_writes_planes_terrains_and_points(folder, tmp_path, capsys):
+    file = tmp_path / "map.json"
+    assert main(["estimate", "terrain_map", str(folder), "-o", str(file), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["files"] == [str(file), str(tmp_path / "map.ply")]
+    found = json.loads(file.read_text())
+    stairs = max((t for t in found["terrains"] if t["type"] == "stairs"), key=lambda t: t["steps"])
+    assert stairs["riser_m"] == pytest.approx(RISER, abs=0.005)
+    assert stairs["tread_m"] == pytest.approx(TREAD, abs=0.01)
+    assert stairs["heading_deg"] == pytest.approx(0.0, abs=1.0)
+    assert told["rows"] == len(found["planes"])
+    header, _, points = (tmp_path / "map.ply").read_bytes().partition(b"end_header\n")
+    count = int(header.split(b"element vertex ")[1].split()[0])
+    assert len(points) == 19 * count > 0
+
+
+def test_a_folder_without_poses_is_told(folder, tmp_path, capsys):
+    for file in folder.glob("*.depth.png"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "camera-intrinsics.txt").write_bytes((folder / "camera-intrinsics.txt").read_bytes())
+    assert main(["estimate", "terrain_map", str(tmp_path), "-o", str(tmp_path / "map.json")]) == 2
+    assert "--poses" in capsys.readouterr().err
+    poses = tmp_path / "poses.txt"
+    row = [-1.2, 0, 1.6, *_xyzw(folder)]
+    poses.write_text("".join(f"{i / 30:.9f} {' '.join(map(str, row))}\n" for i in range(3)))
+    out = tmp_path / "map.json"
+    assert main(["estimate", "terrain_map", str(tmp_path), "--poses", str(poses), "-o", str(out)]) == 0
+    assert any(t["type"] == "stairs" for t in json.loads(out.read_text())["terrains"])
+
+
+def _xyzw(folder):
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(np.loadtxt(folder / "frame-000000.pose.txt")[:3, :3]).as_quat()
+
+
+def test_the_true_changes_of_a_route():
+    segments = (
+        Level(length_m=3), Stairs(risers=4, riser_m=0.15, tread_m=0.28, down=False), Level(length_m=2),
+        Stairs(risers=4, riser_m=0.15, tread_m=0.28, down=True), Level(length_m=3),
+        Ramp(angle_rad=0.2, rise_m=0.5, down=False), Level(length_m=3),
+    )  # fmt: skip
+    up, down, ramp = true_changes(Terrain.from_route(Route(segments=segments)).layout.profile)
+    assert (up.kind, up.risers, down.kind, ramp.kind) == ("stairs", 4, "stairs", "ramp")
+    assert (up.s, up.riser, up.tread) == pytest.approx((3.0, 0.15, 0.28))
+    assert (down.s, down.riser) == pytest.approx((3.0 + 3 * 0.28 + 2.0, -0.15))
+    assert ramp.slope == pytest.approx(0.2)
+
+
+def test_distances_from_a_mesh_are_exact():
+    mesh = mesh_of([Box(x=0.0, y=0.0, length=2.0, width=1.0, bottom=0.0, top=0.5)])
+    points = np.array([[0.0, 0.0, 0.7], [0.5, 0.2, 0.5], [2.0, 0.0, 0.5], [1.3, 0.9, 0.5], [0.0, 0.0, 0.4]])
+    np.testing.assert_allclose(distance_to(mesh, points), [0.2, 0.0, 1.0, 0.5, 0.1], atol=1e-9)
+
+
+def test_drift_is_a_share_of_the_way():
+    def poses():
+        for i in range(101):
+            yield Odometry(
+                topic="/truth", t_ns=i * 10_000_000, p_frame_in_world=np.array([0.1 * i, 0.0, 0.0]),
+                q_world_frame=np.array([1.0, 0, 0, 0]), v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),
+            )  # fmt: skip
+
+    drift = Drift(share=0.01, attitude_sd_rad=0.002)
+    told = list(drift.applied(poses(), np.random.default_rng(0)))
+    off = told[-1].p_frame_in_world - [10.0, 0.0, 0.0]
+    assert np.linalg.norm(off) == pytest.approx(0.1)
+    angles = [2 * math.acos(min(1.0, abs(p.q_world_frame[0]))) for p in told]
+    assert 0.0005 < np.mean(angles) < 0.01
