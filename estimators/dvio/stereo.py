@@ -54,8 +54,7 @@ class Stereo:
         rays = np.concatenate([self._lens.normalised(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
         at = rays[:, :2] / rays[:, 2:] * [P1[0, 0], P1[1, 1]] + [P1[0, 2], P1[1, 2]]
         shape = (left.height, left.width)
-        self._at = at.astype(np.float32).reshape(*shape, 2)
-        self._nowhere = np.zeros((0, 0), np.float32)  # the map holds both coordinates
+        self._column, self._row = (np.ascontiguousarray(a.astype(np.float32).reshape(shape)) for a in at.T)
         self._along = rays[:, 2].astype(np.float32).reshape(shape)
         self._matcher = cv2.StereoSGBM.create(
             minDisparity=0, numDisparities=_DISPARITIES, blockSize=_BLOCK, P1=8 * _BLOCK**2, P2=32 * _BLOCK**2,
@@ -71,7 +70,7 @@ class Stereo:
         """
         pair = [cv2.remap(_grey(p.pixels), *m, cv2.INTER_LINEAR) for p, m in zip((left, right), self._maps)]
         disparity = self._matcher.compute(*pair).astype(np.float32) / _FIXED_POINT
-        seen = cv2.remap(disparity, self._at, self._nowhere, cv2.INTER_NEAREST, borderValue=-1.0)
+        seen = cv2.remap(disparity, self._column, self._row, cv2.INTER_NEAREST, borderValue=-1.0)
         with np.errstate(divide="ignore"):
             depth = np.where(seen >= _LEAST_PX, self._times_depth / (seen * self._along), 0.0)
         return Depth(topic=self.topic, t_ns=left.t_ns, depth=depth.astype(np.float32))
