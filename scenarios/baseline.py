@@ -8,9 +8,13 @@ from dataclasses import dataclass
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.streams.errors import StrideTwinError
 
-_SLACK = {"_m": 0.002, "_pct": 0.02}  # what rounding between machines may do, in the unit of the key
-_HIGHER_IS_BETTER = ("nees_position_within_95_pct", "coverage_pct")
-_NOT_JUDGED = ("distance_m", "duration_s", "nees_position_mean", "end_height_error_m", "nis_")
+# what rounding between machines may do, in the unit of the key
+_SLACK = {"_m": 0.002, "_mm": 0.2, "_deg": 0.02, "_pct": 0.02}
+_HIGHER_IS_BETTER = (
+    "nees_position_within_95_pct", "coverage_pct", "classification_accuracy_pct", "slope_in_95_pct",
+    "elevation_in_95_pct",
+)  # fmt: skip
+_NOT_JUDGED = ("distance_m", "duration_s", "nees_position_mean", "end_height_error_m", "nis_", "steps")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,6 +31,16 @@ ESTIMATORS = {
     "dvio": "path of a head- or chest-worn RGB-D camera with IMU",
     "terrain_map": "planes, ramps and stairs around the walker from depth pictures and poses",
 }
+_SHOWN_STEPS = {
+    "slope_rmse_deg": "slope °",
+    "elevation_rmse_mm": "elevation mm",
+    "slope_in_95_pct": "slope in 95 %",
+    "elevation_in_95_pct": "elev. in 95 %",
+    "classification_accuracy_pct": "class %",
+    "unknown_pct": "unknown %",
+    "end_error_m": "end m",
+    "end_error_pct": "end %",
+}
 _SHOWN = {
     "end_error_m": "end m",
     "end_error_pct": "end %",
@@ -257,6 +267,7 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.scenarios.baseline import regressions
     from stridetwin.scenarios.evaluate import Estimate, estimates, evaluate, summary
+    from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
     from stridetwin.streams.tum import read_tum
 
     named = [_named_file(text) for text in arguments.estimate]
@@ -268,9 +279,15 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
         progress("score", i / len(arguments.recordings))
         recording = _recording(path, arguments.lenient)
         made = [Estimate(name=n, frame=arguments.frame, path=read_tum(f)) for n, f in named] or estimates(recording)
-        if not made:
-            raise StrideTwinError(f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu")
+        steps = not named and feeds_steps(recording)
+        if not made and not steps:
+            raise StrideTwinError(
+                f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu, or with an "
+                "exoskeleton's AHRS, encoders and insoles"
+            )
         scores.append({r.estimate.name: r.scores for r in evaluate(recording, made, arguments.align)})
+        if steps:
+            scores[-1]["contact_terrain"] = evaluate_steps(recording).scores
         entries.append({"name": path.stem, "metadata": _public(recording.metadata), "estimators": scores[-1]})
     mean = summary(scores)
     data: dict[str, Any] = {"recordings": entries, "estimators": mean}
@@ -322,12 +339,18 @@ def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 
 def score_table(scores: dict[str, Scores]) -> list[str]:
-    """The main scores as lines of text, one an estimator."""
-    head = f"{'estimator':<14}" + "".join(f"{words:>17}" for words in _SHOWN.values())
-    lines = [head]
+    """The main scores as lines of text, one an estimator: those of paths, then those of steps."""
+    steps = {name: values for name, values in scores.items() if "slope_rmse_deg" in values}
+    paths = {name: values for name, values in scores.items() if name not in steps}
+    lines = _score_lines(paths, _SHOWN) if paths or not steps else []
+    return [*lines, *([""] if lines and steps else []), *(_score_lines(steps, _SHOWN_STEPS) if steps else [])]
+
+
+def _score_lines(scores: dict[str, Scores], shown: dict[str, str]) -> list[str]:
+    lines = [f"{'estimator':<16}" + "".join(f"{words:>17}" for words in shown.values())]
     for name, values in scores.items():
-        cells = (f"{values[k]:>17.3f}" if k in values else f"{'-':>17}" for k in _SHOWN)
-        lines.append(f"{name:<14}" + "".join(cells))
+        cells = (f"{values[k]:>17.3f}" if k in values else f"{'-':>17}" for k in shown)
+        lines.append(f"{name:<16}" + "".join(cells))
     return lines
 
 

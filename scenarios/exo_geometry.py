@@ -99,13 +99,18 @@ def metadata(twin: Twin) -> dict[str, str]:
     return {KEY: to_text(geometry(twin.size, twin.rig))} if kinds >= _SENSORS else {}
 
 
+def tells_geometry(recording: Recording) -> bool:
+    """Whether `of_recording` finds anything."""
+    return KEY in recording.metadata
+
+
 def of_recording(recording: Recording) -> Exoskeleton:
     """Geometry that a recording's metadata tells.
 
     Raises:
         StrideTwinError: It tells none.
     """
-    if KEY not in recording.metadata:
+    if not tells_geometry(recording):
         raise StrideTwinError(
             f"{recording.path}: tells no geometry of an exoskeleton; give its file: --exoskeleton FILE"
         )

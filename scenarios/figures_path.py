@@ -16,7 +16,7 @@ INK = "#0f1c2e"
 COLORS = {"l": "#0b6bcb", "r": "#d9480f"}
 _TOGETHER = {"l": "#0a7d7d", "r": "#a3327a"}
 _SHADES = {"l": "#9cc4ee", "r": "#f3b898"}
-_GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
+GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
 _FOOT_M, _HALF_FOOT_M = 0.26, 0.045
 
 _Lines = tuple[tuple[Array, Array], tuple[Array, Array]]  # (horizontal, vertical) of the truth, of the estimate
@@ -56,7 +56,7 @@ def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
             if s[1] > s[0]:
                 z = np.interp(s, [strip.s0, strip.s1], [strip.z0, strip.z1])
                 corners = np.r_[z, span_z[0], span_z[0]]
-                plot.polygon(np.r_[s, s[::-1]], corners, _GROUND[strip.terrain])
+                plot.polygon(np.r_[s, s[::-1]], corners, GROUND[strip.terrain])
         _paths(plot, results, lines)
         return plot
 
@@ -73,11 +73,11 @@ def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Bloc
     span_x, span_y = data_range(*every_x, margin=0.02), data_range(*every_y, margin=0.05 if turns else 0.2)
 
     def draw(width: float) -> Plot:
-        height, x, y = _to_scale(width, span_x, span_y) if turns else (260.0, span_x, span_y)
+        height, x, y = to_scale(width, span_x, span_y) if turns else (260.0, span_x, span_y)
         plot = Plot(width=width, height=height, x=x, y=y, title="Plan view", x_label="x, m", y_label="y, m")
         for slab in layout.slabs if layout and turns else ():
             corners = slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left])
-            plot.polygon(np.clip(corners[:, 0], *x), np.clip(corners[:, 1], *y), _GROUND[slab.terrain])
+            plot.polygon(np.clip(corners[:, 0], *x), np.clip(corners[:, 1], *y), GROUND[slab.terrain])
         for outline in prints:
             plot.polygon(outline[:, 0], outline[:, 1], "#f6f8fa", stroke="#a9b8c8")
         _paths(plot, results, lines)
@@ -161,10 +161,10 @@ def _outline(footprint: Footprint) -> Array:
     return np.array([footprint.p_foot_in_world[:2] + u * toes + v * aside for u, v in local])
 
 
-def _to_scale(width: float, x: Range, y: Range) -> tuple[float, Range, Range]:
+def to_scale(width: float, x: Range, y: Range, least: float = 200.0) -> tuple[float, Range, Range]:
     """Height of a plot, and ranges at least as wide as asked, so that a metre is as long both ways."""
     inner = width - 60.0
-    height = float(np.clip(inner * (y[1] - y[0]) / (x[1] - x[0]), 200.0, 640.0))
+    height = float(np.clip(inner * (y[1] - y[0]) / (x[1] - x[0]), least, 640.0))
     metre = min(inner / (x[1] - x[0]), height / (y[1] - y[0]))
     wide, tall = inner / metre, height / metre
     middle_x, middle_y = (x[0] + x[1]) / 2, (y[0] + y[1]) / 2

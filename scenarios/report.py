@@ -13,12 +13,14 @@ import numpy as np
 from stridetwin.scenarios.evaluate import Result
 from stridetwin.scenarios.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
 from stridetwin.scenarios.figures_path import error_over_time, foot_of, label_of, plan_view, side_view
+from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
 from stridetwin.scenarios.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.scenarios.film import Film, data_uri, jpeg_uri
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.injected import from_metadata as injected_faults
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.pictures import CameraView, camera_views
+from stridetwin.scenarios.step_scores import StepResult
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.recording import Recording
 
@@ -67,6 +69,7 @@ class Story:
         command: How to make it again.
         recording: The walk.
         results: Scored estimates.
+        steps: What the legs of an exoskeleton told, or None.
         film: Third-person film, or None.
     """
 
@@ -77,17 +80,17 @@ class Story:
     command: str
     recording: Recording
     results: Sequence[Result]
+    steps: StepResult | None
     film: Film | None
 
 
 def render_report(story: Story) -> str:
     """The report as HTML text."""
-    page = resources.files("stridetwin.scenarios").joinpath("report.html").read_text(encoding="utf-8")
     config = story.config
     travelled = max((r.scores["distance_m"] for r in story.results), default=0.0)
     chips = [
         f"{story.duration_s:.1f} s of walking",
-        f"{travelled:.1f} m travelled by a foot",
+        *([f"{travelled:.1f} m travelled by a foot"] if story.results else []),
         f"seed {story.seed}",
         f"{config.physics} physics",
         f"{config.person.height_m:.2f} m, {config.person.mass_kg:.0f} kg",
@@ -103,6 +106,7 @@ def render_report(story: Story) -> str:
         _film(story.film),
         _views(story),
         _paths(story),
+        _steps(story),
         _gait(story),
         _streams(story),
         _faults(story),
@@ -110,12 +114,28 @@ def render_report(story: Story) -> str:
         _sensors(story),
         _reproduce(story),
     ]
-    title = config.name.replace("_", " ")
-    return Template(page).substitute(
-        title=escape(title[:1].upper() + title[1:]),
-        description=escape(story.description),
+    name = config.name.replace("_", " ")
+    footer = "Everything on this page comes from one recording; truth and estimates never met before the scores."
+    return page(name[:1].upper() + name[1:], story.description, chips, sections, footer)
+
+
+def page(title: str, description: str, chips: Sequence[str], sections: Sequence[str], footer: str) -> str:
+    """An HTML page with everything inside it.
+
+    Args:
+        title: Plain text, as are description, chips and footer.
+        description: One line.
+        chips: Some words each.
+        sections: HTML; empty ones are left out.
+        footer: One line.
+    """
+    template = resources.files("stridetwin.scenarios").joinpath("report.html").read_text(encoding="utf-8")
+    return Template(template).substitute(
+        title=escape(title),
+        description=escape(description),
         chips="".join(f"<li>{escape(c)}</li>" for c in chips),
         sections="\n".join(s for s in sections if s),
+        footer=escape(footer),
     )
 
 
@@ -126,7 +146,8 @@ def _root_help(recording: Recording, mass_kg: float) -> str:
     return f"help at the root {mean:.2f} % of body weight (95 %: {p95:.2f}, most {most:.2f})"
 
 
-def _section(title: str, lead: str, body: str, css: str = "card") -> str:
+def section(title: str, lead: str, body: str, css: str = "card") -> str:
+    """A section of a page; title and lead are plain text, body is HTML in a box of that class."""
     inner = f'<div class="{css}">{body}</div>' if css else body
     return f"<section><h2>{escape(title)}</h2><p>{escape(lead)}</p>{inner}</section>"
 
@@ -148,7 +169,7 @@ def _score_cards(results: Sequence[Result]) -> str:
         "Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else. Feet together: both IMUs in "
         "one filter, with what shoe cameras and sonars tell of each other. Scored against the twin's truth."
     )
-    return _section("How well the estimate did", lead, "".join(cards), "cards") if cards else ""
+    return section("How well the estimate did", lead, "".join(cards), "cards") if cards else ""
 
 
 def _film(film: Film | None) -> str:
@@ -160,7 +181,7 @@ def _film(film: Film | None) -> str:
     how = 'controls muted loop playsinline preload="metadata"'
     video = f'<video {how} poster="{poster}" src="{source}"></video>'
     body = f'{video}<div class="strip">{strip}</div>'
-    return _section("The walk", "In real time, seen from outside.", body, "card film")
+    return section("The walk", "In real time, seen from outside.", body, "card film")
 
 
 def _views(story: Story) -> str:
@@ -175,7 +196,7 @@ def _views(story: Story) -> str:
         "What the cameras recorded at six moments. In depth pictures near is yellow, far is violet, "
         "and black is no reading."
     )
-    return _section("What the cameras saw", lead, rows) if rows else ""
+    return section("What the cameras saw", lead, rows) if rows else ""
 
 
 def _picture(uri: str, alt: str, caption: str) -> str:
@@ -197,7 +218,21 @@ def _paths(story: Story) -> str:
         "Paths of the two foot IMUs: black is true, dashed is estimated. Heights are stretched, and so are sides where "
         "the way is straight."
     )
-    return _section("Where it went", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
+    return section("Where it went", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
+
+
+def _steps(story: Story) -> str:
+    if story.steps is None:
+        return ""
+    layout, scores = from_metadata(story.recording.metadata), story.steps.scores
+    figures = (steps_from_aside(layout, story.steps.steps), steps_from_above(layout, story.steps.steps))
+    lead = (
+        "From the exoskeleton's AHRS, encoders and insoles alone: each footprint with the plane that it stands on, its "
+        f"normal in red, over the true ground. Slope {_number(scores['slope_rmse_deg'], 2)}° and elevation "
+        f"{_number(scores['elevation_rmse_mm'], 1)} mm RMS, {_number(scores['classification_accuracy_pct'], 1)} % of "
+        f"{scores['steps']:.0f} classes right; {_number(scores['end_error_m'], 2)} m off at the end."
+    )
+    return section("What the legs told", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
 
 
 def _gait(story: Story) -> str:
@@ -216,7 +251,7 @@ def _gait(story: Story) -> str:
         f"{len(strides)} level strides, each a line (left blue, right orange). Bands: people at that "
         "speed, one and two SD (Schwartz, Rozumalski and Trost 2008)."
     )
-    return _section("How it walks", lead, body, "plots") if body else ""
+    return section("How it walks", lead, body, "plots") if body else ""
 
 
 def _streams(story: Story) -> str:
@@ -226,7 +261,7 @@ def _streams(story: Story) -> str:
     if not figures:
         return ""
     lead = f"The same {WINDOW_S:g} seconds of every stream, as the recording holds them; time in s."
-    return _section("Every stream", lead, f'<div class="multiples">{"".join(figures)}</div>')
+    return section("Every stream", lead, f'<div class="multiples">{"".join(figures)}</div>')
 
 
 def _faults(story: Story) -> str:
@@ -240,7 +275,7 @@ def _faults(story: Story) -> str:
         rows += f"<tr><td>{escape(kind)}</td><td><code>{escape(topic)}</code></td><td>{when}</td></tr>"
     head = "<tr><th>Fault</th><th>Stream</th><th>Time, s</th></tr>"
     lead = "What was made to go wrong between sensor and recorder; shaded in the streams above."
-    return _section("Injected faults", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
+    return section("Injected faults", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
 
 
 def _score_table(results: Sequence[Result]) -> str:
@@ -256,7 +291,7 @@ def _score_table(results: Sequence[Result]) -> str:
             rows += f"<tr><td>{words}</td>{cells}<td>{unit or '–'}</td></tr>"
     table = f'<div class="scroll"><table><tr><th>Score</th>{head}<th>Unit</th></tr>{rows}</table></div>'
     lead = "Position and yaw agree at the start; the truth is taken at the estimate's own stamps."
-    return _section("Scores", lead, table + _paper_figures())
+    return section("Scores", lead, table + _paper_figures())
 
 
 def _paper_figures() -> str:
@@ -291,12 +326,12 @@ def _sensors(story: Story) -> str:
     columns = "<th>Topic</th><th>Part</th><th>Sits on</th>"
     head = f'<tr>{columns}<th class="n">Rate, Hz</th><th class="n">Samples</th></tr>'
     lead = "The rig as the recording declares it."
-    return _section("Sensors", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
+    return section("Sensors", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
 
 
 def _reproduce(story: Story) -> str:
     lead = "The scenario and the seed fix every byte of the recording and of scores.json."
-    return _section("Make it again", lead, f"<pre>{escape(story.command)}</pre>", "")
+    return section("Make it again", lead, f"<pre>{escape(story.command)}</pre>", "")
 
 
 def _number(value: float, digits: int) -> str:

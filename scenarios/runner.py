@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios import exo_geometry, ground, injected
-from stridetwin.scenarios.evaluate import Result, estimates, evaluate
+from stridetwin.scenarios.evaluate import estimates, evaluate
 from stridetwin.scenarios.files import json_text, staged
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.scenarios.scoring import Scores
+from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
+from stridetwin.scenarios.steps import write_steps
 from stridetwin.sim.fault_plan import check_times, plan_faults
 from stridetwin.sim.faults import arrivals
 from stridetwin.streams.errors import StrideTwinError
@@ -113,8 +115,8 @@ def run_scenario(
     Args:
         scenario: Who walks where.
         seed: Fixes every byte of the recording and of the scores.
-        folder: Gets `recording.mcap`, `scores.json`, `report.html`, `run.rrd` (where there is Rerun) and a
-            TUM file an estimator; all of them at the end, none of them if anything fails.
+        folder: Gets `recording.mcap`, `scores.json`, `report.html`, `run.rrd` (where there is Rerun), a TUM
+            file an estimator of paths and a table of steps; all of them at the end, none of them if anything fails.
         command: How a reader of the report makes it again.
         progress: Told the stage and how far it is (0-1).
         pictures: The report shows a film, and the views of the cameras that are on.
@@ -135,8 +137,12 @@ def run_scenario(
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
         scores = {r.estimate.name: r.scores for r in results}
+        steps = evaluate_steps(recording) if feeds_steps(recording) else None
+        if steps is not None:
+            write_steps(steps.estimates, out / "contact_terrain.csv")
+            scores["contact_terrain"] = steps.scores
         faults = injected.from_metadata(recording.metadata)
-        document = scores_document(scenario, seed, results, twin.fell_at, faults)
+        document = scores_document(scenario, seed, scores, twin.fell_at, faults)
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         film = None
         if pictures:
@@ -150,6 +156,7 @@ def run_scenario(
             command=command,
             recording=recording,
             results=results,
+            steps=steps,
             film=film,
         )
         (out / "report.html").write_text(render_report(story), encoding="utf-8")
@@ -163,7 +170,7 @@ def run_scenario(
 def scores_document(
     scenario: Scenario,
     seed: int,
-    results: list[Result],
+    scores: dict[str, Scores],
     fell_at: float | None = None,
     faults: Sequence[injected.Injected] = (),
 ) -> dict[str, object]:
@@ -175,7 +182,7 @@ def scores_document(
         walk["faults"] = [vars(f) for f in faults]
     return {
         "recordings": [walk],
-        "estimators": {r.estimate.name: r.scores for r in results},
+        "estimators": scores,
     }
 
 

@@ -63,6 +63,7 @@ class Plot:
         title: What a screen reader says.
         x_label: Text below the axis.
         y_label: Text at the top left.
+        x_names: What stands at x = 0, 1, 2 and so on in place of numbers.
     """
 
     width: float
@@ -72,6 +73,7 @@ class Plot:
     title: str
     x_label: str = ""
     y_label: str = ""
+    x_names: Sequence[str] = ()
     _marks: list[str] = field(default_factory=list)
     _legend: list[tuple[str, str, str]] = field(default_factory=list)
 
@@ -138,10 +140,12 @@ class Plot:
             at = float(self._py(value))
             out.append(f'<line x1="{left}" x2="{right:g}" y1="{at:.1f}" y2="{at:.1f}" stroke="{_GRID}"/>')
             out.append(f'<text x="{left - 6}" y="{at + 4:.1f}" text-anchor="end">{_number(value)}</text>')
-        for value in ticks(self.x, int(self.width / 80)):
+        named = dict(enumerate(self.x_names))
+        for value in named or ticks(self.x, int(self.width / 80)):
             at = float(self._px(value))
             out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{bottom + 4:g}" stroke="#b8c3d0"/>')
-            out.append(f'<text x="{at:.1f}" y="{bottom + 17:g}" text-anchor="middle">{_number(value)}</text>')
+            words = escape(named[int(value)]) if named else _number(value)
+            out.append(f'<text x="{at:.1f}" y="{bottom + 17:g}" text-anchor="middle">{words}</text>')
         out.append(f'<line x1="{left}" x2="{right:g}" y1="{bottom:g}" y2="{bottom:g}" stroke="#b8c3d0"/>')
         if self.x_label:
             corner = f'x="{right:g}" y="{self.height - 6:g}"'

@@ -20,9 +20,11 @@ from stridetwin.streams.samples import Array
 TURN_SD, KNEE_SD, LENGTH_SD, SAG_SD = math.radians(0.6), math.radians(0.3), 0.003, 0.006
 TURN_WALK = math.radians(0.05)
 """rad a step, by which an attitude's offset changes."""
-VECTOR_SD = np.array([0.006, 0.006, 0.004])
+VECTOR_SD = np.array([0.006, 0.006, 0.002])
 """Of a step's vector, m: slack of the heel's holder, soft soles."""
-SLOPE_SD, SLOPE_SHARE = math.radians(0.55), 0.12
+CLIMB_SHARE = 0.04
+"""Of the height climbed, by which holder and cuffs give under the leg that lifts its wearer."""
+SLOPE_SD, SLOPE_SHARE = math.radians(0.32), 0.06
 """Of one foot's slope: a foot is never exactly flat, and the steeper the ground, the more its holder gives."""
 PLANE_SD, PARALLEL_SD = 0.002, math.radians(0.2)
 """How far floors are from planes."""
@@ -30,7 +32,7 @@ ONE_PLANE = 0.85
 """Share of steps whose footprint lies in the plane of the one before."""
 PLANE_SPREAD = 0.25 * math.radians(15.0)
 """m rad, over which the others spread: steps of up to 0.25 m, turns of the ground by up to 15°."""
-LEVEL, LEVEL_SD, LEVEL_SPREAD = 0.6, math.radians(0.4), math.radians(30.0)
+LEVEL, LEVEL_SD, LEVEL_SPREAD = 0.6, math.radians(0.2), math.radians(30.0)
 """Share of footprints on level ground, how level that is, and over what the slopes of the others spread."""
 
 

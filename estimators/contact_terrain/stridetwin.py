@@ -14,7 +14,15 @@ from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import at_stop, leg_angles, links
 from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, step_modes
-from stridetwin.estimators.contact_terrain.offsets import SLOPE_SD, SLOPE_SHARE, VECTOR_SD, Belief, Offsets, StepFigures
+from stridetwin.estimators.contact_terrain.offsets import (
+    CLIMB_SHARE,
+    SLOPE_SD,
+    SLOPE_SHARE,
+    VECTOR_SD,
+    Belief,
+    Offsets,
+    StepFigures,
+)
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
 
@@ -179,6 +187,7 @@ class StrideTwin:
         strained = np.array([self._falls[new].strained, self._falls[old].strained])
         slope_sd = np.sqrt(SLOPE_SD**2 + (SLOPE_SHARE * slopes) ** 2 + (STRAINED_SLOPE_SD * strained) ** 2)
         place_sd = np.hypot(VECTOR_SD, STRAINED_SD * self._crossing.strained / self._crossing.weight)
+        place_sd[2] = math.hypot(place_sd[2], CLIMB_SHARE * max(vector[2], 0.0))
         sd = np.concatenate([place_sd, slope_sd])
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 

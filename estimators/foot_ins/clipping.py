@@ -105,13 +105,15 @@ def _peak(memory: Memory, channel: int, known: float, least: int, excess: float,
     span = (memory.ring_t_ns[head] - memory.ring_t_ns[(head - end - 1) % RING]) * 1e-9
     dt = span / (end + 1)
     rise, fall = (x[end] - x[end + 1]) / dt, (x[1] - x[0]) / dt
+    if max(x[0], x[1], x[end]) >= limit:
+        return 0
     if end - 2 < least:
         to_world = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])
         if channel < 3 or sign * to_world[2, channel - 3] < UPWARD:
             return 0
         hidden[2:end, channel] = sign * excess * known
         return end
-    if max(x[0], x[1], x[end]) >= limit or min(rise, fall) <= 0.0 or span > LONGEST_S:
+    if min(rise, fall) <= 0.0 or span > LONGEST_S:
         return 0
     top = x[2:end].mean()
     before, after = min((top - x[end]) / rise, dt), min((top - x[1]) / fall, dt)

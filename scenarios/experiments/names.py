@@ -11,4 +11,5 @@ EXPERIMENT_NAMES = {
     "dvio_bench": "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",
     "dvio_faults": "what the visual-inertial odometry makes of faults: depth, camera, IMU, passers-by, calibration",
     "shim_table5": "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",
+    "shim_faults": "what contact terrain makes of faults: insoles, encoders, AHRS, wrong lengths, shuffling, modules",
 }

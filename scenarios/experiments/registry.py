@@ -17,6 +17,8 @@ from stridetwin.scenarios.experiments import (
     jao_faults,
     jao_simulation,
     jao_walk,
+    shim_faults,
+    shim_figures,
     shim_table5,
     zhao_closed_loop,
 )
@@ -36,12 +38,14 @@ class Experiment:
         run_case: From a case to a result that JSON can hold; runs in a process of its own.
         collect: From the results to `summary` and `paper`.
         table: From all of it to lines of text.
+        report: From all of it to an HTML page with its figures; None where it has none.
     """
 
     seeds: range
     run_case: Callable[[Case], dict[str, Any]]
     collect: Callable[[list[dict[str, Any]]], dict[str, Any]]
     table: Callable[[dict[str, Any]], list[str]]
+    report: Callable[[dict[str, Any]], str] | None = None
 
 
 EXPERIMENTS = {
@@ -64,7 +68,14 @@ EXPERIMENTS = {
         seeds=jao_faults.SEEDS, run_case=jao_faults.run_case, collect=jao_faults.collect, table=jao_faults.table
     ),
     "shim_table5": Experiment(
-        seeds=shim_table5.SEEDS, run_case=shim_table5.run_case, collect=shim_table5.collect, table=shim_table5.table
+        seeds=shim_table5.SEEDS,
+        run_case=shim_table5.run_case,
+        collect=shim_table5.collect,
+        table=shim_table5.table,
+        report=shim_figures.report,
+    ),
+    "shim_faults": Experiment(
+        seeds=shim_faults.SEEDS, run_case=shim_faults.run_case, collect=shim_faults.collect, table=shim_faults.table
     ),
     **{
         name: Experiment(
@@ -140,7 +151,11 @@ def run_experiment(name: str, asked: Asked, progress: Progress) -> dict[str, Any
             file.write_text(json.dumps(result), encoding="utf-8")
         progress(name, 1.0 - (len(missing) - done) / len(cases))
     results = [_read(case) for case in cases]
-    return {"experiment": name, **experiment.collect(results), "cases": results}
+    result = {"experiment": name, **experiment.collect(results), "cases": results}
+    if experiment.report is not None:
+        with whole_file(asked.folder / "report.html") as file:
+            file.write_text(experiment.report(result), encoding="utf-8")
+    return result
 
 
 def named(name: str) -> Experiment:

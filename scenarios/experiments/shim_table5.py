@@ -8,7 +8,7 @@ of the exoskeleton is a little off (`exo_geometry.measured`).
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from heapq import merge
 from importlib import resources
@@ -19,7 +19,9 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, TerrainSvm
 from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.scenarios.step_scores import percent, step_figures
 from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.twin import Twin
@@ -121,50 +123,12 @@ def _table(trials: Sequence[dict[str, list[ScoredStep]]]) -> dict[str, dict[str,
     for case, (walk, mode) in CASES.items():
         steps = [s for walks in trials for s in walks[walk] if not mode or s.mode == mode]
         places = [e for walks in trials for e in displacement_errors(walks[walk], mode)]
-        rows[case] = _figures(steps, places)
+        rows[case] = step_figures(steps, places)
     everything = [s for walks in trials for own in walks.values() for s in own]
-    rows["all"] = _figures(everything, [])
+    rows["all"] = step_figures(everything, [])
     for mode in MODES:
-        rows["all"][f"accuracy_{mode}_pct"] = _percent(s.told_mode == s.mode for s in everything if s.mode == mode)
+        rows["all"][f"accuracy_{mode}_pct"] = percent(s.told_mode == s.mode for s in everything if s.mode == mode)
     return rows
-
-
-def _figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]) -> dict[str, float]:
-    seen = [s for s in steps if s.seen]
-    slope = np.degrees([s.slope_error for s in seen])
-    elevation = 1e3 * np.array([s.elevation_error for s in seen])
-    figures = {
-        "slope_rmse_deg": _rms(slope),
-        "slope_mean_deg": float(slope.mean()) if len(slope) else 0.0,
-        "elevation_rmse_mm": _rms(elevation),
-        "elevation_mean_mm": float(elevation.mean()) if len(elevation) else 0.0,
-        **_inside(seen),
-        "classification_accuracy_pct": _percent(s.told_mode == s.mode for s in steps),
-        "steps": len(steps),
-        "steps_missed": len(steps) - len(seen),
-    }
-    if len(places):
-        d, h, y = (_rms(1e3 * np.array(axis)) for axis in zip(*places))
-        figures |= {"d_rmse_mm": d, "h_rmse_mm": h, "y_rmse_mm": y}
-    return figures
-
-
-def _inside(seen: Sequence[ScoredStep]) -> dict[str, float]:
-    """Share of errors inside the 95 % interval; nothing where the method tells none."""
-    slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in seen if s.slope_sd is not None]
-    elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in seen if s.elevation_sd is not None]
-    if not slope or not elevation:
-        return {}
-    return {"slope_in_95_pct": _percent(slope), "elevation_in_95_pct": _percent(elevation)}
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
-
-
-def _percent(right: Iterable[Any]) -> float:
-    answers = list(right)
-    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else 0.0
 
 
 def paper(who: str) -> dict[str, dict[str, float]]:
@@ -200,7 +164,49 @@ def table(result: dict[str, Any]) -> list[str]:
             )
         modes = "  ".join(f"{mode} {rows['all'][f'accuracy_{mode}_pct']:.1f}" for mode in MODES)
         lines.append(f"right classes by mode, %: {modes}")
+        people = result["by_subject"][method].items()
+        by_subject = "  ".join(f"{who} {own['all']['classification_accuracy_pct']:.1f}" for who, own in people)
+        lines.append(f"right classes by subject, %: {by_subject}")
+    return [*lines, "", *_mean_errors(result["summary"])]
+
+
+def _mean_errors(summary: dict[str, Any]) -> list[str]:
+    """Mean and standard deviation of errors beside the paper's, and those of Huo et al. that it quotes."""
+    theirs = reference("shim2019")
+    huo = theirs["huo_et_al"]
+    quoted = [
+        ("elevation_mm", "LW", ("LW",), theirs["elevation_error_mm"]["LW"], huo["elevation_error_mm"]["LW"]),
+        ("elevation_mm", "SA", ("SA",), theirs["elevation_error_mm"]["SA"], huo["elevation_error_mm"]["SA_SD"]),
+        ("elevation_mm", "SD", ("SD",), theirs["elevation_error_mm"]["SD"], huo["elevation_error_mm"]["SA_SD"]),
+        (
+            "slope_deg", "LW, SA, SD", ("LW", "SA", "SD"), theirs["slope_error_deg"]["LW_SA_SD"],
+            huo["slope_error_deg"]["LW_SA_SD"],
+        ),
+    ]  # fmt: skip
+    heads = [*summary, "Shim et al. 2019", "Huo et al."]
+    lines = [f"{'error, mean ± sd':<26}" + "".join(f"{head:>19}" for head in heads)]
+    for figure, words, cases, *papers in quoted:
+        pairs = [_mean_and_sd([rows[case] for case in cases], figure) for rows in summary.values()] + papers
+        name, unit = figure.split("_")
+        cells = "".join(f"{f'{mean:.2f} ± {sd:.2f}':>19}" for mean, sd in pairs)
+        lines.append(f"{f'{name} {unit}, {words}':<26}{cells}")
     return lines
+
+
+def _mean_and_sd(rows: Sequence[dict[str, float]], figure: str) -> tuple[float, float]:
+    """Of the errors of several cases together."""
+    name, unit = figure.split("_")
+    counts = np.array([row["steps"] - row["steps_missed"] for row in rows])
+    if not counts.sum():
+        return 0.0, 0.0
+    mean, square = (
+        float(counts @ values / counts.sum())
+        for values in (
+            np.array([row[f"{name}_mean_{unit}"] for row in rows]),
+            np.array([row[f"{name}_rmse_{unit}"] ** 2 for row in rows]),
+        )
+    )
+    return mean, float(np.sqrt(max(square - mean**2, 0.0)))
 
 
 def _cell(ours: float | None, theirs: float | None) -> str:

@@ -14,7 +14,7 @@ description: a few steps
 terrain:
   - level: {length_m: 3}
 gait: {stand_s: 1}
-sensors: [foot_imu, insole]
+sensors: [foot_imu, insole, ahrs, encoder]
 """
 
 
@@ -24,7 +24,13 @@ def test_a_short_walk_is_recorded_estimated_and_scored(tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["run", str(scenario), "--no-film", "-o", str(folder), "--json"]) == 0
     scores = json.loads(capsys.readouterr().out)["estimators"]
+    assert main(["score", str(folder / "recording.mcap"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["estimators"] == scores
+    steps = scores.pop("contact_terrain")
     assert set(scores) == {"foot_ins_l", "foot_ins_r", "foot_to_foot_l", "foot_to_foot_r"}
+    assert (steps["classification_accuracy_pct"], steps["missed_pct"]) == (100.0, 0.0)
+    assert steps["elevation_rmse_mm"] < 15.0
+    assert len((folder / "contact_terrain.csv").read_text().splitlines()) >= 1 + steps["steps"]
     for foot in scores.values():
         assert foot["distance_m"] == pytest.approx(3, abs=1)
         assert foot["end_error_pct"] < 5
@@ -33,4 +39,7 @@ def test_a_short_walk_is_recorded_estimated_and_scored(tmp_path, capsys):
     assert {"/truth/pelvis/odometry", "/truth/joints", "/truth/footprints", "/foot_l/insole"} <= set(topics)
     assert "/foot_l/camera" not in topics
     report = (folder / "report.html").read_text()
-    assert all(words in report for words in ("How well the estimate did", "Where it went", "Every stream"))
+    assert all(
+        words in report
+        for words in ("How well the estimate did", "Where it went", "What the legs told", "Every stream")
+    )

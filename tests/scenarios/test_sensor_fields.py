@@ -37,7 +37,7 @@ def test_a_list_names_what_is_on():
 
 def test_a_mapping_changes_what_it_names_and_leaves_the_rest_on():
     asked = read({"foot_imu": "MPU-9250", "head_camera": False, "sonar": True})
-    assert set(asked.groups) == set(KIND) - {"head_camera"}
+    assert set(asked.groups) == set(KIND) - {"head_camera", "exo_imu"}  # which is off unless asked for
     assert set(asked.fittings) == {"foot_imu"}
     rig = fitted({"foot_imu": "MPU-9250"}).rig
     assert rig.imus["/foot_l/imu"].rate_hz == 200

@@ -1,0 +1,72 @@
+"""The table of faults: what is done to samples and geometry, and what a small one comes to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stridetwin.scenarios.experiments import shim_faults
+from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.shim_faults import FAULTS
+from stridetwin.sim.config import Level, Route, TwinConfig
+from stridetwin.streams.samples import Ahrs, Encoder, Insole
+
+pytest.importorskip("mujoco")
+
+SHORT = """
+description: a few steps
+terrain:
+  - level: {length_m: 3}
+gait: {stand_s: 1}
+"""
+
+
+def encoder(t_s, side="l"):
+    return Encoder(topic=f"/exo/knee_{side}/encoder", t_ns=int(t_s * 1e9), angle=0.5)
+
+
+def test_an_encoder_slips_on_one_side_from_an_instant_on():
+    told = list(FAULTS["encoder_slip"].samples([encoder(1), encoder(9), encoder(9, "r")]))
+    assert [s.angle for s in told] == pytest.approx([0.5, 0.5 + np.radians(2), 0.5])
+
+
+def test_an_insole_creeps_up_to_its_most():
+    cells = [Insole(topic="/foot_l/insole", t_ns=int(t * 1e9), force=np.zeros(4)) for t in (0, 10, 90)]
+    told = [s.force.tolist() for s in FAULTS["insole_drift"].samples(cells)]
+    np.testing.assert_allclose(told, np.outer([0.0, 30.0, 60.0], np.ones(4)))
+
+
+def test_yaw_drifts_and_tilt_does_not():
+    level = Ahrs(
+        topic="/exo/back/ahrs", t_ns=60_000_000_000, q_world_sensor=np.array([1.0, 0, 0, 0]), angular_rate=np.zeros(3)
+    )
+    w, x, y, z = next(iter(FAULTS["yaw_drift"].samples([level]))).q_world_sensor
+    assert 2 * np.degrees(np.arctan2(z, w)) == pytest.approx(1.0)
+    assert (x, y) == pytest.approx((0.0, 0.0))
+
+
+def test_walks_that_differ_are_walked_anew():
+    plain = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)))
+    other = {name for name, wrong in FAULTS.items() if wrong.walk(plain) != plain}
+    assert other == {"shuffle", "mode_1"}
+
+
+def test_a_small_table(monkeypatch, tmp_path):
+    scenario = tmp_path / "short.yaml"
+    scenario.write_text(SHORT)
+    few = {name: FAULTS[name] for name in ("none", "heel_dead", "link_10mm", "ahrs_dead")}
+    few["ahrs_dead"] = replace(
+        few["ahrs_dead"], faults=tuple(replace(f, at_s=1.0) for f in few["ahrs_dead"].faults)
+    )  # fmt: skip
+    monkeypatch.setattr(shim_faults, "WALKS", (str(scenario),))
+    monkeypatch.setattr(shim_faults, "FAULTS", few)
+    case = shim_faults.run_case(Case(seed=0, folder=tmp_path, physics="kinematic"))
+    result = shim_faults.collect([case])
+    of = result["summary"]
+    assert of["none"]["classification_accuracy_pct"] == 100.0
+    assert of["none"]["elevation_max_mm"] < of["link_10mm"]["elevation_max_mm"] + 5.0 < 40.0
+    assert of["heel_dead"]["wrong_pct"] == 0.0
+    assert of["ahrs_dead"]["steps_missed"] == of["ahrs_dead"]["steps"] > 0
+    lines = shim_faults.table(result | {"cases": [case]})
+    assert len(lines) == 3 + len(few)
+    assert lines[1].endswith("none")

@@ -1,0 +1,72 @@
+"""Scores of the steps that the legs told, and their figures."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from stridetwin.scenarios.baseline import regressions
+from stridetwin.scenarios.commands import score_table
+from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
+from stridetwin.scenarios.step_scores import step_scores
+from stridetwin.scenarios.steps import ScoredStep
+from stridetwin.sim.config import Level, Ramp, Route
+from stridetwin.sim.route import lay_out
+
+
+def step(i, *, mode="LG", told_mode="LG", told=True, elevation=0.004, slope=0.0):
+    if not told:
+        return ScoredStep(mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0))
+    return ScoredStep(
+        mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0), told_mode=told_mode, told_slope=slope,
+        told_elevation=elevation, told_place=(9.0 + 0.51 * i, 1.0, 0.0), slope_sd=0.01, elevation_sd=0.001,
+        probability=0.9,
+    )  # fmt: skip
+
+
+def test_scores_count_missed_and_unknown_steps():
+    steps = [step(0), step(1, told_mode="unknown"), step(2, told=False), step(3, told_mode="SA", slope=0.005)]
+    scores = step_scores(steps)
+    assert scores["elevation_rmse_mm"] == pytest.approx(4.0)
+    assert scores["slope_rmse_deg"] == pytest.approx(np.degrees(0.005 / np.sqrt(3)))
+    assert (scores["slope_in_95_pct"], scores["elevation_in_95_pct"]) == (100.0, 0.0)
+    assert (scores["classification_accuracy_pct"], scores["unknown_pct"], scores["missed_pct"]) == (25.0, 25.0, 25.0)
+    assert scores["end_error_m"] == pytest.approx(0.03)
+    assert scores["end_error_pct"] == pytest.approx(2.0)
+    assert all(isinstance(v, float) and np.isfinite(v) for v in scores.values())
+
+
+def test_a_worse_class_is_a_regression_and_a_better_one_is_not():
+    good, bad = step_scores([step(i) for i in range(4)]), step_scores([step(i, told_mode="SA") for i in range(4)])
+    baseline = {"estimators": {"contact_terrain": good}}
+    assert regressions({"contact_terrain": good}, baseline, "b", 0.1) == []
+    worse = regressions({"contact_terrain": bad}, baseline, "b", 0.1)
+    assert [r.metric for r in worse] == ["classification_accuracy_pct"]
+    assert regressions({"contact_terrain": good}, {"estimators": {"contact_terrain": bad}}, "b", 0.1) == []
+
+
+def test_paths_and_steps_have_tables_of_their_own():
+    lines = score_table({"foot_ins_l": {"end_error_m": 0.1}, "contact_terrain": step_scores([step(0), step(1)])})
+    assert [line.split()[0] for line in lines if line] == ["estimator", "foot_ins_l", "estimator", "contact_terrain"]
+    assert "class %" in lines[3]
+    assert "class %" not in lines[0]
+
+
+def test_figures_show_every_step_that_was_seen():
+    route = Route(segments=(Level(length_m=2.0), Ramp(angle_rad=0.1, rise_m=0.2), Level(length_m=2.0)))
+    steps = [step(i, told=i != 2) for i in range(6)]
+    aside = steps_from_aside(lay_out(route), steps, "Ramp")
+    wide, narrow = re.findall(r"<svg.*?</svg>", aside)
+    assert ElementTree.fromstring(wide).get("aria-label") == "Ramp"
+    assert narrow.count("#c92a2a") == wide.count("#c92a2a") == 5
+    above = ElementTree.fromstring(re.findall(r"<svg.*?</svg>", steps_from_above(None, steps))[0])
+    assert len([e for e in above if e.tag == "circle" and e.get("r") == "2"]) == 5
+
+
+def test_a_metre_is_as_long_both_ways():
+    tilted = [step(0, slope=0.5), step(1, slope=0.5)]
+    wide = ElementTree.fromstring(re.findall(r"<svg.*?</svg>", steps_from_aside(None, tilted))[0])
+    plane = next(e for e in wide if e.get("stroke-width") == "2.4")
+    (x0, y0), (x1, y1) = (map(float, p.split(",")) for p in plane.get("points").split())
+    assert np.arctan2(y0 - y1, x1 - x0) == pytest.approx(0.5, abs=0.02)
