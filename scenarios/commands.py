@@ -194,7 +194,6 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`estimate`."""
     from stridetwin.scenarios.evaluate import estimate_feet, estimate_foot, foot_filter
     from stridetwin.scenarios.imu_table import TABLES
-    from stridetwin.scenarios.odometry import estimate_odometry
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
 
@@ -203,6 +202,8 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     if arguments.estimator == "terrain_map":
         return _estimate_terrain(arguments, progress)
     if arguments.estimator == "dvio":
+        from stridetwin.scenarios.odometry import estimate_odometry
+
         if arguments.foot or arguments.lag is not None:
             raise StrideTwinError("--foot and --lag go with foot_ins; dvio tells one path, each pose at once")
         paths = {arguments.output: estimate_odometry(_imported(arguments), arguments.method, progress).path}

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import Dvio
+from stridetwin.estimators.dvio import MOUNTS, Dvio
 from stridetwin.estimators.dvio.parameters import named
 from stridetwin.estimators.dvio.stereo import Stereo, with_stereo
 from stridetwin.scenarios.evaluate import Estimate
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.samples import Depth, Image, Imu, Sample
+from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 from stridetwin.streams.trajectory import Trajectory
 
-MOUNTS = ("head", "chest")
+
+class PoseEstimate(Protocol):
+    """What an odometry tells at one instant.
+
+    Attributes:
+        t_ns: When.
+        T_world_imu: (4, 4) pose of the IMU in a world of its own, z up.
+        covariance: (6, 6) of position (m) and of rotation about the world's axes (rad).
+    """
+
+    @property
+    def t_ns(self) -> int: ...  # noqa: D102
+    @property
+    def T_world_imu(self) -> Array: ...  # noqa: D102
+    @property
+    def covariance(self) -> Array: ...  # noqa: D102
 
 
 def mount_of(recording: Recording) -> str:
@@ -56,7 +72,7 @@ def estimate_odometry(
         samples = _with_depth(recording.samples([*topics, right]), stereo, right)
     estimator = Dvio(rig, mount=mount, parameters=parameters)
     first = int(recording.picture_times(f"/{mount}/color")[0])
-    t_ns, poses, covariances = [], [], []
+    estimates = []
     for sample in samples:
         if not isinstance(sample, Imu | Image | Depth):
             continue
@@ -64,20 +80,23 @@ def estimate_odometry(
         if progress is not None and isinstance(sample, Image):
             progress("estimate", min(1.0, (sample.t_ns - first) * 1e-9 / max(recording.duration, 1e-9)))
         if estimate is not None:
-            t_ns.append(estimate.t_ns)
-            poses.append(estimate.T_world_imu)
-            covariances.append(estimate.covariance)
-    if not t_ns:
+            estimates.append(estimate)
+    if not estimates:
         raise RecordingError(f"{recording.path}: dvio never starts; it needs a second of IMU and pictures together")
-    T = np.array(poses)
-    path = Trajectory(
-        t_ns=np.array(t_ns, np.int64),
-        p_frame_in_world=T[:, :3, 3],
-        q_world_frame=Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True),
-        covariance=np.array(covariances),
-    )
+    path = path_of(estimates)
     name = "dvio" if method == "stridetwin" else f"dvio_{method}"
     return Estimate(name=name, frame=f"{mount}/imu", path=path, ready_ns=int(path.t_ns[0]))
+
+
+def path_of(estimates: Sequence[PoseEstimate]) -> Trajectory:
+    """Trajectory of N estimates, N ≥ 0."""
+    T = np.array([e.T_world_imu for e in estimates]).reshape(-1, 4, 4)
+    return Trajectory(
+        t_ns=np.array([e.t_ns for e in estimates], np.int64),
+        p_frame_in_world=T[:, :3, 3],
+        q_world_frame=Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True) if len(T) else np.zeros((0, 4)),
+        covariance=np.array([e.covariance for e in estimates]).reshape(-1, 6, 6),
+    )
 
 
 def _with_depth(samples: Iterable[Sample], stereo: Stereo, right: str) -> Iterator[Sample]:

@@ -1,5 +1,10 @@
 """The errors of the project: one root, and a message that says what was wrong and what is allowed."""
 
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+
 
 class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
@@ -19,6 +24,14 @@ class ConfigError(StrideTwinError):
         self.source, self.field, self.value, self.valid = str(source), field, value, valid
         where = f"{source}: {field}" if field else str(source)
         super().__init__(f"{where}: {value!r} is not valid; valid: {valid}")
+
+
+def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Collection[str] = ()) -> None:
+    """Raises ConfigError at the first value that is not a finite number > 0, or ≥ 0 where its name may be zero."""
+    for name, value in values.items():
+        zero = name in may_be_zero
+        if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
+            raise ConfigError(source, name, value, "a finite number ≥ 0" if zero else "a finite number > 0")
 
 
 class RecordingError(StrideTwinError):

@@ -9,7 +9,7 @@ import numpy as np
 from stridetwin.estimators.dvio.live import Live
 from stridetwin.streams.samples import Array
 
-STARTING, TRACKING, COASTING, LOST = "starting", "tracking", "coasting", "lost"
+TRACKING, COASTING, LOST = "tracking", "coasting", "lost"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

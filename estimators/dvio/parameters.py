@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 from stridetwin.estimators.dvio.factors import Terms
 from stridetwin.estimators.dvio.memory import ImuNoise
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.rig import ImuCalibration
 
 HOST_DEPTHS = ("none", "fixed", "factor")
@@ -115,13 +114,9 @@ class DvioParameters:
         """Raises ConfigError where a value is out of range."""
         if self.host_depth not in HOST_DEPTHS:
             raise ConfigError("DvioParameters", "host_depth", self.host_depth, ", ".join(HOST_DEPTHS))
-        zero = {"extrinsic_position_sd", "extrinsic_rotation_sd", "time_offset_sd", "depth_scale_sd"}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool | str):
-                continue
-            if not (math.isfinite(value) and (value > 0 or (value == 0 and field.name in zero))):
-                raise ConfigError("DvioParameters", field.name, value, "a finite number > 0")
+        numbers = {f.name: v for f in fields(self) if not isinstance(v := getattr(self, f.name), bool | str)}
+        told = {"extrinsic_position_sd", "extrinsic_rotation_sd", "time_offset_sd", "depth_scale_sd"}
+        check_numbers("DvioParameters", numbers, may_be_zero=told)
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
 
@@ -186,4 +181,4 @@ def named(method: str) -> DvioParameters:
     """
     if method not in METHODS:
         raise ConfigError("Dvio", "method", method, ", ".join(METHODS))
-    return replace(METHODS[method])
+    return METHODS[method]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +14,7 @@ from stridetwin.estimators.foot_ins.board_pattern import BoardPattern, View
 from stridetwin.estimators.foot_ins.board_search import anywhere, around, guessed
 from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
 from stridetwin.estimators.foot_ins.lens import Lens
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, check_numbers
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
@@ -103,9 +102,7 @@ class BoardDetectorParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number > 0."""
-        for name, value in asdict(self).items():
-            if not (isfinite(value) and value > 0):
-                raise ConfigError("BoardDetectorParameters", name, value, "a finite number > 0")
+        check_numbers("BoardDetectorParameters", asdict(self))
 
 
 class BoardDetector:

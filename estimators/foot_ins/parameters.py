@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import check_numbers
 from stridetwin.streams.rig import ImuCalibration
 
 
@@ -125,11 +125,9 @@ class FootInsParameters:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
         may_be_zero = {"gyro_range", "accel_range", "impact_excess", "lever_arm", "lever_sd", "contact_sd"}
         may_be_zero |= {"level_step", "rest_level"}
-        for name, value in asdict(self).items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ConfigError("FootInsParameters", name, value, "a finite number ≥ 0")
-            if value == 0.0 and name not in may_be_zero and not name.endswith(("_noise", "_walk")):
-                raise ConfigError("FootInsParameters", name, value, "a finite number > 0")
+        values = asdict(self)
+        may_be_zero |= {name for name in values if name.endswith(("_noise", "_walk"))}
+        check_numbers("FootInsParameters", values, may_be_zero)
 
 
 class KernelParameters(NamedTuple):

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import check_numbers
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Range
 
@@ -39,9 +39,8 @@ class SonarParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0."""
-        for name, value in asdict(self).items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ConfigError("SonarParameters", name, value, "a finite number ≥ 0")
+        values = asdict(self)
+        check_numbers("SonarParameters", values, may_be_zero=values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

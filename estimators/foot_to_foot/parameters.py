@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import NamedTuple
 
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import check_numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,13 +30,9 @@ class _Common:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        for name, value in asdict(self).items():
-            if name == "foot":
-                continue
-            may_be_zero = name.startswith(("camera_", "board_", "start_", "gyro_", "scaled_"))
-            if not (math.isfinite(value) and (value > 0.0 or (value == 0.0 and may_be_zero))):
-                valid = "a finite number ≥ 0" if may_be_zero else "a finite number > 0"
-                raise ConfigError(type(self).__name__, name, value, valid)
+        values = {name: value for name, value in asdict(self).items() if name != "foot"}
+        may_be_zero = ("camera_", "board_", "start_", "gyro_scale_", "scaled_")
+        check_numbers(type(self).__name__, values, [name for name in values if name.startswith(may_be_zero)])
 
 
 @dataclass(frozen=True, kw_only=True)

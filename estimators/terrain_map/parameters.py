@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, check_numbers
 
 _ORDERED = (
     ("range_min_m", "range_max_m"), ("riser_min_m", "riser_max_m"), ("tread_min_m", "tread_max_m"),
@@ -79,9 +79,7 @@ class TerrainMapParameters:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""
-        for name, value in asdict(self).items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError("TerrainMapParameters", name, value, "a finite number > 0")
+        check_numbers("TerrainMapParameters", asdict(self))
         for low, high in _ORDERED:
             if getattr(self, low) >= getattr(self, high):
                 raise ConfigError("TerrainMapParameters", low, getattr(self, low), f"less than {high}")

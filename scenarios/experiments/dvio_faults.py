@@ -30,7 +30,7 @@ from stridetwin.scenarios.experiments.odometry_walks import (
     true_path,
     worst_time,
 )
-from stridetwin.scenarios.experiments.spoilt import Samples, Spoilt
+from stridetwin.scenarios.experiments.spoilt import Samples, SpoiltRig
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.fitting import STANDARD
 from stridetwin.sim.parts.kinds import RgbdPart
@@ -135,20 +135,20 @@ def _turned_camera(angle_deg: float) -> Callable[[Rig], Rig]:
 
 
 FAULTS = {
-    "none": Spoilt(words="nothing wrong"),
-    "depth_noise": Spoilt(words="three times the noise of depth", samples=_noisier),
-    "depth_off_5s": Spoilt(
+    "none": SpoiltRig(words="nothing wrong"),
+    "depth_noise": SpoiltRig(words="three times the noise of depth", samples=_noisier),
+    "depth_off_5s": SpoiltRig(
         words="no depth for 5 s", faults=(Dropout(topic=f"/{MOUNT}/depth", at_s=AT_S, duration_s=5.0),)
     ),
-    "covered_2s": Spoilt(
+    "covered_2s": SpoiltRig(
         words="camera covered for 2 s",
         faults=(Occlusion(topic=f"/{MOUNT}/*", at_s=AT_S, duration_s=2.0, share=1.0),),
     ),
-    "frames_dropped": Spoilt(words="20 % of the frames lost", samples=_fewer),
-    "person": Spoilt(words="somebody in 30 % of the view, 20 s", samples=_passed_by),
-    "imu_clips": Spoilt(words="IMU clips at every step and turn", samples=_clipped, rig=_told_clipping),
-    "turned_2deg": Spoilt(words="camera told 2° off", rig=_turned_camera(2.0)),
-    "clock_10ms": Spoilt(words="camera's clock told 10 ms off", rig=_told_shift),
+    "frames_dropped": SpoiltRig(words="20 % of the frames lost", samples=_fewer),
+    "person": SpoiltRig(words="somebody in 30 % of the view, 20 s", samples=_passed_by),
+    "imu_clips": SpoiltRig(words="IMU clips at every step and turn", samples=_clipped, rig=_told_clipping),
+    "turned_2deg": SpoiltRig(words="camera told 2° off", rig=_turned_camera(2.0)),
+    "clock_10ms": SpoiltRig(words="camera's clock told 10 ms off", rig=_told_shift),
 }
 
 

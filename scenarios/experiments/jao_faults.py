@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, follow
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.spoilt import Samples, Spoilt
+from stridetwin.scenarios.experiments.spoilt import Samples, SpoiltRig
 from stridetwin.scenarios.experiments.two_feet import FEET, figures, true_start
 from stridetwin.scenarios.experiments.walks import RecordedWalk, recorded_walk
 from stridetwin.scenarios.truth import TruePath
@@ -73,23 +73,25 @@ def _moved_cameras(rotation_deg: float, shift_m: float) -> Callable[[Rig], Rig]:
 
 BOTH = "/foot_?/camera"
 FAULTS = {
-    "none": Spoilt(words="nothing wrong"),
-    "camera_covered": Spoilt(
+    "none": SpoiltRig(words="nothing wrong"),
+    "camera_covered": SpoiltRig(
         words="left camera covered", faults=(Occlusion(topic="/foot_l/camera", at_s=0.0, share=1.0),)
     ),
-    "half_seen": Spoilt(words="half of each picture covered", faults=(Occlusion(topic=BOTH, at_s=0.0, share=0.5),)),
-    "lost_10s": Spoilt(
+    "half_seen": SpoiltRig(words="half of each picture covered", faults=(Occlusion(topic=BOTH, at_s=0.0, share=0.5),)),
+    "lost_10s": SpoiltRig(
         words="no picture for 10 s",
         faults=(Dropout(topic=BOTH, at_s=AT_S, duration_s=LOST_S),),
     ),
-    "strikes_clip": Spoilt(words="heel strikes beyond the accelerometers", samples=_clipped, rig=_told_clipping),
-    "imu_dead": Spoilt(words="right IMU dead from 20 s on", faults=(Dropout(topic="/foot_r/imu", at_s=AT_S),)),
-    "clock_10ms": Spoilt(words="cameras' stamps 10 ms late", faults=(ClockJump(topic=BOTH, at_s=0.0, jump_s=0.010),)),
-    "turned_2deg": Spoilt(words="cameras told 2° off", rig=_moved_cameras(2.0, 0.0)),
-    "shifted_5mm": Spoilt(words="cameras told 5 mm off", rig=_moved_cameras(0.0, 0.005)),
-    "shoes_exchanged": Spoilt(words="left and right exchanged", samples=_exchanged),
-    "cameras_exchanged": Spoilt(words="cameras exchanged", samples=_exchanged_cameras),
-    "imus_exchanged": Spoilt(words="IMUs exchanged", samples=_exchanged_imus),
+    "strikes_clip": SpoiltRig(words="heel strikes beyond the accelerometers", samples=_clipped, rig=_told_clipping),
+    "imu_dead": SpoiltRig(words="right IMU dead from 20 s on", faults=(Dropout(topic="/foot_r/imu", at_s=AT_S),)),
+    "clock_10ms": SpoiltRig(
+        words="cameras' stamps 10 ms late", faults=(ClockJump(topic=BOTH, at_s=0.0, jump_s=0.010),)
+    ),
+    "turned_2deg": SpoiltRig(words="cameras told 2° off", rig=_moved_cameras(2.0, 0.0)),
+    "shifted_5mm": SpoiltRig(words="cameras told 5 mm off", rig=_moved_cameras(0.0, 0.005)),
+    "shoes_exchanged": SpoiltRig(words="left and right exchanged", samples=_exchanged),
+    "cameras_exchanged": SpoiltRig(words="cameras exchanged", samples=_exchanged_cameras),
+    "imus_exchanged": SpoiltRig(words="IMUs exchanged", samples=_exchanged_imus),
 }
 
 
@@ -126,7 +128,7 @@ def run_case(case: Case) -> dict[str, Any]:
     return {"seed": case.seed, "physics": case.physics, "faults": found}
 
 
-def _result(spoilt: Spoilt, walk: RecordedWalk, truth: Mapping[str, TruePath], seed: int) -> dict[str, Any]:
+def _result(spoilt: SpoiltRig, walk: RecordedWalk, truth: Mapping[str, TruePath], seed: int) -> dict[str, Any]:
     """What one fault does.
 
     Returns:

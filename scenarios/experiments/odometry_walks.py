@@ -19,15 +19,14 @@ from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.dvio.parameters import named
 from stridetwin.scenarios.drift import Odometry, drift_figures
 from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.odometry import PoseEstimate, path_of
 from stridetwin.scenarios.runner import record
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
-from stridetwin.streams.trajectory import Trajectory
 
 METHODS = ("stridetwin", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
@@ -36,22 +35,13 @@ HEALTHY = ("tracking", "coasting")
 FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
 
 
-class Estimate(Protocol):
-    """What an odometry tells at one instant.
+class Estimate(PoseEstimate, Protocol):
+    """What an odometry tells at one instant, and of itself.
 
     Attributes:
-        t_ns: When.
-        T_world_imu: (4, 4) pose of the IMU in a world of its own, z up.
-        covariance: (6, 6) of position (m) and of rotation about the world's axes (rad).
         health: `tracking`, `coasting` (the IMU alone, for a while), or anything else where it is lost.
     """
 
-    @property
-    def t_ns(self) -> int: ...  # noqa: D102
-    @property
-    def T_world_imu(self) -> Array: ...  # noqa: D102
-    @property
-    def covariance(self) -> Array: ...  # noqa: D102
     @property
     def health(self) -> str: ...  # noqa: D102
 
@@ -105,13 +95,7 @@ def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
 
 def _odometry(estimates: Mapping[int, Estimate]) -> Odometry:
     inorder = [estimates[t] for t in sorted(estimates)]
-    T = np.array([e.T_world_imu for e in inorder]).reshape(-1, 4, 4)
-    path = Trajectory(
-        t_ns=np.array([e.t_ns for e in inorder], np.int64),
-        p_frame_in_world=T[:, :3, 3],
-        q_world_frame=quat_from_matrix(T[:, :3, :3]) if len(T) else np.zeros((0, 4)),
-        covariance=np.array([e.covariance for e in inorder]).reshape(-1, 6, 6),
-    )
+    path = path_of(inorder)
     return Odometry(path=path, healthy=np.array([e.health in HEALTHY for e in inorder], bool))
 
 

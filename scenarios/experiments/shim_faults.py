@@ -7,7 +7,7 @@ geometry that the estimator is told. A manner of walking and the actuation modul
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from heapq import merge
 from typing import Any
@@ -19,12 +19,11 @@ from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain, Exosk
 from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.shim_table5 import SENSORS, subject
+from stridetwin.scenarios.experiments.spoilt import Samples, Spoilt
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.step_scores import percent, step_figures
+from stridetwin.scenarios.step_scores import FOOTPRINTS, percent, step_figures
 from stridetwin.scenarios.steps import ScoredStep, score_steps
 from stridetwin.sim.config import Exo, TwinConfig
-from stridetwin.sim.fault_plan import plan_faults
-from stridetwin.sim.faults import Fault, arrivals
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.sample_faults import DeadCell, Dropout
 from stridetwin.sim.twin import Twin
@@ -35,34 +34,26 @@ SEEDS = range(1000, 1007)
 AT_S = 6.0
 """When a fault begins that is not there from the start: in the approach to stair or ramp."""
 
-Samples = Iterable[Sample]
-
 
 @dataclass(frozen=True, kw_only=True)
-class Wrong:
+class Wrong(Spoilt):
     """One thing that goes wrong.
 
     Attributes:
-        words: What it is.
-        faults: Of the samples.
-        samples: What else becomes of them.
         told: What the estimator is told of the exoskeleton.
         walk: How the walk itself differs.
     """
 
-    words: str
-    faults: tuple[Fault, ...] = ()
-    samples: Callable[[Samples], Samples] = lambda samples: samples
     told: Callable[[Exoskeleton], Exoskeleton] = lambda exo: exo
     walk: Callable[[TwinConfig], TwinConfig] = lambda config: config
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Walk:
-    """A walk as it was sensed, before any fault."""
+    """A walk as it was sensed, before any fault; samples in order of time."""
 
     twin: Twin
-    items: list[Block[Any] | Sample]
+    samples: list[Sample]
     footprints: list[Footprint]
 
 
@@ -182,20 +173,18 @@ def run_case(case: Case) -> dict[str, Any]:
 
 def _walked(config: TwinConfig, seed: int) -> _Walk:
     twin = Twin(config, seed)
-    items = [item for chunk in twin.blocks() for item in chunk]
-    sensed = [i for i in items if not i.topic.startswith("/truth")]
-    return _Walk(twin=twin, items=sensed, footprints=[i for i in items if isinstance(i, Footprint)])
+    by_topic: dict[str, list[Sample]] = {}
+    for item in (item for chunk in twin.blocks() for item in chunk):
+        by_topic.setdefault(item.topic, []).extend(item if isinstance(item, Block) else (item,))
+    sensed = (samples for topic, samples in by_topic.items() if not topic.startswith("/truth"))
+    footprints = [s for s in by_topic[FOOTPRINTS] if isinstance(s, Footprint)]
+    return _Walk(twin=twin, samples=list(merge(*sensed, key=lambda s: s.t_ns)), footprints=footprints)
 
 
 def _steps(wrong: Wrong, walk: _Walk, seed: int) -> list[ScoredStep]:
     """The steps of a walk as they are told with one fault."""
-    planned = plan_faults(wrong.faults, walk.twin.rig, seed, walk.twin.duration_s)
-    by_topic: dict[str, list[Sample]] = {}
-    for arrival in arrivals(walk.items, planned):
-        item = arrival.item
-        by_topic.setdefault(item.topic, []).extend(item if isinstance(item, Block) else (item,))
     told = wrong.told(measured(geometry(walk.twin.size, walk.twin.rig), np.random.default_rng([seed, 4])))
-    samples = wrong.samples(merge(*by_topic.values(), key=lambda s: s.t_ns))
+    samples = wrong.arriving(walk.samples, walk.twin.rig, seed, walk.twin.duration_s)
     return score_steps(walk.footprints, ContactTerrain(told).run(samples))
 
 

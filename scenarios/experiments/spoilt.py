@@ -22,13 +22,11 @@ class Spoilt:
         words: What it is.
         faults: Of the samples.
         samples: What else becomes of them.
-        rig: What the estimator is told of the rig.
     """
 
     words: str
     faults: tuple[Fault, ...] = ()
     samples: Callable[[Samples], Samples] = lambda samples: samples
-    rig: Callable[[Rig], Rig] = lambda rig: rig
 
     def arriving(self, samples: Iterable[Sample], rig: Rig, seed: int, duration_s: float) -> Samples:
         """The samples as they reach the estimator.
@@ -41,6 +39,17 @@ class Spoilt:
         """
         planned = plan_faults(self.faults, rig, seed, duration_s)
         return self.samples(_one_by_one(a.item for a in arrivals(samples, planned)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpoiltRig(Spoilt):
+    """One thing that goes wrong, with the samples or with what is told of the rig.
+
+    Attributes:
+        rig: What the estimator is told.
+    """
+
+    rig: Callable[[Rig], Rig] = lambda rig: rig
 
 
 def _one_by_one(items: Iterable[Block[Any] | Sample]) -> Samples:

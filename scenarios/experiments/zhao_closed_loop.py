@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.estimators.dvio import MOUNTS
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.odometry_walks import (
     FIGURES,
@@ -31,7 +32,6 @@ from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.people import PEOPLE
 
 SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
-MOUNTS = ("head", "chest")
 SEEDS = range(1000, 1000 + len(SUBJECTS) * len(MOUNTS))
 
 
