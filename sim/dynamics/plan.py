@@ -18,6 +18,7 @@ from stridetwin.streams.samples import Array
 
 CONTROL_S = 0.002
 _ON_GROUND_RAD = 5e-4  # pitch within which heel and ball both count as on the ground
+_LANDS_RAD = 0.02  # the same while the foot comes down: soles sink in, and the end that lands may be there early
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,8 +121,10 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
         pitch = np.interp(t, reference.grid, reference.paths[side].pitch)
         for step in reference.steps[side]:
             on = (t >= step.t_touch) & (t <= step.t_off)
-            touching[on, k, :HEEL_POINTS] = (pitch[on] < _ON_GROUND_RAD)[:, None]
-            touching[on, k, HEEL_POINTS:] = (pitch[on] > -_ON_GROUND_RAD)[:, None]
+            flat = on & (np.abs(pitch) < _ON_GROUND_RAD)
+            within = np.where(np.cumsum(flat) > 0, _ON_GROUND_RAD, _LANDS_RAD)[on, None]
+            touching[on, k, :HEEL_POINTS] = pitch[on, None] < within
+            touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
             x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
             price[toes, k, HEEL_POINTS:] = toe_prices(size, x)

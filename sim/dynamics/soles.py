@@ -23,7 +23,7 @@ HEEL_POINTS = 4  # of each foot's points, the first four
 NEAR_M = 0.004  # a sole point this close to the ground is felt
 # about the plan, N m/rad and N m s/rad: so light a body is not steered by forces alone
 TOE_STIFFNESS, TOE_DAMPING = 40.0, 1.0
-_SOLREF = (0.010, 1.0)
+_SOLREF = (0.0085, 1.0)
 _SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
 
 

@@ -24,9 +24,8 @@ _HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
 _USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # a fall of a step on a ramp
 _HEEL_OFF_BY_RISER, _HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 3.0, 12.0, 2.5, 1.5
 _TIPTOE_BY_RISE, _TIPTOE_BY_SLOPE = 2.4, 1.8
-# Uphill the foot behind lifts the body: its heel rises earlier and farther, by so much a radian.
-_EARLY_BY_SLOPE, _PUSH_BY_SLOPE = 3.5, 0.6
-_PUSH_OVER = 0.45  # of swing, from when on the foot is as high as without
+# Uphill the foot behind lifts the body: its heel rises earlier, and farther by the time it leaves, by so much a radian.
+_EARLY_BY_SLOPE, _PUSH_BY_SLOPE = 3.5, 0.9
 _FLAT_BY = 0.6  # of stance at the latest
 _PITCH_SMOOTHING_S = 0.020
 _PITCH_GRID_S = 0.004
@@ -114,9 +113,11 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in leave.rise]
         # uphill the sole comes down nearly parallel to the slope: the ankle has no more room to raise the toes
         landing = min(max(b.slope, 0.0), -land.touch - _HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
-        pushed = [push * max(1.0 - u / _PUSH_OVER, 0.0) for u, _ in leave.swing]
-        knots += [(a.t_off + u * swing, angle + tiptoe + more) for (u, angle), more in zip(leave.swing, pushed)]
-        knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in land.before]
+        swung, before = leave.swing, land.before
+        if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to turn down again at once
+            swung, before = tuple((u, max(angle, land.touch)) for u, angle in swung), ()
+        knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swung]
+        knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in before]
         flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
         touch, lasts = land.touch + landing + tiptoe, flat - b.t_touch
         knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in land.lowering), (flat, 0.0)]

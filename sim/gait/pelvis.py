@@ -17,9 +17,10 @@ from stridetwin.streams.samples import Array
 
 KNEE_MIN_RAD = np.radians(7.0)  # the pelvis keeps this low; the legs may straighten to KNEE_HARD_MIN_RAD
 KNEE_HARD_MIN_RAD = np.radians(1.5)
-# and so much lower on stairs: down, people land on a bent knee; up, a leg behind that is as good as straight would
-# have to bend at hundreds of rad/s² as soon as its foot leaves the tread, and the other foot slips under that
+# and so much lower off the level: down stairs people land on a bent knee; uphill a leg behind that is as good as
+# straight would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot slips under that
 _KNEE_OF_MODE_RAD = {"SD": np.radians(16.0), "SA": np.radians(12.0)}
+_KNEE_UPHILL, _KNEE_UPHILL_MAX_RAD = 1.5, np.radians(20.0)  # rad more by rad of slope
 _SETTLED_M = 1e-5
 _SMOOTHNESS = 2e-3
 _STANDING_HEIGHT = 0.99  # in legs
@@ -63,10 +64,12 @@ def highest(
 
 def least_knee(rhythm: Rhythm, t: Array) -> Array:
     """(N,) rad at (N,) uniform s: the pelvis keeps so low that neither knee is straighter."""
+    uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])
     bent = np.array([_KNEE_OF_MODE_RAD.get(step.mode, KNEE_MIN_RAD) for step in rhythm.steps])
-    climbed = np.array([step.mode == "SA" for step in rhythm.steps[:-1]])
-    # the foot behind leaves its tread when the next step has begun
-    bent[1:] = np.where(climbed, np.maximum(bent[1:], bent[:-1]), bent[1:])
+    bent = np.minimum(bent + _KNEE_UPHILL * uphill, np.maximum(bent, _KNEE_UPHILL_MAX_RAD))
+    climbing = np.where([step.mode in ("SA", "RA") for step in rhythm.steps], bent, 0.0)
+    for late in (1, 2):  # the foot behind leaves the ground when the next step has begun, or the one after
+        bent[late:] = np.maximum(bent[late:], climbing[:-late])
     return rhythm.blend(t, bent, KNEE_MIN_RAD, KNEE_MIN_RAD)
 
 
