@@ -32,6 +32,7 @@ from stridetwin.scenarios.fields import (
 from stridetwin.scenarios.sensor_fields import Sensors, sensors
 from stridetwin.sim.actuation import JOINTS, modules
 from stridetwin.sim.config import (
+    DRIVES,
     PATTERNS,
     Dynamics,
     Exo,
@@ -151,6 +152,7 @@ _EXO = mapping(
     {
         "mode": Field(attribute="mode", read=integer(0, 4), required=True),
         "joints": Field(attribute="joints", read=names_of(JOINTS)),
+        "drive": Field(attribute="drive", read=one_word(DRIVES)),
     },
     Exo,
 )
@@ -206,7 +208,7 @@ def _exo(node: object, where: Where) -> Exo | None:
     if node == "none":
         return None
     if not isinstance(node, dict):
-        raise where.error(node, "none, or keys mode, joints")
+        raise where.error(node, "none, or keys mode, joints, drive")
     exo: Exo = _EXO(node, where)
     try:
         modules(exo)

@@ -30,6 +30,9 @@ class Person:
     shoe_m: float | None = None
 
 
+DRIVES = ("idle", "transparent", "assist")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Exo:
     """The exoskeleton of Shim et al. 2019 and its actuation modules.
@@ -38,10 +41,13 @@ class Exo:
         mode: 0 no modules (measurement only), 1 both hips and knees, 2 both hips or both knees, 3 hip and knee of one
             leg, 4 one joint.
         joints: Which joints have a module (hip_l, hip_r, knee_l, knee_r), where the mode leaves a choice.
+        drive: What the motors do in the forward simulation: `idle`, `transparent` (against their own friction) or
+            `assist` (help both hips besides).
     """
 
     mode: int = 0
     joints: tuple[str, ...] = ()
+    drive: str = "idle"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 import mujoco
@@ -85,6 +85,7 @@ class Loads:
             exoskeleton give and take is accounted for, so that its own joints are left with stops and modules.
         residual_force: (N, 3) N, world: what the contacts do not explain.
         residual_torque: (N, 3) N m about the pelvis.
+        motors: (N,) N m by hinge name, torque of the motors that drive the exoskeleton's joints.
     """
 
     t_ns: NDArray[np.int64]
@@ -92,6 +93,7 @@ class Loads:
     joint_torque: Array
     residual_force: Array
     residual_torque: Array
+    motors: dict[str, Array] = field(default_factory=dict)
 
 
 class Walk(Protocol):

@@ -129,8 +129,10 @@ def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads
             return model.read(t_ns, motion.angle[f"exo_{place}_flexion_{side}"][rows])
         case "interaction":
             return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # a push forward is felt behind
-        case _:  # nothing commands the modules: their motors give no torque
-            return model.read(t_ns, 0.0, np.zeros(len(t_ns)), motion.speed[f"exo_{place}_flexion_{side}"][rows])
+        case _:
+            hinge = f"exo_{place}_flexion_{side}"
+            torque = np.interp(t_ns, loads.t_ns, loads.motors.get(hinge, np.zeros(len(loads.t_ns))))
+            return model.read(t_ns, torque, torque, motion.speed[hinge][rows])
 
 
 def _between(at_ns: Instants, values: Array, t_ns: Instants) -> Array:

@@ -71,6 +71,8 @@ class Twin:
             raise ConfigError(config.name, "physics", config.physics, ", ".join(PHYSICS))
         if config.dynamics is not None and config.physics != "dynamic":
             raise ConfigError(config.name, "dynamics", f"physics {config.physics}", "no dynamics, or physics dynamic")
+        if config.exo is not None and config.exo.drive != "idle" and config.physics != "dynamic":
+            raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
         self.config, self.seed = config, seed
         self.outfit = outfit(config)
         self.rig: Rig = self.outfit.told(seed)
@@ -119,7 +121,8 @@ class Twin:
         if self.config.physics == "kinematic":
             return self.reference
         noise = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
-        return simulate(self.model, self.reference, self.size, self.config.dynamics or Dynamics(), noise)
+        dynamics = self.config.dynamics or Dynamics()
+        return simulate(self.model, self.reference, self.size, dynamics, self.config.exo, noise)
 
     @cached_property
     def straps(self) -> Straps:

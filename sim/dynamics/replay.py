@@ -16,4 +16,9 @@ class Replay(Player[SimulatedWalk]):
         """Contact loads and joint torques at (N,) instants; the residual is what the root was given, nothing else."""
         t = t_ns * 1e-9
         torque, push, turn = self._walk.efforts(t)
-        return Loads(t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=push, residual_torque=turn)
+        names = self._walk.coordinates.names[6:]
+        motors = {name: torque[:, k] for k, name in enumerate(names) if name.startswith("exo_")}
+        return Loads(
+            t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=push, residual_torque=turn,
+            motors=motors,
+        )  # fmt: skip

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.body import Wearer
-from stridetwin.sim.config import SIDES, Dynamics
+from stridetwin.sim.config import SIDES, Dynamics, Exo
 from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
+from stridetwin.sim.dynamics.drive import PERIOD_S, Drive
 from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import Sensed, StepReplan
@@ -30,8 +31,9 @@ _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 
 def simulate(
-    model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, rng: np.random.Generator
-) -> SimulatedWalk:
+    model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, exo: Exo | None,
+    rng: np.random.Generator,
+) -> SimulatedWalk:  # fmt: skip
     """Walks the reference forward in time with real contacts.
 
     Args:
@@ -39,6 +41,7 @@ def simulate(
         reference: The planned motion.
         size: Wearer.
         dynamics: Help and disturbances.
+        exo: The exoskeleton and what drives it; the wearer is used to it and knows what its motors do.
         rng: Noise of the joint torques.
     """
     plan = plan_control(reference, model, size)
@@ -57,6 +60,7 @@ def simulate(
     data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
     pushed = data.xfrc_applied[model.body("pelvis").id]
     torque, shift = np.zeros(model.nv), StepReplan.none()
+    drive, motors = Drive(model, exo), np.zeros(model.nv)
     touching = np.zeros((len(SIDES), PER_FOOT), dtype=bool)
     fell_at = None
     for step in range(-round(_SETTLE_S / STEP_S), n):
@@ -65,6 +69,9 @@ def simulate(
             coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
             data.subtree_com[1],
         )  # fmt: skip
+        if step % round(PERIOD_S / STEP_S) == 0:
+            motors = drive.torques(data)
+        known += motors
         i = min(max(step, 0) // every, len(plan.t) - 1)
         if step % every == 0:
             touching, floor = soles.feel(data, plan, i, touching)
@@ -78,7 +85,7 @@ def simulate(
             pushed[:2] = push[i]
         data.qfrc_applied = torque + known
         if step >= 0:
-            record.before(step, data, torque)
+            record.before(step, data, torque + motors)
         bias.apply(data)
         mujoco.mj_step2(model, data)
         if step >= 0:
