@@ -12,7 +12,15 @@ from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.inertial import Inertial
 from stridetwin.estimators.dvio.live import Live, blank_live
 from stridetwin.estimators.dvio.marginal import shift
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Window, blank_increment, blank_window
+from stridetwin.estimators.dvio.memory import (
+    CALIBRATION,
+    D_SCALE,
+    FRAME,
+    NO_HOST,
+    Window,
+    blank_increment,
+    blank_window,
+)
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.solver import blank_work
 from stridetwin.estimators.dvio.tracker import Lens, Tracker
@@ -63,8 +71,8 @@ class Core:
         self.inertial = Inertial(imu)
         self.lens = Lens(camera)
         self.terms = parameters.terms(self.lens.focal_px, self.noise)
-        self._tracker = Tracker(self.lens.shape, parameters.forward_backward_px, parameters.corner_least)
         slots = parameters.landmark_slots
+        self._tracker = Tracker(self.lens.shape, parameters.forward_backward_px, parameters.corner_least, slots)
         self._frames = parameters.keyframes + 2
         self._work = blank_work(self._frames, slots)
         self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s)
@@ -97,10 +105,13 @@ class Core:
         f.moved[0] = 0.0
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
         sd = np.array(
-            [p.extrinsic_position_sd] * 3 + [p.extrinsic_rotation_sd] * 3 + [p.time_offset_sd, p.depth_scale_sd]
+            [p.extrinsic_position_sd] * 3
+            + [p.extrinsic_rotation_sd] * 3
+            + [p.time_offset_sd, p.depth_scale_sd]
+            + [p.focal_sd] * 2
         )
         if not p.uses_depth:
-            sd[7] = 0.0
+            sd[D_SCALE] = 0.0
         n = CALIBRATION
         w.prior.H[range(n), range(n)] = np.maximum(sd, _TAKEN_AS_TOLD) ** -2
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
@@ -109,6 +120,7 @@ class Core:
         self._tracker.forget()
         self._tracker.follow(picture.grey, np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32))
         self._find(picture, 0)
+        self._anchor(picture, 0)
         self._newest_is_key = True
         self.seen = int(self._alive.sum())
 
@@ -157,6 +169,7 @@ class Core:
             if slot >= p.keyframes:
                 kernel.forget_oldest(w, self.terms, self._work, self._alive)
                 shift(w)
+            self._anchor(picture, int(f.count[0]) - 1)
         self._newest_is_key = key
         s = int(f.count[0]) - 1
         self.live.t_ns[0] = f.t_ns[s]
@@ -207,8 +220,8 @@ class Core:
         """Follows landmarks into the picture and writes what was seen into the slot; returns how far they moved, px."""
         w, marks, p = self.window, self.window.landmarks, self.parameters
         n = len(marks.host)
-        expected, start, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n, np.uint8)
-        kernel.foresee(w, foreseen.R, foreseen.p, before, expected, start, known)
+        expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
+        kernel.foresee(w, foreseen.R, foreseen.p, before, expected, start, warp, known)
         marks.seen[:, slot] = 0
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
         self._alive[:] = 0
@@ -226,6 +239,8 @@ class Core:
         if good.sum() >= _FEW and (good & fits).sum() < 0.5 * good.sum():
             fits = self._agree(ids, there, good)
         good &= fits
+        if p.anchored:
+            there, good = self._tracker.align(ids, there, warp[ids], good, p.anchor_px, p.anchor_likeness)
         ids, there, was = ids[good], there[good], was[good]
         told = self._depth(picture, there)
         # So is what is at another depth, or hidden by something that came before it.
@@ -291,6 +306,19 @@ class Core:
         marks.inverse_depth[ids] = np.where(told > 0, told / scale, _UNKNOWN_INVERSE_DEPTH)
         self._alive[ids] = 1
         self._pixels[ids] = points
+
+    def _anchor(self, picture: Picture, slot: int) -> None:
+        """Keeps what the landmarks that the slot hosts look like."""
+        marks, p = self.window.landmarks, self.parameters
+        if not p.anchored:
+            return
+        ids = np.flatnonzero((marks.host == slot) & (self._alive > 0))
+        points = self._pixels[ids]
+        self._tracker.anchor(ids, points)
+        slope = np.zeros((len(ids), 2))
+        if picture.depth is not None and p.uses_depth and len(ids):
+            kernel.read_slope(picture.depth, points, p.depth_min, p.depth_max, p.inverse_depth_sd, slope)
+        marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame tells something new against the last keyframe."""

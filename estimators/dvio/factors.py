@@ -22,16 +22,19 @@ from stridetwin.estimators.dvio.memory import (
     CALIBRATION,
     D_ATTITUDE,
     D_GYRO_BIAS,
+    D_LENS,
+    D_OFFSET,
     D_POSITION,
     D_VELOCITY,
     FRAME,
+    Calibration,
     Frames,
     Increment,
     Window,
 )
 from stridetwin.streams.samples import Array
 
-SIGHT = 20  # columns of a sighting's Jacobian: calibration, host's pose, seer's pose
+SIGHT = CALIBRATION + 12  # columns of a sighting's Jacobian: calibration, host's pose, seer's pose
 _LEAST_DEPTH = 1e-3  # of a point before the camera, over the host's depth
 
 
@@ -42,7 +45,8 @@ class Terms(NamedTuple):
         gravity: m/s².
         sight_weight: 1 / variance of a sighting on the plane at depth 1.
         sight_limit: Sightings further off than this many standard deviations count less (Huber).
-        depth_weight: 1 / variance of a told inverse depth, m².
+        depth_weight: 1 / variance of an inverse depth that the host is told, m².
+        again_weight: The same of one that another frame is told.
         depth_limit: As `sight_limit`.
         host_depth: (11) is there.
         depth_fixed: A landmark keeps the depth that the host was told.
@@ -57,6 +61,7 @@ class Terms(NamedTuple):
     sight_weight: float
     sight_limit: float
     depth_weight: float
+    again_weight: float
     depth_limit: float
     host_depth: bool
     depth_fixed: bool
@@ -146,6 +151,12 @@ def view(window: Window, terms: Terms, views: Views) -> None:
 
 
 @njit(error_model="numpy")
+def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
+    """Where a sighting (2,) lies on the plane at depth 1, by what the focal lengths are believed to be."""
+    return at[0] * (1.0 + calibration.lens[0]), at[1] * (1.0 + calibration.lens[1])
+
+
+@njit(error_model="numpy")
 def seen_at(views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float) -> tuple[Array, bool]:
     """Where a landmark is seen, as (8), with the division by the depth that (1) has.
 
@@ -183,7 +194,7 @@ def sight(
         x: As of `seen_at`.
         y: As of `seen_at`.
         inverse_depth: As of `seen_at`.
-        J: (3, 20) out: by calibration, host's pose and seer's pose.
+        J: (3, 22) out: by calibration, host's pose and seer's pose.
         Jl: (3,) out: by the inverse depth.
 
     Returns:
@@ -206,20 +217,23 @@ def sight(
     # In the seer's IMU: z = Rc q + ξ p; Rcᵀ [z]x = [q + ξ Rcᵀ p]x Rcᵀ
     lever = rotate_back(c.R, c.p) * inverse_depth
     by_seer = mul(skew(q + lever), np.ascontiguousarray(c.R.T))
+    a, b = CALIBRATION, CALIBRATION + 6
     for i in range(3):
         for j in range(3):
             G[i, j] = inverse_depth * (CR[i, j] - c.R[j, i])
             G[i, 3 + j] = Q[i, j] - turn_m[i, j]
-            G[i, 8 + j] = inverse_depth * C[i, j]
-            G[i, 11 + j] = -by_host[i, j]
-            G[i, 14 + j] = -inverse_depth * C[i, j]
-            G[i, 17 + j] = by_seer[i, j]
+            G[i, a + j] = inverse_depth * C[i, j]
+            G[i, a + 3 + j] = -by_host[i, j]
+            G[i, b + j] = -inverse_depth * C[i, j]
+            G[i, b + 3 + j] = by_seer[i, j]
     for i in range(3):
         late = 0.0
         for j in range(3):
-            late += G[i, 8 + j] * frames.v[host, j] + G[i, 11 + j] * frames.rate[host, j]
-            late += G[i, 14 + j] * frames.v[seer, j] + G[i, 17 + j] * frames.rate[seer, j]
-        G[i, 6] = late
+            late += G[i, a + j] * frames.v[host, j] + G[i, a + 3 + j] * frames.rate[host, j]
+            late += G[i, b + j] * frames.v[seer, j] + G[i, b + 3 + j] * frames.rate[seer, j]
+        G[i, D_OFFSET] = late
+        G[i, D_LENS] = A[i, 0] * x / (1.0 + c.lens[0])
+        G[i, D_LENS + 1] = A[i, 1] * y / (1.0 + c.lens[1])
     w = 1.0 / q[2]
     px, py, pz = q[0] * w, q[1] * w, inverse_depth * w
     for j in range(SIGHT):

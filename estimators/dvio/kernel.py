@@ -9,9 +9,20 @@ from typing import Any
 
 from numba import njit
 
-from stridetwin.estimators.dvio import algebra, factors, live, marginal, memory, pixels, preintegration, sights, solver
+from stridetwin.estimators.dvio import (
+    algebra,
+    factors,
+    live,
+    marginal,
+    memory,
+    patches,
+    pixels,
+    preintegration,
+    sights,
+    solver,
+)
 
-_SOURCES = (algebra, factors, live, marginal, memory, pixels, preintegration, sights, solver)
+_SOURCES = (algebra, factors, live, marginal, memory, patches, pixels, preintegration, sights, solver)
 
 
 def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
@@ -50,9 +61,9 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
         marginal.forget_oldest(window, terms, work, alive)
 
     @njit(cache=True, error_model="numpy")
-    def foresee(window, R, p, before, expected, start, known):  # type: ignore[no-untyped-def]
+    def foresee(window, R, p, before, expected, start, warp, known):  # type: ignore[no-untyped-def]
         assert sources >= 0
-        sights.foresee(window, R, p, before, expected, start, known)
+        sights.foresee(window, R, p, before, expected, start, warp, known)
 
     @njit(cache=True, error_model="numpy")
     def cull(window, terms, work, most, alive):  # type: ignore[no-untyped-def]
@@ -74,9 +85,28 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
         assert sources >= 0
         pixels.read_depth(depth, points, least, most, spread, told)
 
-    return integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth
+    @njit(cache=True, error_model="numpy")
+    def cut(grey, ids, points, kept):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        patches.cut(grey, ids, points, kept)
+
+    @njit(cache=True, error_model="numpy")
+    def align(grey, kept, ids, warps, far, alike, points, good):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        patches.align(grey, kept, ids, warps, far, alike, points, good)
+
+    @njit(cache=True, error_model="numpy")
+    def read_slope(depth, points, least, most, rough, slope):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        patches.read_slope(depth, points, least, most, rough, slope)
+
+    return (
+        integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
+        cut, align, read_slope,
+    )  # fmt: skip
 
 
-(integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth) = _compiled(
-    zlib.crc32(b"".join(Path(str(m.__file__)).read_bytes() for m in _SOURCES))
-)
+(
+    integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
+    cut, align, read_slope,
+) = _compiled(zlib.crc32(b"".join(Path(str(m.__file__)).read_bytes() for m in _SOURCES)))  # fmt: skip

@@ -6,8 +6,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.factors import SIGHT, Terms, add_motion, add_prior, add_standing, errors, seen_at, view
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Landmarks, Window
+from stridetwin.estimators.dvio.factors import (
+    SIGHT,
+    Terms,
+    add_motion,
+    add_prior,
+    add_standing,
+    errors,
+    ray,
+    seen_at,
+    view,
+)
+from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Window
 from stridetwin.estimators.dvio.solver import LEAST_INVERSE_DEPTH, Work, add_landmark, eliminate, usable
 from stridetwin.streams.samples import Array
 
@@ -74,25 +84,26 @@ def without_oldest(H: Array, b: Array, size: int) -> None:
 
 
 @njit(error_model="numpy")
-def leave(marks: Landmarks, work: Work, scale: float, alive: NDArray[np.uint8], newest: int) -> None:
+def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> None:
     """Gives the landmarks of the oldest frame to the newest one, where that sees them, or lets them go.
 
     Args:
-        marks: Changed in place.
+        window: Its landmarks are changed in place.
         work: Views of the frames.
-        scale: True over told depth.
         alive: (L,) 1 where the landmark is followed.
         newest: Slot of the newest frame, whose sightings of these landmarks have not been used for the prior.
     """
+    marks, c = window.landmarks, window.calibration
     for l in range(len(marks.host)):
         if marks.host[l] == 0:
             if not (alive[l] and marks.seen[l, newest]):
                 marks.host[l] = NO_HOST
                 marks.seen[l] = 0
                 continue
-            q, before = seen_at(work.views, 0, newest, marks.at[l, 0, 0], marks.at[l, 0, 1], marks.inverse_depth[l])
+            x, y = ray(c, marks.at[l, 0])
+            q, before = seen_at(work.views, 0, newest, x, y, marks.inverse_depth[l])
             if marks.told[l, newest] > 0.0:
-                marks.inverse_depth[l], marks.measured[l] = marks.told[l, newest] / scale, 1
+                marks.inverse_depth[l], marks.measured[l] = marks.told[l, newest] / c.scale[0], 1
             elif before:
                 marks.inverse_depth[l] = max(q[2], LEAST_INVERSE_DEPTH)
             marks.seen[l] = 0
@@ -141,7 +152,7 @@ def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.ui
             prior.H[i, j] = work.H[a, c]
             s += work.H[a, c] * d[c]
         prior.b[i] = s
-    leave(marks, work, window.calibration.scale[0], alive, n - 1)
+    leave(window, work, alive, n - 1)
 
 
 def shift(window: Window) -> None:

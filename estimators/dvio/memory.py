@@ -11,8 +11,8 @@ from stridetwin.streams.samples import Array
 
 # Error state: that of the calibration first, then of each frame from the oldest to the newest. Rotations have their
 # error on the right, R_true = R Exp(e).
-D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE = 0, 3, 6, 7
-CALIBRATION = 8
+D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_LENS = 0, 3, 6, 7, 8
+CALIBRATION = 10
 D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
 FRAME = 15
 NO_HOST = -1
@@ -24,6 +24,7 @@ class ImuNoise(NamedTuple):
     Attributes:
         rate: Density of the white noise, rad/s/√Hz.
         force: m/s²/√Hz.
+        rate_share: Noise by the rate itself, for errors of scale and axes that last about a second, √s.
         rate_walk: Density of the walk of the bias, rad/s²/√Hz.
         force_walk: m/s³/√Hz.
         doubtful_rate: Standard deviation of a value that stands for missing or saturated ones, rad/s.
@@ -32,6 +33,7 @@ class ImuNoise(NamedTuple):
 
     rate: float
     force: float
+    rate_share: float
     rate_walk: float
     force_walk: float
     doubtful_rate: float
@@ -104,6 +106,7 @@ class Landmarks(NamedTuple):
     Attributes:
         host: (L,) slot of the frame that first saw it, NO_HOST where the slot is free.
         inverse_depth: (L,) in the host's camera, 1/m.
+        slope: (L, 2) change of the inverse depth about it over the plane at depth 1 of the host, 1/m.
         measured: (L,) 1 where a depth camera or parallax has told it.
         seen: (L, F) 1 where the frame saw it.
         at: (L, F, 2) where, on the plane at depth 1.
@@ -112,6 +115,7 @@ class Landmarks(NamedTuple):
 
     host: NDArray[np.int64]
     inverse_depth: Array
+    slope: Array
     measured: NDArray[np.uint8]
     seen: NDArray[np.uint8]
     at: Array
@@ -126,13 +130,15 @@ class Calibration(NamedTuple):
         p: (3,) camera in the IMU's frame, m.
         offset: (1,) t_imu = t_cam + offset, s.
         scale: (1,) true over told depth.
-        moved: (8,) how far they are from where the prior was first taken.
+        lens: (2,) by which share a sighting's x and y are larger than the told focal lengths have them.
+        moved: (10,) how far they are from where the prior was first taken.
     """
 
     R: Array
     p: Array
     offset: Array
     scale: Array
+    lens: Array
     moved: Array
 
 
@@ -216,6 +222,7 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
         landmarks=Landmarks(
             host=np.full(L, NO_HOST, np.int64),
             inverse_depth=np.zeros(L),
+            slope=np.zeros((L, 2)),
             measured=np.zeros(L, np.uint8),
             seen=np.zeros((L, F), np.uint8),
             at=np.zeros((L, F, 2)),
@@ -226,6 +233,7 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
             p=np.ascontiguousarray(T_imu_camera[:3, 3], dtype=float).copy(),
             offset=np.array([float(offset_s)]),
             scale=np.ones(1),
+            lens=np.zeros(2),
             moved=np.zeros(CALIBRATION),
         ),
         prior=Prior(H=np.zeros((CALIBRATION + FRAME * F,) * 2), b=np.zeros(CALIBRATION + FRAME * F)),

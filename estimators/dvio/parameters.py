@@ -17,6 +17,9 @@ HOST_DEPTHS = ("none", "fixed", "factor")
 class DvioParameters:
     """One set serves head and chest, every gait and room; the defaults are ours.
 
+    Standard deviations are larger than at one instant: errors of one source last (of a patch, of an axis of the IMU),
+    and the window takes them as independent.
+
     Attributes:
         keyframes: In the window, beside the newest frame.
         landmarks: Followed at a time.
@@ -35,7 +38,8 @@ class DvioParameters:
         standing: Whether a sensor that seems to stand is told to.
         sight_sd_px: Of a sighting.
         sight_limit: Standard deviations beyond which a sighting counts less.
-        inverse_depth_sd: Of a told inverse depth, 1/m: that of a depth z is this times z².
+        inverse_depth_sd: Of the inverse depth that the host is told, 1/m: that of a depth z is this times z².
+        inverse_depth_again_sd: The same of the frames that see it later: many of them tell little more than a few.
         depth_limit: As `sight_limit`.
         depth_min: Nearest depth that counts, m.
         depth_max: Farthest, m.
@@ -43,15 +47,20 @@ class DvioParameters:
         cull_sd: Sightings further off are removed, standard deviations.
         apart_sd: A point that is told so far from the depth that it should have is not followed, standard deviations.
         gate_px: A point that is seen further from where motion and depth have it is not followed.
+        anchored: Whether a point is aligned with the patch of its host after it was followed.
+        anchor_px: Largest move of this.
+        anchor_likeness: Least correlation with the patch.
         forward_backward_px: Largest distance of a point followed there and back.
         corner_least: Cornerness of a new point, grey levels² a pixel².
         extrinsic_position_sd: How well the camera's place on the IMU is told, m; 0 takes it as told.
         extrinsic_rotation_sd: rad.
         time_offset_sd: Of the camera's clock, s.
         depth_scale_sd: Of the depth camera.
+        focal_sd: Of the focal lengths, as a share of each.
         gravity: m/s².
         imu_noise_factor: Actual over told noise of the IMU, for scale errors, misalignment and vibration.
         walk_factor: The same of the walk of its biases.
+        rate_share: Errors of the gyroscope's scale and axes, as noise by the rate itself, √s: 0.56 % over a second.
         gyro_bias_sd: Turn-on bias, rad/s, where the calibration has less.
         accel_bias_sd: Turn-on bias, m/s², where the calibration has less.
         doubtful_rate: Error of a rate that stands for missing or saturated ones, rad/s.
@@ -79,25 +88,31 @@ class DvioParameters:
     host_depth_in_prior: bool = True
     first_estimates: bool = True
     standing: bool = True
-    sight_sd_px: float = 0.25
-    sight_limit: float = 1.5
-    inverse_depth_sd: float = 0.005
-    depth_limit: float = 1.5
+    sight_sd_px: float = 0.35
+    sight_limit: float = 1.05
+    inverse_depth_sd: float = 0.007
+    inverse_depth_again_sd: float = 0.014
+    depth_limit: float = 1.05
     depth_min: float = 0.3
     depth_max: float = 6.5
     depth_edge: float = 0.04
-    cull_sd: float = 5.0
-    apart_sd: float = 7.0
+    cull_sd: float = 3.5
+    apart_sd: float = 5.0
     gate_px: float = 3.0
+    anchored: bool = True
+    anchor_px: float = 2.0
+    anchor_likeness: float = 0.8
     forward_backward_px: float = 0.7
     corner_least: float = 6.0
     extrinsic_position_sd: float = 2e-3
     extrinsic_rotation_sd: float = 5e-3
     time_offset_sd: float = 5e-3
     depth_scale_sd: float = 1e-2
+    focal_sd: float = 2e-3
     gravity: float = 9.81
-    imu_noise_factor: float = 2.0
-    walk_factor: float = 3.0
+    imu_noise_factor: float = 5.6
+    walk_factor: float = 4.2
+    rate_share: float = 5.6e-3
     gyro_bias_sd: float = 0.01
     accel_bias_sd: float = 0.1
     doubtful_rate: float = 1.0
@@ -115,8 +130,8 @@ class DvioParameters:
         if self.host_depth not in HOST_DEPTHS:
             raise ConfigError("DvioParameters", "host_depth", self.host_depth, ", ".join(HOST_DEPTHS))
         numbers = {f.name: v for f in fields(self) if not isinstance(v := getattr(self, f.name), bool | str)}
-        told = {"extrinsic_position_sd", "extrinsic_rotation_sd", "time_offset_sd", "depth_scale_sd"}
-        check_numbers("DvioParameters", numbers, may_be_zero=told)
+        told = {"extrinsic_position_sd", "extrinsic_rotation_sd", "time_offset_sd", "depth_scale_sd", "focal_sd"}
+        check_numbers("DvioParameters", numbers, may_be_zero=told | {"rate_share"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
 
@@ -131,6 +146,7 @@ class DvioParameters:
         return ImuNoise(
             rate=f * max(imu.gyroscope_noise_density, 1e-5),
             force=f * max(imu.accelerometer_noise_density, 1e-4),
+            rate_share=self.rate_share,
             rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
             force_walk=w * max(imu.accelerometer_random_walk, 1e-5),
             doubtful_rate=self.doubtful_rate,
@@ -144,6 +160,7 @@ class DvioParameters:
             sight_weight=(focal_px / self.sight_sd_px) ** 2,
             sight_limit=self.sight_limit,
             depth_weight=self.inverse_depth_sd**-2,
+            again_weight=self.inverse_depth_again_sd**-2,
             depth_limit=self.depth_limit,
             host_depth=self.host_depth == "factor",
             depth_fixed=self.host_depth == "fixed",
@@ -163,6 +180,8 @@ _PUBLISHED: dict[str, Any] = {
     "extrinsic_rotation_sd": 0.0,
     "time_offset_sd": 0.0,
     "depth_scale_sd": 0.0,
+    "focal_sd": 0.0,
+    "anchored": False,
 }
 METHODS: dict[str, DvioParameters] = {
     "stridetwin": DvioParameters(),

@@ -114,7 +114,9 @@ def integrate(
     while at < end_ns and i < count:
         until = min(t_ns[i], end_ns)
         dt = (until - at) * 1e-9
-        rate_density, force_density = noise.rate, noise.force
+        turn = samples[i, :3] - bias[:3]
+        share = noise.rate_share**2 * (turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+        rate_density, force_density = np.sqrt(noise.rate**2 + share), noise.force
         if doubt[i]:
             # A value off by a constant over the stretch, as a density.
             rate_density += noise.doubtful_rate * np.sqrt(dt)

@@ -9,15 +9,30 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio.algebra import mul, rotate, rotate_back
-from stridetwin.estimators.dvio.factors import Terms, at_exposure, seen_at, view
-from stridetwin.estimators.dvio.memory import NO_HOST, Window
+from stridetwin.estimators.dvio.factors import Terms, at_exposure, ray, seen_at, view
+from stridetwin.estimators.dvio.memory import NO_HOST, Calibration, Window
 from stridetwin.estimators.dvio.solver import Work
 from stridetwin.streams.samples import Array
 
 
 @njit(error_model="numpy")
+def _between(R: Array, p: Array, Rh: Array, ph: Array, c: Calibration) -> tuple[Array, Array]:
+    """From the camera of a pose (Rh, ph) of the IMU to that of another (R, p): (3, 3) rotation and (3,) shift, m."""
+    Rc = np.ascontiguousarray(c.R.T)
+    M = mul(np.ascontiguousarray(R.T), Rh)
+    return mul(Rc, mul(M, c.R)), rotate(Rc, rotate(M, c.p) + rotate_back(R, ph - p) - c.p)
+
+
+@njit(error_model="numpy")
 def foresee(
-    window: Window, R: Array, p: Array, before: int, expected: Array, start: Array, known: NDArray[np.uint8]
+    window: Window,
+    R: Array,
+    p: Array,
+    before: int,
+    expected: Array,
+    start: Array,
+    warp: Array,
+    known: NDArray[np.uint8],
 ) -> None:
     """Where landmarks will be seen from a pose, and where they are believed to have been seen from a frame.
 
@@ -26,27 +41,37 @@ def foresee(
         R: (3, 3) world <- IMU.
         p: (3,) m.
         before: Slot of the frame.
-        expected: (L, 3) out: x and y on the plane at depth 1, and inverse depth.
+        expected: (L, 3) out: x and y on the plane at depth 1 as told, and inverse depth.
         start: (L, 3) out: the same in the frame `before`.
+        warp: (L, 2, 2) out: how the host's picture about the landmark is turned and stretched in the new one.
         known: (L,) out: 1 where the landmark is before the camera in both.
     """
-    marks, c = window.landmarks, window.calibration
-    Rb, pb = at_exposure(window.frames, before, c.offset[0])
+    marks, c, f = window.landmarks, window.calibration, window.frames
+    n = f.count[0]
+    Rb, pb = at_exposure(f, before, c.offset[0])
+    turn, shift = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3))
+    for k in range(n):
+        Rh, ph = at_exposure(f, k, c.offset[0])
+        turn[k, 0], shift[k, 0] = _between(R, p, Rh, ph, c)
+        turn[k, 1], shift[k, 1] = _between(Rb, pb, Rh, ph, c)
     for l in range(len(marks.host)):
         known[l] = 0
         h = marks.host[l]
         if h == NO_HOST:
             continue
-        Rh, ph = at_exposure(window.frames, h, c.offset[0])
-        xi = marks.inverse_depth[l]
-        m = np.array([marks.at[l, h, 0], marks.at[l, h, 1], 1.0])
-        world = rotate(Rh, rotate(c.R, m) + xi * c.p) + xi * ph  # times its inverse depth
-        q = rotate_back(c.R, rotate_back(R, world - xi * p) - xi * c.p)
-        s = rotate_back(c.R, rotate_back(Rb, world - xi * pb) - xi * c.p)
+        x, y = ray(c, marks.at[l, h])
+        xi, m = marks.inverse_depth[l], np.array([x, y, 1.0])
+        q = rotate(turn[h, 0], m) + xi * shift[h, 0]
+        s = rotate(turn[h, 1], m) + xi * shift[h, 1]
         if q[2] < 0.05 or s[2] < 0.05:
             continue
-        expected[l, 0], expected[l, 1], expected[l, 2] = q[0] / q[2], q[1] / q[2], xi / q[2]
-        start[l, 0], start[l, 1], start[l, 2] = s[0] / s[2], s[1] / s[2], xi / s[2]
+        u, v = 1.0 + c.lens[0], 1.0 + c.lens[1]
+        expected[l, 0], expected[l, 1], expected[l, 2] = q[0] / q[2] / u, q[1] / q[2] / v, xi / q[2]
+        start[l, 0], start[l, 1], start[l, 2] = s[0] / s[2] / u, s[1] / s[2] / v, xi / s[2]
+        for j in range(2):
+            by = turn[h, 0, :, j] + shift[h, 0] * marks.slope[l, j]
+            for i in range(2):
+                warp[l, i, j] = (by[i] - q[i] / q[2] * by[2]) / q[2]
         known[l] = 1
 
 
@@ -71,14 +96,15 @@ def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[n
         h = marks.host[l]
         if h == NO_HOST:
             continue
-        x, y = marks.at[l, h]
+        x, y = ray(window.calibration, marks.at[l, h])
         for j in range(n):
             if j == h or not marks.seen[l, j]:
                 continue
             q, before = seen_at(work.views, h, j, x, y, marks.inverse_depth[l])
             off = math.inf
             if before:
-                off = ((q[0] - marks.at[l, j, 0]) ** 2 + (q[1] - marks.at[l, j, 1]) ** 2) * terms.sight_weight
+                u, v = ray(window.calibration, marks.at[l, j])
+                off = ((q[0] - u) ** 2 + (q[1] - v) ** 2) * terms.sight_weight
             if off > most * most:
                 marks.seen[l, j] = 0
                 if j == n - 1:
@@ -86,7 +112,7 @@ def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[n
                 continue
             if marks.told[l, j] > 0.0 and terms.projection_depth:
                 r = scale * q[2] - marks.told[l, j]
-                if r * r * terms.depth_weight > most * most:
+                if r * r * terms.again_weight > most * most:
                     marks.told[l, j] = 0.0
             if j == n - 1:
                 left += 1

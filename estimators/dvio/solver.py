@@ -18,11 +18,12 @@ from stridetwin.estimators.dvio.factors import (
     add_standing,
     blank_views,
     huber,
+    ray,
     seen_at,
     sight,
     view,
 )
-from stridetwin.estimators.dvio.memory import CALIBRATION, D_SCALE, FRAME, NO_HOST, Window
+from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Window
 from stridetwin.streams.samples import Array
 
 _LOOSE = 1e-2  # m²; information on an inverse depth of which nothing is known: a standard deviation of 10/m
@@ -30,7 +31,7 @@ _FIXED = 1e12  # m²; on one that may not change
 LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH = 0.01, 10.0
 # Sums may be taken in any order, so that they run on vector units; NaN and infinity keep their meaning.
 _REORDERED = {"reassoc", "contract", "nsz"}
-_FIRST_DAMPING, _MOST_DAMPING = 1e-6, 1e2
+_FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
 
 
 class Work(NamedTuple):
@@ -46,7 +47,7 @@ class Work(NamedTuple):
         cross: (L, N) between landmark and the rest.
         views: Of the frames.
         saved: (F, 21 + 15) states before a step, and how far they had moved.
-        saved_calibration: (22,).
+        saved_calibration: (26,).
         saved_depth: (L,).
     """
 
@@ -76,7 +77,7 @@ def blank_work(frames: int, landmarks: int) -> Work:
         cross=np.zeros((landmarks, n)),
         views=blank_views(frames),
         saved=np.zeros((frames, 36)),
-        saved_calibration=np.zeros(22),
+        saved_calibration=np.zeros(26),
         saved_depth=np.zeros(landmarks),
     )
 
@@ -94,12 +95,12 @@ def add_landmark(
         l: Slot of the landmark.
         last: Slot of the last frame whose sightings count.
         host_depth: Whether (11) is there.
-        J: (3, 20) room.
+        J: (3, 22) room.
         Jl: (3,) room.
     """
     marks, H, b = window.landmarks, work.H, work.b
     host, xi, scale = marks.host[l], marks.inverse_depth[l], window.calibration.scale[0]
-    x, y = marks.at[l, host]
+    x, y = ray(window.calibration, marks.at[l, host])
     cross = work.cross[l]
     cross[:] = 0.0
     Hl, bl, cost = _LOOSE, 0.0, 0.0
@@ -122,45 +123,42 @@ def add_landmark(
     for i in range(CALIBRATION):
         index[i] = i
     for i in range(6):
-        index[8 + i] = CALIBRATION + FRAME * host + i
+        index[CALIBRATION + i] = CALIBRATION + FRAME * host + i
     for j in range(last + 1):
         if j == host or not marks.seen[l, j]:
             continue
         q, before = seen_at(work.views, host, j, x, y, xi)
         if not before or not sight(window, work.views, host, j, x, y, xi, J, Jl):
             continue
-        r3[0], r3[1] = q[0] - marks.at[l, j, 0], q[1] - marks.at[l, j, 1]
+        u, v = ray(window.calibration, marks.at[l, j])
+        r3[0], r3[1] = q[0] - u, q[1] - v
+        J[0, D_LENS] -= marks.at[l, j, 0]
+        J[1, D_LENS + 1] -= marks.at[l, j, 1]
         c, w = huber((r3[0] ** 2 + r3[1] ** 2) * terms.sight_weight, terms.sight_limit)
         w3[0] = w3[1] = w * terms.sight_weight
         cost += c
-        rows, told = 2, marks.told[l, j]
+        r3[2], w3[2], told = 0.0, 0.0, marks.told[l, j]
         if terms.projection_depth and told > 0.0:
-            rows = 3
             r3[2] = scale * q[2] - told
-            c, w = huber(r3[2] ** 2 * terms.depth_weight, terms.depth_limit)
-            w3[2] = w * terms.depth_weight
+            c, w = huber(r3[2] ** 2 * terms.again_weight, terms.depth_limit)
+            w3[2] = w * terms.again_weight
             cost += c
             for i in range(SIGHT):
                 J[2, i] *= scale
             Jl[2] *= scale
             J[2, D_SCALE] = q[2]
         for i in range(6):
-            index[14 + i] = CALIBRATION + FRAME * j + i
-        for i in range(rows):
-            w, r = w3[i], r3[i]
-            Hl += w * Jl[i] * Jl[i]
-            bl -= w * Jl[i] * r
-            for a in range(SIGHT):
-                wa = w * J[i, a]
-                ia = index[a]
-                cross[ia] += wa * Jl[i]
-                b[ia] -= wa * r
-                for e in range(a + 1):
-                    ie = index[e]
-                    if ia >= ie:
-                        H[ia, ie] += wa * J[i, e]
-                    else:
-                        H[ie, ia] += wa * J[i, e]
+            index[CALIBRATION + 6 + i] = CALIBRATION + FRAME * j + i
+        for i in range(3):
+            Hl += w3[i] * Jl[i] * Jl[i]
+            bl -= w3[i] * Jl[i] * r3[i]
+        for a in range(SIGHT):
+            w0, w1, w2 = w3[0] * J[0, a], w3[1] * J[1, a], w3[2] * J[2, a]
+            ia = index[a]
+            cross[ia] += w0 * Jl[0] + w1 * Jl[1] + w2 * Jl[2]
+            b[ia] -= w0 * r3[0] + w1 * r3[1] + w2 * r3[2]
+            for e in range(a + 1):  # a host is older than a seer, so that index rises
+                H[ia, index[e]] += w0 * J[0, e] + w1 * J[1, e] + w2 * J[2, e]
     work.Hl[l], work.bl[l] = Hl, bl
     return cost
 
@@ -269,6 +267,7 @@ def move(window: Window, work: Work) -> None:
     c.R[:] = mul(c.R, exponential(d[3:6]))
     c.offset[0] += d[6]
     c.scale[0] += d[7]
+    c.lens[:] += d[8:10]
     c.moved[:] += d[:CALIBRATION]
     for k in range(frames.count[0]):
         o = CALIBRATION + FRAME * k
@@ -302,10 +301,11 @@ def _copy(window: Window, work: Work, back: bool) -> None:
     frames, c, s = window.frames, window.calibration, work.saved_calibration
     if back:
         c.R[:] = s[:9].copy().reshape(3, 3)
-        c.p[:], c.offset[0], c.scale[0], c.moved[:] = s[9:12], s[12], s[13], s[14:22]
+        c.p[:], c.offset[0], c.scale[0], c.lens[:], c.moved[:] = s[9:12], s[12], s[13], s[14:16], s[16:26]
         window.landmarks.inverse_depth[:] = work.saved_depth
     else:
-        s[:9], s[9:12], s[12], s[13], s[14:22] = c.R.ravel(), c.p, c.offset[0], c.scale[0], c.moved
+        s[:9], s[9:12], s[12], s[13] = c.R.ravel(), c.p, c.offset[0], c.scale[0]
+        s[14:16], s[16:26] = c.lens, c.moved
         work.saved_depth[:] = window.landmarks.inverse_depth
     for k in range(frames.count[0]):
         s = work.saved[k]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.patches import SIDE
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
@@ -68,17 +69,20 @@ class Tracker:
         shape: (H, W) of the pictures.
         forward_backward_px: Largest distance of a point followed there and back.
         corner_least: Cornerness of a new point.
+        slots: Patches that are kept.
     """
 
-    def __init__(self, shape: tuple[int, int], forward_backward_px: float, corner_least: float) -> None:
+    def __init__(self, shape: tuple[int, int], forward_backward_px: float, corner_least: float, slots: int) -> None:
         self._shape = shape
+        self._patches = np.zeros((slots, SIDE, SIDE), np.float32)
         self._most_px, self._least = forward_backward_px, corner_least
         self._grey: NDArray[np.uint8] | None = None
+        self._smooth: NDArray[np.uint8] | None = None
         self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in _FAST]
 
     def forget(self) -> None:
         """Follows nothing into the next picture."""
-        self._grey = None
+        self._grey = self._smooth = None
 
     def follow(self, grey: NDArray[np.uint8], points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
         """Takes the next picture.
@@ -91,7 +95,7 @@ class Tracker:
         Returns:
             (N, 2) px where they are, and (N,) whether they could be followed there and back.
         """
-        before, self._grey = self._grey, grey
+        before, self._grey, self._smooth = self._grey, grey, None
         if before is None or not len(points):
             return points.copy(), np.zeros(len(points), bool)
         flags = cv2.OPTFLOW_USE_INITIAL_FLOW
@@ -106,6 +110,36 @@ class Tracker:
         height, width = self._shape
         good &= (there > 2).all(axis=1) & (there[:, 0] < width - 3) & (there[:, 1] < height - 3)
         return np.asarray(there, np.float32), good
+
+    def anchor(self, slots: NDArray[np.int64], points: Points) -> None:
+        """Keeps the patches of the last picture about (N, 2) px in slots (N,)."""
+        kernel.cut(self._smoothed(), slots, np.ascontiguousarray(points), self._patches)
+
+    def align(
+        self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_], far: float, alike: float
+    ) -> tuple[Points, NDArray[np.bool_]]:
+        """Points of the last picture, each moved to where the patch of its slot lies.
+
+        Args:
+            slots: (N,) of their patches.
+            points: (N, 2) px.
+            warps: (N, 2, 2) from the patch's pixels to the picture's.
+            good: (N,) which of them count.
+            far: Largest move, px.
+            alike: Least correlation with the patch.
+
+        Returns:
+            (N, 2) px, and (N,) which of them are there.
+        """
+        points, good = points.copy(), good.copy()
+        kernel.align(self._smoothed(), self._patches, slots, warps, far, alike, points, good)
+        return points, good
+
+    def _smoothed(self) -> NDArray[np.uint8]:
+        assert self._grey is not None
+        if self._smooth is None:
+            self._smooth = np.asarray(cv2.GaussianBlur(self._grey, (3, 3), 0.0), np.uint8)
+        return self._smooth
 
     def find(self, taken: Points, wanted: int) -> Points:
         """(N, 2) px, new points in the last picture, N ≤ wanted, away from those that there are."""

@@ -8,11 +8,13 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.dvio.factors import Terms
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, ImuNoise, Window, blank_window
 
-NOISE = ImuNoise(rate=1e-3, force=1e-2, rate_walk=1e-4, force_walk=1e-3, doubtful_rate=1.0, doubtful_force=5.0)
+NOISE = ImuNoise(
+    rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, doubtful_rate=1.0, doubtful_force=5.0
+)  # fmt: skip
 TERMS = Terms(
-    gravity=9.81, sight_weight=400.0**2, sight_limit=3.0, depth_weight=200.0**2, depth_limit=3.0, host_depth=True,
-    depth_fixed=False, projection_depth=True, host_depth_in_prior=True, first_estimates=False, rate_walk=1e-4,
-    force_walk=1e-3,
+    gravity=9.81, sight_weight=400.0**2, sight_limit=3.0, depth_weight=200.0**2, again_weight=100.0**2,
+    depth_limit=3.0, host_depth=True, depth_fixed=False, projection_depth=True, host_depth_in_prior=True,
+    first_estimates=False, rate_walk=1e-4, force_walk=1e-3,
 )  # fmt: skip
 T_IMU_CAMERA = np.eye(4)
 T_IMU_CAMERA[:3, :3] = Rotation.from_euler("xyz", [0.1, -0.2, 0.05]).as_matrix()
@@ -50,6 +52,7 @@ def moved(window: Window, error: np.ndarray) -> None:
     c.R[:] = c.R @ Rotation.from_rotvec(error[3:6]).as_matrix()
     c.offset[:] += error[6]
     c.scale[:] += error[7]
+    c.lens[:] += error[8:10]
     for k in range(f.count[0]):
         e = error[CALIBRATION + FRAME * k :]
         f.p[k] += e[:3]

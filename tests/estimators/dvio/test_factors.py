@@ -24,7 +24,8 @@ def test_the_jacobian_of_a_sighting_is_its_slope(seed):
     window.frames.offset[:] = 0.0
     views = factors.blank_views(4)
     factors.view(window, TERMS, views)
-    x, y, xi = *window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
+    at, xi = window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
+    x, y = factors.ray(window.calibration, at)
     J, Jl = np.zeros((3, factors.SIGHT)), np.zeros(3)
     assert factors.sight(window, views, 0, 2, x, y, xi, J, Jl)
 
@@ -33,7 +34,7 @@ def test_the_jacobian_of_a_sighting_is_its_slope(seed):
         moved(other, error)
         v = factors.blank_views(4)
         factors.view(other, TERMS, v)
-        return factors.seen_at(v, 0, 2, x, y, xi + of_depth)[0]
+        return factors.seen_at(v, 0, 2, *factors.ray(other.calibration, at), xi + of_depth)[0]
 
     size = CALIBRATION + FRAME * 3
     columns = [

@@ -38,7 +38,7 @@ def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
     marks.at[:] += 1e-3 * rng.normal(size=marks.at.shape)
     marks.told[:] += 4e-3 * rng.normal(size=marks.told.shape) * (marks.told > 0)
     # Jacobians are those of no change of the time offset; held, all of them are exact.
-    sd = np.concatenate([np.full(3, 2e-3), np.full(3, 5e-3), [1e-8, 1e-2]])
+    sd = np.concatenate([np.full(3, 2e-3), np.full(3, 5e-3), [1e-8, 1e-2], np.full(2, 2e-3)])
     w.prior.H[range(CALIBRATION), range(CALIBRATION)] = sd**-2
     own = range(CALIBRATION, CALIBRATION + FRAME)
     w.prior.H[own, own] = np.repeat([1e-3, 1e-2, 0.1, 0.01, 0.05], 3) ** -2.0
@@ -76,13 +76,13 @@ def residuals(w: Window, terms, depths: np.ndarray) -> np.ndarray:
         p.append(f.p[k] + f.v[k] * late)
     depth_sd = terms.depth_weight**-0.5
     for l, xi in enumerate(depths):
-        m = np.array([*marks.at[l, 0], 1.0])
+        m = np.array([*marks.at[l, 0] * (1 + c.lens), 1.0])
         world = R[0] @ (c.R @ (m / xi) + c.p) + p[0]
         out.append([(c.scale[0] * xi - marks.told[l, 0]) / depth_sd])
         for k in range(1, n):
             q = c.R.T @ (R[k].T @ (world - p[k]) - c.p)
-            out.append((q[:2] / q[2] - marks.at[l, k]) * terms.sight_weight**0.5)
-            out.append([(c.scale[0] / q[2] - marks.told[l, k]) / depth_sd])
+            out.append((q[:2] / q[2] - marks.at[l, k] * (1 + c.lens)) * terms.sight_weight**0.5)
+            out.append([(c.scale[0] / q[2] - marks.told[l, k]) * terms.again_weight**0.5])
     return np.concatenate(out)
 
 

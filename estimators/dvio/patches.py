@@ -1,0 +1,191 @@
+"""Compiled looks at the patch about a point: how it lies in space, and where another picture shows it.
+
+Points that are followed from picture to picture drift: each step adds its own error, and after a second the path of a
+point is no longer that of what was first seen there. Aligned with the patch of the frame that first saw it (inverse
+compositional, Baker & Matthews 2004), warped as motion and depth have it (as Forster et al. 2014 do), it stays.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+REACH = 6  # px; half of a patch
+SIDE = 2 * REACH + 3  # of what is kept, with a margin for its gradients
+_STEPS = 8
+_SETTLED_PX = 0.01
+_SLOPE_REACH, _SLOPE_STRIDE = 8, 2  # px
+
+
+@njit(error_model="numpy")
+def _value(grey: NDArray[np.uint8], x: float, y: float) -> float:
+    """Grey value between pixels; the point lies inside."""
+    j, i = int(x), int(y)
+    a, b = x - j, y - i
+    top = (1.0 - a) * grey[i, j] + a * grey[i, j + 1]
+    return (1.0 - b) * top + b * ((1.0 - a) * grey[i + 1, j] + a * grey[i + 1, j + 1])
+
+
+@njit(error_model="numpy")
+def cut(
+    grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], kept: NDArray[np.float32]
+) -> None:
+    """Keeps the patches about points.
+
+    Args:
+        grey: (H, W).
+        ids: (N,) row of `kept` of each.
+        points: (N, 2) px; where a patch reaches over the picture's edge, the edge goes on.
+        kept: (L, SIDE, SIDE) out.
+    """
+    height, width = grey.shape
+    for n in range(len(ids)):
+        for i in range(SIDE):
+            for j in range(SIDE):
+                x = min(max(points[n, 0] + j - REACH - 1, 0.0), width - 1.001)
+                y = min(max(points[n, 1] + i - REACH - 1, 0.0), height - 1.001)
+                kept[ids[n], i, j] = _value(grey, x, y)
+
+
+@njit(error_model="numpy")
+def align(
+    grey: NDArray[np.uint8],
+    patches: NDArray[np.float32],
+    ids: NDArray[np.int64],
+    warps: Array,
+    far: float,
+    alike: float,
+    points: NDArray[np.float32],
+    good: NDArray[np.bool_],
+) -> None:
+    """Moves points to where their patches lie.
+
+    Args:
+        grey: (H, W).
+        patches: (L, SIDE, SIDE).
+        ids: (N,) row of `patches` of each.
+        warps: (N, 2, 2) from the patch's pixels to the picture's.
+        far: Largest move, px.
+        alike: Least correlation of what is seen with the patch.
+        points: (N, 2) px, changed.
+        good: (N,) changed: False where a point cannot be aligned; those that are False are left out.
+    """
+    height, width = grey.shape
+    side = 2 * REACH + 1
+    n = side * side
+    J, seen = np.empty((n, 3)), np.empty(n)
+    for l in range(len(ids)):
+        if not good[l]:
+            continue
+        good[l] = False
+        T, M = patches[ids[l]], warps[l]
+        stretch = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
+        if not 0.1 < stretch < 10.0:
+            continue
+        mean = np.zeros(3)
+        k = 0
+        for i in range(1, side + 1):
+            for j in range(1, side + 1):
+                J[k, 0] = 0.5 * (T[i, j + 1] - T[i, j - 1])
+                J[k, 1] = 0.5 * (T[i + 1, j] - T[i - 1, j])
+                J[k, 2] = T[i, j]
+                for c in range(3):
+                    mean[c] += J[k, c] / n
+                k += 1
+        H = np.zeros((3, 3))
+        for k in range(n):
+            for c in range(3):
+                J[k, c] -= mean[c]
+            for c in range(3):
+                for d in range(3):
+                    H[c, d] += J[k, c] * J[k, d]
+        if not (H[2, 2] > n and np.linalg.det(H) > 1e-6 * H[0, 0] * H[1, 1] * H[2, 2]):
+            continue
+        inverse = np.linalg.inv(H)
+        reach_x = REACH * (abs(M[0, 0]) + abs(M[0, 1])) + 2
+        reach_y = REACH * (abs(M[1, 0]) + abs(M[1, 1])) + 2
+        x, y = float(points[l, 0]), float(points[l, 1])
+        x0, y0 = x, y
+        likeness = 0.0
+        for _ in range(_STEPS):
+            if not (reach_x < x < width - reach_x and reach_y < y < height - reach_y):
+                likeness = 0.0
+                break
+            k, level = 0, 0.0
+            for i in range(-REACH, REACH + 1):
+                for j in range(-REACH, REACH + 1):
+                    seen[k] = _value(grey, x + M[0, 0] * j + M[0, 1] * i, y + M[1, 0] * j + M[1, 1] * i)
+                    level += seen[k] / n
+                    k += 1
+            g0, g1, g2, power = 0.0, 0.0, 0.0, 0.0
+            for k in range(n):
+                s = seen[k] - level
+                power += s * s
+                g0 += J[k, 0] * s
+                g1 += J[k, 1] * s
+                g2 += J[k, 2] * s
+            likeness = g2 / math.sqrt(power * H[2, 2] + 1e-9)
+            # what is seen: the patch, moved by d and times a gain
+            d0 = inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2
+            d1 = inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2
+            gain = inverse[2, 0] * g0 + inverse[2, 1] * g1 + inverse[2, 2] * g2
+            if gain < 0.2:
+                likeness = 0.0
+                break
+            d0, d1 = d0 / gain, d1 / gain
+            mx, my = M[0, 0] * d0 + M[0, 1] * d1, M[1, 0] * d0 + M[1, 1] * d1
+            x, y = x - mx, y - my
+            if math.hypot(x - x0, y - y0) > far:
+                likeness = 0.0
+                break
+            if math.hypot(mx, my) < _SETTLED_PX:
+                break
+        if likeness >= alike:
+            points[l, 0], points[l, 1] = x, y
+            good[l] = True
+
+
+@njit(error_model="numpy")
+def read_slope(
+    depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, rough: float, slope: Array
+) -> None:
+    """How the inverse depth changes about points: on a plane it is linear in the picture.
+
+    Args:
+        depth: (H, W) m, 0 or NaN where none.
+        points: (N, 2) px.
+        least: Nearest depth that counts, m.
+        most: Farthest.
+        rough: Largest mean deviation from a plane, 1/m.
+        slope: (N, 2) out: 1/m a pixel; 0 where no plane is seen.
+    """
+    height, width = depth.shape
+    r, step = _SLOPE_REACH, _SLOPE_STRIDE
+    for l in range(len(points)):
+        slope[l] = 0.0
+        x, y = int(points[l, 0] + 0.5), int(points[l, 1] + 0.5)
+        if not (r <= x < width - r and r <= y < height - r):
+            continue
+        n, total, square, a, b, u2 = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(-r, r + 1, step):
+            for j in range(-r, r + 1, step):
+                z = float(depth[y + i, x + j])
+                if least <= z <= most:
+                    v = 1.0 / z
+                    n += 1
+                    total += v
+                    square += v * v
+                    a += j * v
+                    b += i * v
+                    u2 += j * j
+        if n < (2 * r // step + 1) ** 2:
+            continue
+        a, b = a / u2, b / u2
+        left = (square - total * total / n - (a * a + b * b) * u2) / n
+        if left < rough * rough:
+            slope[l, 0], slope[l, 1] = a, b
