@@ -6,19 +6,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.factors import (
-    SIGHT,
-    Terms,
-    add_motion,
-    add_prior,
-    add_standing,
-    errors,
-    ray,
-    seen_at,
-    view,
-)
+from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing, errors
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Window
 from stridetwin.estimators.dvio.solver import LEAST_INVERSE_DEPTH, Work, add_landmark, eliminate, usable
+from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.dvio.views import SIGHT, ray, seen_at, view
 from stridetwin.streams.samples import Array
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from stridetwin.estimators.dvio.factors import Terms
 from stridetwin.estimators.dvio.memory import ImuNoise
+from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.rig import ImuCalibration
 

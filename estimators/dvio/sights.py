@@ -9,9 +9,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio.algebra import mul, rotate, rotate_back
-from stridetwin.estimators.dvio.factors import Terms, at_exposure, ray, seen_at, view
 from stridetwin.estimators.dvio.memory import NO_HOST, Calibration, Window
 from stridetwin.estimators.dvio.solver import Work
+from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.dvio.views import at_exposure, ray, seen_at, view
 from stridetwin.streams.samples import Array
 
 

@@ -9,21 +9,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio.algebra import exponential, mul
-from stridetwin.estimators.dvio.factors import (
-    SIGHT,
-    Terms,
-    Views,
-    add_motion,
-    add_prior,
-    add_standing,
-    blank_views,
-    huber,
-    ray,
-    seen_at,
-    sight,
-    view,
-)
+from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing
 from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Window
+from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.dvio.views import SIGHT, Views, blank_views, huber, ray, seen_at, sight, view
 from stridetwin.streams.samples import Array
 
 _LOOSE = 1e-2  # m²; information on an inverse depth of which nothing is known: a standard deviation of 10/m

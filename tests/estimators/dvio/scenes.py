@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio.factors import Terms
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, ImuNoise, Window, blank_window
+from stridetwin.estimators.dvio.terms import Terms
 
 NOISE = ImuNoise(
     rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, doubtful_rate=1.0, doubtful_force=5.0
