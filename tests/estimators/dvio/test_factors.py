@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.dvio import factors
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Increment
+from stridetwin.estimators.dvio.views import SIGHT, blank_views, ray, seen_at, sight, view
 from tests.estimators.dvio.scenes import TERMS, moved, seen_window
 
 SEEDS = st.integers(0, 10_000)
@@ -22,19 +23,19 @@ STEP = 1e-6
 def test_the_jacobian_of_a_sighting_is_its_slope(seed):
     window = seen_window(np.random.default_rng(seed))
     window.frames.offset[:] = 0.0
-    views = factors.blank_views(4)
-    factors.view(window, TERMS, views)
+    views = blank_views(4)
+    view(window, TERMS, views)
     at, xi = window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
-    x, y = factors.ray(window.calibration, at)
-    J, Jl = np.zeros((3, factors.SIGHT)), np.zeros(3)
-    assert factors.sight(window, views, 0, 2, x, y, xi, J, Jl)
+    x, y = ray(window.calibration, at)
+    J, Jl = np.zeros((3, SIGHT)), np.zeros(3)
+    assert sight(window, views, 0, 2, x, y, xi, J, Jl)
 
     def seen(error, of_depth=0.0):
         other = copy.deepcopy(window)
         moved(other, error)
-        v = factors.blank_views(4)
-        factors.view(other, TERMS, v)
-        return factors.seen_at(v, 0, 2, *factors.ray(other.calibration, at), xi + of_depth)[0]
+        v = blank_views(4)
+        view(other, TERMS, v)
+        return seen_at(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[0]
 
     size = CALIBRATION + FRAME * 3
     columns = [
