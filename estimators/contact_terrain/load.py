@@ -23,7 +23,8 @@ class CellLoads:
     """The cells of one insole."""
 
     def __init__(self) -> None:
-        self._least, self._most = np.full((2, 4), np.inf), np.full((2, 4), -np.inf)  # of this stride and the last
+        self._least = np.full((2, 4), np.inf)  # of this stride and the last
+        self._most = np.full((3, 4), -np.inf)  # of one more: two may pass in one long swing, as over two risers
         self._turned = 0.0
 
     def update(self, force: Array, rate: float, dt: float) -> Array:
@@ -40,7 +41,7 @@ class CellLoads:
         if self._turned > STRIDE_S:
             self._turned = 0.0
             self._least[1], self._least[0] = self._least[0], force
-            self._most[1], self._most[0] = self._most[0], force
+            self._most[1:], self._most[0] = self._most[:-1].copy(), force
         if not np.isfinite(self._least[1]).all():  # before the first stride nothing is known of an unloaded cell
             return force
         load: Array = force - self._least.min(axis=0)

@@ -120,7 +120,7 @@ def _shuffling(config: TwinConfig) -> TwinConfig:
 
 
 def _with_modules(config: TwinConfig) -> TwinConfig:
-    return replace(config, exo=Exo(mode=1))
+    return replace(config, exo=Exo(mode=1, drive="assist"))
 
 
 _HEEL, _TOE = "heel", "toe"

@@ -144,7 +144,15 @@ def _as_it_happened(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot
         return step
     # flat is where the sole's normal agrees best with the ground's
     flat = during[np.argmax(np.einsum("nij,ij->n", R_foot[during][:, :, 2:], step.R_world_sole[:, 2:]))]
-    return replace(step, t_touch=touch, t_off=off, p_foot_in_world=p_foot[flat], R_world_sole=R_foot[flat])
+    R_world_sole = _on_ground(R_foot[flat], step.R_world_sole[:, 2])
+    return replace(step, t_touch=touch, t_off=off, p_foot_in_world=p_foot[flat], R_world_sole=R_world_sole)
+
+
+def _on_ground(R_world_foot: Array, normal: Array) -> Array:
+    """(3, 3) of a foot laid on its ground: a loaded sole of rubber is up to 0.3° off the plane that it stands on."""
+    forward = R_world_foot[:, 0] - (R_world_foot[:, 0] @ normal) * normal
+    forward /= np.linalg.norm(forward)
+    return np.column_stack([forward, np.cross(normal, forward), normal])
 
 
 def _nearest(t: Array, events: NDArray[np.int64], planned: float) -> float:

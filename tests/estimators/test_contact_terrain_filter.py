@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
 from stridetwin.estimators.contact_terrain.geometry import DhRow, parse_exoskeleton, to_text
+from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, step_modes
 from stridetwin.scenarios.steps import score_steps
 from stridetwin.streams.errors import ConfigError
@@ -141,6 +142,15 @@ def test_faults_leave_the_class_right_or_unknown(walk, fault):
     assert len(told) >= 0.5 * len(steps)
     assert all(s.told_mode == "LG" for s in told)
     assert rms([s.elevation_error for s in told]) < 0.015
+
+
+def test_cells_live_through_a_swing_over_two_risers():
+    cells, rest = CellLoads(), np.array([5.0, 3.0, 2.0, 8.0])
+    for force, rate, seconds in ((rest, 2.0, 1.0), (rest + 100.0, 0.1, 0.7), (rest, 2.0, 1.25)):
+        for _ in range(round(100 * seconds)):
+            load = cells.update(force, rate, 0.01)
+    assert cells.alive.all()
+    assert np.allclose(load, 0.0)
 
 
 def test_a_gap_is_survived(walk):
