@@ -112,7 +112,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="ESTIMATOR",
         help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars where there are any; "
         "contact_terrain: exoskeleton; dvio: RGB-D camera with IMU on head or chest; "
-        "terrain_map: depth camera and poses",
+        "terrain_map: depth camera and poses; locomotion_mode: these and insoles",
     )
     _importable(p)
     p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot of a recording (default l)")
@@ -126,13 +126,14 @@ def parser() -> argparse.ArgumentParser:
         "--method",
         choices=METHODS,
         default="stridetwin",
-        help="foot_to_foot, contact_terrain, dvio: which algorithm (default stridetwin)",
+        help="foot_to_foot, contact_terrain, dvio, locomotion_mode: which algorithm (default stridetwin)",
     )
     p.add_argument(
         "--poses",
         type=Path,
         metavar="FILE",
-        help="terrain_map: TUM trajectory of the depth camera's optical frame (default: poses of the recording)",
+        help="terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame (default: poses of the "
+        "recording)",
     )
     p.add_argument(
         "--exoskeleton", type=Path, metavar="FILE", help="contact_terrain: geometry, where the recording tells none"
@@ -143,7 +144,8 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         required=True,
-        help="TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain: table, .csv; "
+        help="TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain, locomotion_mode: "
+        "table, .csv; "
         "terrain_map: .json, and a .ply beside it",
     )
 

@@ -30,6 +30,7 @@ ESTIMATORS = {
     "contact_terrain": "slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
     "dvio": "path of a head- or chest-worn RGB-D camera with IMU",
     "terrain_map": "planes, ramps and stairs around the walker from depth pictures and poses",
+    "locomotion_mode": "mode, place and time of the coming steps from depth pictures, poses and insoles",
 }
 _SHOWN_STEPS = {
     "slope_rmse_deg": "slope °",
@@ -201,6 +202,8 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
         return _estimate_steps(arguments, progress)
     if arguments.estimator == "terrain_map":
         return _estimate_terrain(arguments, progress)
+    if arguments.estimator == "locomotion_mode":
+        return _estimate_modes(arguments, progress)
     if arguments.estimator == "dvio":
         from stridetwin.scenarios.odometry import estimate_odometry
 
@@ -257,6 +260,21 @@ def _estimate_terrain(arguments: Namespace, progress: Progress) -> Outcome:
     data = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": len(found["planes"])}
     told = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs"))
     return Outcome(data=data, lines=[f"{files[0]}: {len(found['planes'])} planes; {told}"])
+
+
+def _estimate_modes(arguments: Namespace, progress: Progress) -> Outcome:
+    from stridetwin.scenarios.mode_files import predict_recording, predicted_steps, write_modes
+    from stridetwin.streams.tum import read_tum
+
+    if arguments.foot:
+        raise StrideTwinError("--foot goes with foot_ins; locomotion_mode tells the steps of both feet")
+    progress("estimate", 0.0)
+    path = read_tum(arguments.poses) if arguments.poses else None
+    rows = predicted_steps(predict_recording(_imported(arguments), arguments.method, path))
+    write_modes(rows, arguments.output)
+    file = str(arguments.output)
+    data = {"file": file, "files": [file], "estimator": arguments.estimator, "rows": len(rows)}
+    return Outcome(data=data, lines=[f"{file}: {len(rows)} steps"])
 
 
 def _for_foot(file: Path, foot: str) -> Path:

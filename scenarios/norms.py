@@ -22,6 +22,13 @@ def reference(name: str) -> Any:
     return yaml.safe_load(file.read_text(encoding="utf-8"))
 
 
+def reference_rows(name: str) -> list[dict[str, str]]:
+    """Rows of one table of the reference folder, such as `zhao2023_table2`; lines that begin with # are left out."""
+    file = resources.files("stridetwin.scenarios").joinpath("reference", f"{name}.csv")
+    lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+    return list(csv.DictReader(lines))
+
+
 def speed_group(speed_mps: float, leg_m: float = _LEG_M) -> str:
     """The speed group of Schwartz et al. 2008 that a walker belongs to, by speed / sqrt(g leg)."""
     equal = speed_mps * float(np.sqrt(_LEG_M / leg_m))
@@ -39,8 +46,6 @@ def level_norm(group: str, quantity: str) -> tuple[Array, Array, Array]:
     Returns:
         Share of the gait cycle in % from heel contact, mean and SD, (51,) each.
     """
-    file = resources.files("stridetwin.scenarios").joinpath("reference", "gait_norms_level.csv")
-    lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
-    rows = [r for r in csv.DictReader(lines) if r["speed"] == group and r["quantity"] == quantity]
+    rows = [r for r in reference_rows("gait_norms_level") if r["speed"] == group and r["quantity"] == quantity]
     table = np.array([[float(r["cycle_pct"]), float(r["mean"]), float(r["sd"])] for r in rows])
     return table[:, 0], table[:, 1], table[:, 2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,18 +71,36 @@ def map_recording(recording: Recording, path: Trajectory | None = None) -> Terra
         RecordingError: There is no depth, or no poses of the camera or its body.
     """
     camera = depth_camera(recording.rig)
-    if camera.depth_topic not in recording.topics:
-        raise RecordingError(f"{recording.path}: no topic {camera.depth_topic}; terrain_map needs depth")
-    mount = None
-    samples: Iterable[Sample]
-    if path is not None:
-        samples = heapq.merge(_odometry(path), recording.samples([camera.depth_topic]), key=lambda s: s.t_ns)
-    else:
-        topic, mount = given_poses(recording, camera)
-        samples = recording.samples([topic, camera.depth_topic])
+    mount, samples = posed_depth(recording, camera, path)
     terrain_map = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
     terrain_map.run(samples)
     return terrain_map
+
+
+def posed_depth(
+    recording: Recording, camera: CameraCalibration, path: Trajectory | None = None, more: Sequence[str] = ()
+) -> tuple[Mount | None, Iterator[Sample]]:
+    """Poses and depth of a recording in time order, a pose before the picture of its instant.
+
+    Args:
+        recording: With depth and its calibration.
+        camera: Its depth camera.
+        path: As of `map_recording`.
+        more: Further topics.
+
+    Returns:
+        Where the camera sits in the frame whose poses come, None where they are its own; and the samples.
+
+    Raises:
+        RecordingError: There is no depth, or no poses of the camera or its body.
+    """
+    if camera.depth_topic not in recording.topics:
+        raise RecordingError(f"{recording.path}: no topic {camera.depth_topic}; terrain_map needs depth")
+    if path is not None:
+        others = recording.samples([*more, camera.depth_topic])
+        return None, heapq.merge(_odometry(path), others, key=lambda s: s.t_ns)
+    topic, mount = given_poses(recording, camera)
+    return mount, iter(recording.samples([topic, *more, camera.depth_topic]))
 
 
 def _odometry(path: Trajectory) -> Iterator[Sample]:

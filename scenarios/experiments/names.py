@@ -8,6 +8,8 @@ EXPERIMENT_NAMES = {
     "jao_faults": "what the filter of two feet makes of faults: cameras, IMUs, clock, mounts, exchanged shoes",
     "zhao_closed_loop": "Zhao et al. 2023, Table V: a loop of 60 m with stairs, fifteen subjects, on head and chest",
     "zhao_closed_loop_stress": "the same loop with plain walls, blur, heel strikes, clock and mount off",
+    "zhao_generality": "Zhao et al. 2023, Tables II and III: modes of coming steps over 540 walks, poses by odometry",
+    "zhao_generality_given_poses": "the same walks with their true poses",
     "dvio_bench": "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",
     "dvio_faults": "what the visual-inertial odometry makes of faults: depth, camera, IMU, passers-by, calibration",
     "shim_table5": "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",

@@ -21,6 +21,7 @@ from stridetwin.scenarios.experiments import (
     shim_figures,
     shim_table5,
     zhao_closed_loop,
+    zhao_generality,
 )
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.streams.errors import StrideTwinError
@@ -85,6 +86,15 @@ EXPERIMENTS = {
             table=zhao_closed_loop.table,
         )
         for name, scenario in (("zhao_closed_loop", "zhao_loop"), ("zhao_closed_loop_stress", "zhao_loop_stress"))
+    },
+    **{
+        name: Experiment(
+            seeds=zhao_generality.SEEDS,
+            run_case=partial(zhao_generality.run_case, poses),
+            collect=zhao_generality.collect,
+            table=zhao_generality.table,
+        )
+        for name, poses in (("zhao_generality", "dvio"), ("zhao_generality_given_poses", "given"))
     },
     "dvio_bench": Experiment(
         seeds=dvio_bench.SEEDS, run_case=dvio_bench.run_case, collect=dvio_bench.collect, table=dvio_bench.table

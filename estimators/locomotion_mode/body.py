@@ -1,0 +1,87 @@
+"""The walker's body from poses of a camera on head or chest: where it is, how fast, and which way it walks.
+
+A head turns and nods: what counts is the joint that carries it, the origin of the body that the camera's calibration
+names (the neck, the waist), which no turn moves. Which way it goes is told by the way of a whole stride, over which
+sway cancels, not by where the camera looks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.streams.samples import Array, Odometry
+
+_KEPT_S = 2.0
+_PERIOD_S = 0.02
+_LOOK_S = 1.5
+_JUMP_M = 0.5
+_TWIST_S = 0.1
+
+
+class Body:
+    """Position, velocity and heading of the body that carries the camera.
+
+    Args:
+        p_body_in_frame: (3,) m, the carrying body's origin in the frame whose poses come.
+        R_frame_camera: (3, 3) the camera's optical frame in it.
+        still_m: Somebody who moved less within a stride goes where the camera looks.
+    """
+
+    def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, still_m: float) -> None:
+        self._p = p_body_in_frame
+        self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # where the axis and the picture's top lead
+        self._still_m = still_m
+        self._history: deque[tuple[int, Array]] = deque(maxlen=round(_KEPT_S / _PERIOD_S) + 2)
+        self._look: Array | None = None
+        self.t_ns = -1
+        self.p = np.zeros(3)
+
+    def add(self, pose: Odometry) -> bool:
+        """Takes a pose; returns whether the body jumped. Poses that are late or not finite are passed over."""
+        q, p = pose.q_world_frame, pose.p_frame_in_world
+        if pose.t_ns <= self.t_ns or not (np.isfinite(p).all() and np.isfinite(q).all()) or np.linalg.norm(q) < 0.5:
+            return False
+        R = Rotation.from_quat(q, scalar_first=True).as_matrix()
+        place, forward = p + R @ self._p, (R @ self._ahead)[:2]
+        forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
+        dt = (pose.t_ns - self.t_ns) * 1e-9
+        jumped = self.t_ns >= 0 and float(np.linalg.norm(place - self.p)) > _JUMP_M + 5.0 * min(dt, 1.0)
+        if jumped:
+            self._history.clear()
+            self._look = None
+        if self._look is None:
+            self._look = forward
+        share = min(1.0, dt / _LOOK_S)
+        self._look = self._look + share * (forward - self._look)
+        self.p, self.t_ns = place, pose.t_ns
+        if not self._history or pose.t_ns - self._history[-1][0] >= _PERIOD_S * 1e9:
+            self._history.append((pose.t_ns, place))
+        return jumped
+
+    @property
+    def known(self) -> bool:
+        """Whether a pose has come."""
+        return bool(self._history)
+
+    def before(self, seconds: float) -> Array:
+        """(3,) m, where the body was so long ago, or at the oldest instant that is kept."""
+        at = self.t_ns - int(seconds * 1e9)
+        for t_ns, p in reversed(self._history):
+            if t_ns <= at:
+                return p
+        return self._history[0][1]
+
+    def heading(self, stride_s: float) -> float:
+        """Direction of the walk, rad from the world's x: the way of the last stride."""
+        way = (self.p - self.before(min(stride_s, _KEPT_S)))[:2]
+        look = np.zeros(2) if self._look is None else self._look
+        way = way + self._still_m * look / max(float(np.linalg.norm(look)), 1e-9)
+        return math.atan2(way[1], way[0])
+
+    def velocity(self) -> Array:
+        """(3,) m/s, over the last tenth of a second."""
+        return (self.p - self.before(_TWIST_S)) / _TWIST_S

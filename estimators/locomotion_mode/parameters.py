@@ -1,0 +1,113 @@
+"""What the prediction of locomotion modes believes about any walker."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from stridetwin.streams.errors import ConfigError, check_numbers
+
+_ORDERED = (("lift_n", "touch_n"), ("grid_m", "behind_m"), ("kerb_m", "riser_max_m"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocomotionModeParameters:
+    """One set serves every walker, mount, pattern and terrain.
+
+    Attributes:
+        lift_n: A foot whose load falls below has left the ground, N over the unloaded insole.
+        touch_n: A foot whose load rises above has touched down, N.
+        creep_nps: How fast an insole's zero may rise, N/s.
+        swing_min_s: A foot that is back on the ground sooner never left it.
+        steps: Coming steps that are told.
+        step_m: Step length of someone of whom nothing is known; its deviation is `step_sd` of it.
+        step_s: Step time, likewise.
+        step_sd: Share of length and time that walkers differ by.
+        step_drift: Share by which length and time change from step to step, slowly.
+        step_noise: Share by which single steps differ.
+        asymmetry_sd: Share by which steps of the left foot are longer than the mean.
+        width_m: Between left and right footprints.
+        width_sd_m: Of a footprint across the way.
+        body_share: At touch-down the body is this far on its way from the foot behind to that in front.
+        climb_share: The same on the way up a ramp.
+        body_sd_m: Deviation of that.
+        edge_ahead_m: After a step over an edge the foot is this far ahead of the body.
+        edge_ahead_sd_m: Deviation of that.
+        heel_m: From the heel's centre back to the sole's end.
+        toe_m: From there to the front end.
+        overhang_m: How far a sole reaches over a free edge without being unlikely.
+        overhang_sd_m: How much further it may.
+        clearance_sd_m: How deep a sole may seem to be inside a riser.
+        across_sd_m: How much of a sole may lie beyond a knee.
+        edge_step: Mean length of a step over an edge, as a share of the level step.
+        edge_step_sd_m: Its deviation.
+        skip: How likely a step takes two treads.
+        adapt_sd: Share by which all steps up to the next edge are lengthened or shortened together.
+        kerb_m: A riser is one beyond this: between a kerb of 40 mm and the lowest stair, 70 mm.
+        riser_sd_m: Least deviation of a riser.
+        riser_m: A usual riser.
+        riser_max_m: No riser is higher.
+        tread_min_m: No tread is shorter.
+        tread_max_m: No tread is longer; flat ground that is, is a landing.
+        brink_sd_m: Deviation of an edge behind which the ground is hidden.
+        ramp_rad: Ground that slopes more is a ramp: half of the gentlest one that is built for walking, 5°.
+        slope_sd_rad: Least deviation of a slope.
+        flat_sd_rad: How level ground is that is built level.
+        ramp_step: Steps on ramps over those on level ground, before any was made.
+        ramp_step_sd: Deviation of that.
+        grid_m: Cell of the density over the next footprints.
+        behind_m: How far behind the body the density begins.
+        reach_m: How far ahead of it it ends.
+        still_m: Somebody who moved less within a stride goes where the camera looks.
+    """
+
+    lift_n: float = 12.0
+    touch_n: float = 30.0
+    creep_nps: float = 4.0
+    swing_min_s: float = 0.12
+    steps: int = 4
+    step_m: float = 0.60
+    step_s: float = 0.58
+    step_sd: float = 0.15
+    step_drift: float = 0.05
+    step_noise: float = 0.05
+    asymmetry_sd: float = 0.03
+    width_m: float = 0.12
+    width_sd_m: float = 0.03
+    body_share: float = 0.55
+    climb_share: float = 0.75
+    body_sd_m: float = 0.06
+    edge_ahead_m: float = 0.05
+    edge_ahead_sd_m: float = 0.07
+    heel_m: float = 0.045
+    toe_m: float = 0.21
+    overhang_m: float = 0.03
+    overhang_sd_m: float = 0.03
+    clearance_sd_m: float = 0.02
+    across_sd_m: float = 0.05
+    edge_step: float = 0.60
+    edge_step_sd_m: float = 0.15
+    skip: float = 0.01
+    adapt_sd: float = 0.06
+    kerb_m: float = 0.055
+    riser_sd_m: float = 0.008
+    riser_m: float = 0.18
+    riser_max_m: float = 0.33
+    tread_min_m: float = 0.22
+    tread_max_m: float = 0.60
+    brink_sd_m: float = 0.04
+    ramp_rad: float = 0.0436
+    slope_sd_rad: float = 0.009
+    flat_sd_rad: float = 0.0175
+    ramp_step: float = 0.80
+    ramp_step_sd: float = 0.12
+    grid_m: float = 0.03
+    behind_m: float = 1.2
+    reach_m: float = 3.6
+    still_m: float = 0.15
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""
+        check_numbers("LocomotionModeParameters", asdict(self))
+        for low, high in _ORDERED:
+            if getattr(self, low) >= getattr(self, high):
+                raise ConfigError("LocomotionModeParameters", low, getattr(self, low), f"less than {high}")

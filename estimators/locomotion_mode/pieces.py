@@ -1,0 +1,210 @@
+"""The ground along the way as pieces, each level or sloping, between edges and knees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode.estimate import MODES
+from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.terrain_map import Change, Profile, Ramp, TerrainEstimate
+from stridetwin.streams.samples import Array
+
+_LG, _SA, _SD, _RA, _RD = range(len(MODES))
+_MOST = 10
+"""Pieces; what lies beyond is left out."""
+_SIGNIFICANT = 3.0
+"""Deviations beyond which a slope is one."""
+_HIDDEN_SD = 0.25
+"""Share by which risers that were not seen may differ from usual ones."""
+_GAP_SD = 4.0
+"""Length of what is hidden behind an edge over the deviation that the map tells of the edge."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """Ground between two changes.
+
+    Attributes:
+        start: m along the way, -inf for the first.
+        start_sd: m.
+        end: m, inf for the last.
+        end_sd: m.
+        drop: Height at its start over the end of the one before, m; 0 at a knee.
+        drop_sd: m, where it was not seen.
+        slope: rad, uphill positive.
+        slope_sd: rad.
+        mode: LG, RA or RD: of steps that stay on it.
+    """
+
+    start: float
+    start_sd: float
+    end: float
+    end_sd: float
+    drop: float
+    drop_sd: float
+    slope: float
+    slope_sd: float
+    mode: str
+
+    @property
+    def length(self) -> float:
+        """From start to end, m."""
+        return self.end - self.start
+
+
+def pieces(
+    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: LocomotionModeParameters
+) -> list[Piece]:
+    """Cuts a profile at its changes.
+
+    Args:
+        profile: Of the ground along the way.
+        estimate: The planes and terrains that it shows; None: nothing is known.
+        forward: (2,) unit vector of the way.
+        p: Deviations.
+    """
+    bounds = [_Bound(-math.inf, 0.0, 0.0)]
+    for change in sorted(profile.changes, key=lambda c: c.s):
+        bounds += _bounds(change, p)
+    bounds = [*bounds[:_MOST], _Bound(math.inf, 0.0, 0.0)]
+    made = []
+    for one, other in pairwise(bounds):
+        slope, slope_sd = _slope(profile, estimate, forward, one.s, other.s, p)
+        made.append(
+            Piece(
+                start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
+                slope=slope, slope_sd=slope_sd, mode="LG" if abs(slope) < p.ramp_rad else "RA" if slope > 0 else "RD",
+            )
+        )  # fmt: skip
+    return made
+
+
+class _Bound(NamedTuple):
+    s: float
+    sd: float
+    drop: float
+    drop_sd: float = 0.0
+
+
+def _bounds(change: Change, p: LocomotionModeParameters) -> list[_Bound]:
+    """A change as edges that one can step over.
+
+    Who looks down over an edge sees its ground up to the edge, and what lies behind it not at all: the edge is where
+    the upper ground ends, and where the fall is more than a riser there are treads in what is hidden.
+    """
+    if change.drop >= 0.0:
+        return [_Bound(change.s, change.sd, change.drop)]
+    hidden = _GAP_SD * change.sd
+    count = round(-change.drop / p.riser_m)
+    first = _Bound(change.s, min(change.sd, p.brink_sd_m), change.drop)
+    if -change.drop < p.riser_max_m or count < 2 or hidden < p.tread_min_m:
+        return [first]
+    tread = hidden / (count - 1)
+    if tread < p.tread_min_m:
+        count = 1 + int(hidden / p.tread_min_m)
+        tread = hidden / max(count - 1, 1)
+    tread, drop = min(tread, p.tread_max_m), change.drop / count
+    return [_Bound(change.s + k * tread, p.brink_sd_m * (1.0 + k), drop, _HIDDEN_SD * abs(drop)) for k in range(count)]
+
+
+def _slope(
+    profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float,
+    p: LocomotionModeParameters,
+) -> tuple[float, float]:  # fmt: skip
+    """Slope of a piece and its deviation; ground that the map does not take for a ramp is flat as people build it."""
+    planes = {} if estimate is None else estimate.planes
+    inside = profile.plane[(profile.s > start) & (profile.s < end) & (profile.plane >= 0)]
+    known = [int(i) for i in inside if int(i) in planes]
+    if not known or estimate is None:
+        return 0.0, p.flat_sd_rad
+    plane = planes[int(np.bincount(known).argmax())]
+    slope, sd = math.atan(float(plane.gradient @ forward)), math.hypot(p.slope_sd_rad, plane.slope_sd)
+    if isinstance(estimate.terrain_of(plane.id), Ramp) or abs(slope) > _SIGNIFICANT * math.hypot(sd, p.flat_sd_rad):
+        return slope, sd
+    share = p.flat_sd_rad**2 / (p.flat_sd_rad**2 + sd**2)
+    return share * slope, math.sqrt(share) * sd
+
+
+def edges_before(ground: Sequence[Piece]) -> list[int]:
+    """How many edges lie before each piece; knees are none."""
+    return np.cumsum([abs(piece.drop) > 0.0 for piece in ground]).tolist()
+
+
+def mode_table(ground: Sequence[Piece], p: LocomotionModeParameters) -> Array:
+    """(P, P, 5) probability of each mode of a step from one piece to another."""
+    table = np.zeros((len(ground), len(ground), len(MODES)))
+    for b, piece in enumerate(ground):
+        up, down = (_above(sign * piece.slope, p.ramp_rad, piece.slope_sd) for sign in (1.0, -1.0))
+        risen = 0.0
+        for a in range(b, -1, -1):
+            high, low = (_above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
+            if risen == 0.0:
+                high = low = 0.0
+            flat = 1.0 - up - down
+            table[a, b, [_LG, _SA, _SD, _RA, _RD]] = flat * (1.0 - high - low), flat * high, flat * low, up, down
+            risen += ground[a].drop
+    return table
+
+
+def weights(ground: Sequence[Piece], s: Array, p: LocomotionModeParameters) -> Array:
+    """(P, S) how readily a foot is set down at places s of each piece: on whole soles, toes before a riser.
+
+    Args:
+        ground: Pieces.
+        s: (S,) m along the way of the heel's centre.
+        p: Sizes.
+    """
+    found = np.ones((len(ground), len(s)))
+    middle = s + 0.5 * (p.toe_m - p.heel_m)
+    for k, piece in enumerate(ground):
+        if k > 0:  # behind: a riser after a step down, a free edge after a step up, else a knee
+            inside = s - p.heel_m - piece.start
+            found[k] *= _room(inside, piece.start_sd, piece.drop, p) * _here(middle, piece.start, piece.start_sd)
+        if k + 1 < len(ground):  # ahead: a riser before a step up, a free edge before a step down
+            drop = ground[k + 1].drop
+            inside = piece.end - s - p.toe_m
+            found[k] *= _room(inside, piece.end_sd, -drop, p) * _here(-middle, -piece.end, piece.end_sd)
+    return found
+
+
+def _room(inside: Array, sd: float, fall: float, p: LocomotionModeParameters) -> Array:
+    """How readily a sole ends so far inside its piece; `fall` tells whether the ground beyond is higher."""
+    if fall == 0.0:
+        spread, allowed = p.across_sd_m, 0.0
+    elif fall < 0.0:  # the ground beyond is higher
+        spread, allowed = p.clearance_sd_m, 0.0
+    else:
+        spread, allowed = p.overhang_sd_m, p.overhang_m
+    beyond = np.maximum(0.0, -inside - allowed)
+    return np.exp(-0.5 * (beyond / math.hypot(spread, sd)) ** 2)
+
+
+def _here(s: Array, start: float, sd: float) -> Array:
+    """Whether a place lies beyond an edge, which is known to some deviation."""
+    return 0.5 * (1.0 + np.tanh((s - start) / (1.2 * max(sd, 0.01))))
+
+
+def _above(value: float, limit: float, sd: float) -> float:
+    return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))
+
+
+def stretch(ground: Sequence[Piece], s: Array, ratios: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
+    """(S,) the way measured in level ground: where steps are shorter, it is longer; and (S,) how unsure that is there.
+
+    Args:
+        ground: Pieces.
+        s: (S,) m along the way, evenly spaced.
+        ratios: Length of a step over that on level ground, and its deviation, by mode of the piece.
+    """
+    ratio, sd = np.ones(len(s)), np.zeros(len(s))
+    for piece in ground:
+        if piece.mode in ratios:
+            inside = (s >= piece.start) & (s < piece.end)
+            ratio[inside], sd[inside] = ratios[piece.mode]
+    return np.cumsum((s[1] - s[0]) / ratio), sd / ratio

@@ -1,0 +1,140 @@
+"""The prediction of Zhao et al. 2023, sections II-D and F: eqs. (16)-(18), and the ground under the predicted point.
+
+The paper leaves open where the offsets of left and right feet lie and how a mode follows from the ground. Here the
+offset is half a step ahead of and half a step's width beside the camera's point, which is where a foot is when the
+other touches down; the mode is that of the terrain under the predicted footprint: a ramp's by its slope along the
+walking direction, a stair's by the height over the ground under the last footprint.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.streams.samples import Array
+
+_SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Division:
+    """A touch-down: where the camera was, and how it moved.
+
+    Attributes:
+        foot: `l` or `r`.
+        t_ns: When.
+        p: (3,) m.
+        v: (3,) m/s.
+    """
+
+    foot: str
+    t_ns: int
+    p: Array
+    v: Array
+
+
+class WalkingInformation:
+    """The last touch-downs.
+
+    Args:
+        parameters: Width of a step.
+    """
+
+    def __init__(self, parameters: LocomotionModeParameters) -> None:
+        self._p = parameters
+        self._divisions: list[Division] = []
+
+    def clear(self) -> None:
+        """Forgets them."""
+        self._divisions = []
+
+    def add(self, division: Division) -> None:
+        """Takes a touch-down."""
+        self._divisions = [*self._divisions[-2:], division]
+
+    @property
+    def latest(self) -> tuple[Division, Division]:
+        """The last two touch-downs, of two at least."""
+        return self._divisions[-2], self._divisions[-1]
+
+    @property
+    def last(self) -> Division | None:
+        """The latest touch-down."""
+        return self._divisions[-1] if self._divisions else None
+
+    def sizes(self) -> list[float]:
+        """δ of eq. (16), m, the last two in order."""
+        return [float(np.linalg.norm((b.p - a.p)[:2])) for a, b in zip(self._divisions, self._divisions[1:])]
+
+    def step_time(self) -> float:
+        """Between the last two touch-downs, s; NaN where there are not two."""
+        if len(self._divisions) < 2:
+            return math.nan
+        return (self._divisions[-1].t_ns - self._divisions[-2].t_ns) * 1e-9
+
+    def next_size(self) -> float:
+        """δ_nxt of eq. (17), m, never negative; the last size where there is but one, NaN where there is none."""
+        sizes = self.sizes()
+        if len(sizes) < 2:
+            return sizes[0] if sizes else math.nan
+        return max(0.0, 2.0 * sizes[1] - sizes[0])
+
+    def footprint(self, ahead: int = 1) -> tuple[Array, Array] | None:
+        """p^pd of eq. (18), with the offset of the foot.
+
+        Args:
+            ahead: Which of the coming footprints; the paper tells the first, further ones are as many sizes on.
+
+        Returns:
+            (2,) m, and (2,) unit vector of the direction; None where too little is known.
+        """
+        size = self.next_size()
+        last = self.last
+        if last is None or not math.isfinite(size) or not np.linalg.norm(last.v[:2]) > 0.0:
+            return None
+        forward = last.v[:2] / np.linalg.norm(last.v[:2])
+        left = np.array([-forward[1], forward[0]])
+        other = -_SIDE[last.foot] * (1.0 if ahead % 2 else -1.0)
+        offset = 0.5 * size * forward + 0.5 * self._p.width_m * other * left
+        return last.p[:2] + forward * size * ahead + offset, forward
+
+    def stance(self) -> Array | None:
+        """(2,) m, where the foot that touched down last stands, by the same offsets."""
+        last, sizes = self.last, self.sizes()
+        if last is None or not sizes or not np.linalg.norm(last.v[:2]) > 0.0:
+            return None
+        forward = last.v[:2] / np.linalg.norm(last.v[:2])
+        left = np.array([-forward[1], forward[0]])
+        return np.asarray(last.p[:2] + 0.5 * sizes[-1] * forward + 0.5 * self._p.width_m * _SIDE[last.foot] * left)
+
+
+def mode_between(
+    ground: TerrainMap, here: Array, there: Array, forward: Array, p: LocomotionModeParameters
+) -> tuple[str, float]:
+    """Mode of a step from one place to another, and the height of the ground there; LG and NaN where nothing is known.
+
+    Args:
+        ground: The map.
+        here: (2,) m, footprint before.
+        there: (2,) m, footprint.
+        forward: (2,) unit vector of the walking direction.
+        p: Thresholds.
+    """
+    found, before = ground.ground(there), ground.ground(here)
+    if found is None:
+        return "LG", math.nan
+    plane, terrain = found
+    height = float(plane.height(there))
+    slope = math.atan(float(plane.gradient @ forward))
+    if type(terrain).__name__ == "Ramp" and abs(slope) > p.ramp_rad:
+        return ("RA" if slope > 0 else "RD"), height
+    if before is None:
+        return "LG", height
+    risen = height - float(before[0].height(here))
+    if type(before[1]).__name__ == "Ramp" or abs(risen) < p.kerb_m:
+        return "LG", height
+    return ("SA" if risen > 0 else "SD"), height

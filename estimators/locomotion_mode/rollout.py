@@ -1,0 +1,178 @@
+"""Where the next feet land: a density over the way that knows the edges, rolled out over several steps.
+
+A walk is a chain of footprints, each a step beyond the one before, each set down where a sole finds room. Chains are
+weighed as wholes: people see an edge steps before it and lengthen or shorten the steps up to it (forward and backward
+sums over the chain give each footprint's density). By how much all these steps are longer or shorter than usual is one
+more unknown, summed over as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.pieces import Piece, edges_before, mode_table, stretch, weights
+from stridetwin.streams.samples import Array
+
+_NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+_FLOOR = 1e-9
+"""Of a density: a walker who does what nobody expects must not leave it empty."""
+_LEAST = 1e-10
+"""Density that is not followed any further."""
+_LONGEST_M = 1.35
+"""No step is longer."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chain:
+    """What the coming steps may be.
+
+    Attributes:
+        density: (K, S) of each step's footprint over the cells, sums 1.
+        modes: (K, 5) probability of each mode.
+        on: (K, P) probability of each piece under the footprint.
+    """
+
+    density: Array
+    modes: Array
+    on: Array
+
+
+def roll_out(
+    stance: Array, s: Array, ground: Sequence[Piece], lengths: Sequence[float], length_sd: float,
+    ratios: Mapping[str, tuple[float, float]], p: LocomotionModeParameters,
+    landing: tuple[Array, Array] | None = None,
+) -> Chain:  # fmt: skip
+    """Density of the next footprints.
+
+    Args:
+        stance: (S,) density of the foot that is on the ground, over the cells.
+        s: (S,) m along the way, evenly spaced.
+        ground: Pieces.
+        lengths: Expected length of each coming step on level ground, m.
+        length_sd: Deviation that all of them share, m.
+        ratios: Length of a step over that on level ground, and its deviation, by mode of the ground (RA, RD).
+        p: Sizes.
+        landing: (S,) and (S,) how well each place of the last step suits where the body is, after a step on even
+            ground and after one over an edge; None: nothing is known of it.
+    """
+    room = weights(ground, s, p) + _FLOOR
+    edges = np.array(edges_before(ground))
+    # Crossing (a, b): how many edges lie between; backward never.
+    between = edges[None, :] - edges[:, None]
+    ahead = np.arange(len(ground))[None, :] >= np.arange(len(ground))[:, None]
+    even = (ahead & (between == 0)).astype(float)
+    over = np.where(ahead & (between > 0), p.skip ** np.maximum(between - 1, 0), 0.0)
+    level, unsure = stretch(ground, s, ratios)
+    shifts = length_sd * _NODES
+    band = round(_LONGEST_M / (s[1] - s[0]))
+    made = {length: _kernels(s, level, unsure, length, shifts, band, p) for length in set(lengths)}
+    near, far = (np.array([made[length][i] for length in lengths]) for i in (0, 1))
+    if landing is not None:
+        at = np.minimum(np.arange(len(s))[:, None] + np.arange(band), len(s) - 1)
+        near[-1] *= landing[0][at] + _FLOOR
+        far[-1] *= landing[1][at] + _FLOOR
+    first = stance * room
+    first = _NODE_WEIGHTS[:, None, None] * first / (_NODE_WEIGHTS.sum() * first.sum())
+    density, on, flow = _chain(first, room, even, over, near, far)
+    return Chain(density=density, modes=np.einsum("kab,abm->km", flow, mode_table(ground, p)), on=on)
+
+
+def _kernels(
+    s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, p: LocomotionModeParameters
+) -> tuple[Array, Array]:
+    """(H, S, B) and (S, B) density of a step from each cell to those from it on: on even ground, and over an edge."""
+    start = np.arange(len(s))[:, None]
+    end = np.minimum(start + np.arange(band), len(s) - 1)
+    sd = length * np.hypot(p.step_noise, unsure[end])
+    off = level[end] - level[start] - length
+    near = np.exp(-0.5 * ((off - shifts[:, None, None]) / sd) ** 2) / sd
+    lag = s[1] - s[0]
+    far = np.exp(-0.5 * ((lag * np.arange(band) - p.edge_step * length) / p.edge_step_sd_m) ** 2) / p.edge_step_sd_m
+    return near, np.broadcast_to(far, (len(s), band))
+
+
+@njit(cache=True)
+def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far: Array) -> tuple[Array, Array, Array]:
+    """Forward and backward sums over a chain of footprints.
+
+    Args:
+        first: (H, P, S) density of the foot on the ground, by how much steps are longer, piece and cell.
+        room: (P, S) how readily a foot is set down.
+        even: (P, P) 1 where a step from piece to piece crosses no edge.
+        over: (P, P) how likely one is that crosses edges.
+        near: (K, H, S, B) density of step k from a cell to the B cells from it on, on even ground.
+        far: (K, S, B) likewise over an edge.
+
+    Returns:
+        (K, S) density of each footprint, (K, P) its pieces, (K, P, P) from piece to piece; each sums to 1.
+    """
+    K, H, S, B = near.shape
+    P = len(room)
+    alpha = np.zeros((K + 1, H, P, S))
+    alpha[0] = first
+    reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
+    for k in range(K):
+        total = 0.0
+        for h in range(H):
+            for a in range(P):
+                for p in range(S):
+                    v = alpha[k, h, a, p]
+                    if v < _LEAST:
+                        continue
+                    for j in range(min(B, S - p)):
+                        reach_near[k, h, a, p + j] += v * near[k, h, p, j]
+                        reach_far[k, h, a, p + j] += v * far[k, p, j]
+            for a in range(P):
+                for b in range(a, P):
+                    if even[a, b] == 0.0 and over[a, b] == 0.0:
+                        continue
+                    for q in range(S):
+                        v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
+                        alpha[k + 1, h, b, q] += v * room[b, q]
+            total += alpha[k + 1, h].sum()
+        alpha[k + 1] /= max(total, 1e-300)
+    density, on, flow = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P))
+    beta = np.ones((H, P, S))
+    for k in range(K - 1, -1, -1):
+        back = np.zeros((H, P, S))
+        largest = 0.0
+        for h in range(H):
+            ends = room * beta[h]
+            for b in range(P):
+                for q in range(S):
+                    v = alpha[k + 1, h, b, q] * beta[h, b, q]
+                    density[k, q] += v
+                    on[k, b] += v
+            for a in range(P):
+                for b in range(a, P):
+                    if even[a, b] == 0.0 and over[a, b] == 0.0:
+                        continue
+                    for q in range(S):
+                        v = even[a, b] * reach_near[k, h, a, q] + over[a, b] * reach_far[k, h, a, q]
+                        flow[k, a, b] += v * ends[b, q]
+            onto_even, onto_over = even @ ends, over @ ends
+            for a in range(P):
+                for p in range(S):
+                    if alpha[k, h, a, p] < _LEAST:
+                        continue
+                    v = 0.0
+                    for j in range(min(B, S - p)):
+                        v += near[k, h, p, j] * onto_even[a, p + j] + far[k, p, j] * onto_over[a, p + j]
+                    back[h, a, p] = v
+                    largest = max(largest, v)
+        beta = back / max(largest, 1e-300)
+        density[k] /= max(density[k].sum(), 1e-300)
+        on[k] /= max(on[k].sum(), 1e-300)
+        flow[k] /= max(flow[k].sum(), 1e-300)
+    return density, on, flow
+
+
+def moments(density: Array, s: Array) -> tuple[float, float]:
+    """Mean and deviation of a density over cells, m."""
+    mean = float(density @ s)
+    return mean, float(np.sqrt(max(density @ (s - mean) ** 2, (s[1] - s[0]) ** 2 / 12.0)))

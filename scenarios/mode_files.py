@@ -1,0 +1,131 @@
+"""The prediction of locomotion modes on a recording, and its steps as a table."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, ModeEstimate, StepPrediction
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.scenarios.terrain_files import depth_camera, posed_depth
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.files import whole_file
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.samples import Sample
+from stridetwin.streams.trajectory import Trajectory
+
+INSOLES = ("/foot_l/insole", "/foot_r/insole")
+COLUMNS = (
+    "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
+    "touchdown_sd_s", "x_m", "y_m", "z_m", "forward_sd_m", "change_mode", "change_distance_m", "change_distance_sd_m",
+    "change_time_s", "riser_m", "riser_sd_m", "tread_m", "tread_sd_m", "slope_rad", "slope_sd_rad",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictedStep:
+    """A step as it was last told before its foot touched down.
+
+    Attributes:
+        estimate: What was told.
+        step: Of it, the step.
+        steady_s: For how long its mode had been told.
+    """
+
+    estimate: ModeEstimate
+    step: StepPrediction
+    steady_s: float
+
+
+def predict_recording(
+    recording: Recording, method: str = "stridetwin", path: Trajectory | None = None
+) -> list[ModeEstimate]:
+    """Leads a recording's poses, depth and insoles through map and prediction.
+
+    Args:
+        recording: With depth, its calibration, and an insole at least.
+        method: See `LocomotionMode`.
+        path: Poses of the depth camera's optical frame, an odometry's; None: those that came with the recording.
+
+    Raises:
+        StrideTwinError: There is no such method.
+        RecordingError: There is no depth, no insole, or no poses of the camera or its body.
+    """
+    predictor, samples = predictor_of(recording, method, path)
+    return list(follow_modes(predictor, samples))
+
+
+def predictor_of(
+    recording: Recording, method: str, path: Trajectory | None = None
+) -> tuple[LocomotionMode, Iterator[Sample]]:
+    """The predictor of a recording, and the samples that it takes; arguments and errors as `predict_recording`."""
+    camera = depth_camera(recording.rig)
+    insoles = [topic for topic in INSOLES if topic in recording.topics]
+    if not insoles:
+        raise RecordingError(f"{recording.path}: no topic {' or '.join(INSOLES)}; locomotion_mode needs touch-downs")
+    mount, samples = posed_depth(recording, camera, path, insoles)
+    terrain_map = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
+    return LocomotionMode(terrain_map, camera, mount=mount, method=method), samples
+
+
+def follow_modes(predictor: LocomotionMode, samples: Iterable[Sample]) -> Iterator[ModeEstimate]:
+    """What a predictor tells as samples come."""
+    for sample in samples:
+        estimate = predictor.update(sample)
+        if estimate is not None:
+            yield estimate
+
+
+def predicted_steps(estimates: Sequence[ModeEstimate]) -> list[PredictedStep]:
+    """Each step that was made, as it was last told before."""
+    since: dict[int, tuple[str, int]] = {}
+    found = []
+    before: ModeEstimate | None = None
+    for estimate in estimates:
+        if before is not None and estimate.step > before.step:
+            step = before.steps[0]
+            found.append(PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9))
+            since = {number: told for number, told in since.items() if number > estimate.step}
+        for step in estimate.steps:
+            if since.get(step.step, ("", 0))[0] != step.mode:
+                since[step.step] = step.mode, estimate.t_ns
+        before = estimate
+    return found
+
+
+def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
+    """Writes a table with one row a step, columns `COLUMNS`; what is not known is empty."""
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for row in rows:
+            writer.writerow(_cells(row))
+
+
+def _cells(row: PredictedStep) -> list[str]:
+    step, change = row.step, row.estimate.change
+    heading = np.array([math.cos(row.estimate.heading), math.sin(row.estimate.heading)])
+    variance = float(heading @ step.covariance @ heading)
+    forward_sd = math.sqrt(variance) if variance >= 0.0 else math.nan
+    cells = [
+        _cell(row.estimate.t_ns * 1e-9, 3), str(step.step), step.foot, step.mode,
+        _cell(step.probabilities[step.mode], 4),
+        *(_cell(step.probabilities[mode], 4) for mode in MODES), _cell(row.steady_s, 3), _cell(step.t_ns * 1e-9, 3),
+        _cell(step.t_sd_s, 3), *(_cell(x, 4) for x in step.p_foot_in_world), _cell(forward_sd, 4),
+    ]  # fmt: skip
+    if change is None:
+        return [*cells, *[""] * (len(COLUMNS) - len(cells))]
+    sizes = (
+        change.distance, change.distance_sd, change.time_s, change.riser, change.riser_sd, change.tread,
+        change.tread_sd, change.slope, change.slope_sd,
+    )  # fmt: skip
+    return [*cells, change.mode, *(_cell(size, 4) for size in sizes)]
+
+
+def _cell(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else ""

@@ -1,0 +1,426 @@
+"""Predicted locomotion modes beside the true footprints: right or not, how long before, how far off.
+
+The true mode of a step is that of the ground from the footprint before to its own (`Footprint.mode`). A prediction
+counts at the last update before its foot touches down; its lead is how long before that it became right and stayed so.
+A footprint whose sole lies across a ramp's edge may count as either of its two modes; the strict figure lets nothing
+pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
+from stridetwin.sim.route import Layout
+from stridetwin.streams.samples import Array, Footprint
+from stridetwin.streams.trajectory import Trajectory
+
+ASKED_S = 1.5
+"""How long before the foot lands beyond a change its place and size are asked for."""
+_JUST_LANDED_NS = 150_000_000
+_HEEL_M = 0.045
+_STAIR_M = 0.07
+_BINS = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredMode:
+    """A true step and what was told of it before.
+
+    Attributes:
+        t_s: Touch-down, s.
+        mode: True mode.
+        before: True mode of the step before.
+        told: The last mode told before touch-down; "" where nothing was.
+        allowed: Modes that count as right.
+        lead_s: How long before touch-down the told mode had become right for good, 0 where it was wrong.
+        probabilities: Of `MODES`, as last told.
+        forward_m: Predicted footprint less the true one along the way, when the foot before it had just landed; NaN
+            where none was told.
+        left_m: Likewise across.
+    """
+
+    t_s: float
+    mode: str
+    before: str
+    told: str
+    allowed: tuple[str, ...]
+    lead_s: float
+    probabilities: tuple[float, ...] = ()
+    forward_m: float = math.nan
+    left_m: float = math.nan
+
+    @property
+    def right(self) -> bool:
+        """Whether the told mode counts as right."""
+        return self.told in self.allowed
+
+    @property
+    def strictly_right(self) -> bool:
+        """Whether it is the true mode."""
+        return self.told == self.mode
+
+    @property
+    def transition(self) -> bool:
+        """Whether the mode is another than that of the step before."""
+        return self.mode != self.before
+
+    @property
+    def straddles(self) -> bool:
+        """Whether the sole lies across a ramp's edge."""
+        return len(self.allowed) > 1
+
+    def row(self) -> dict[str, Any]:
+        """For JSON; `ScoredMode(**row)` makes it anew."""
+        return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(self).items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredApproach:
+    """A true change of the ground, and how it was known `ASKED_S` before the first foot landed beyond it.
+
+    Attributes:
+        mode: Of the steps beyond it.
+        found: Whether the next change was told with this mode within 0.4 m.
+        distance_m: Told less true place along the way, NaN where it was not found; likewise below.
+        distance_sd_m: As told.
+        riser_m: Told less true.
+        riser_sd_m: As told.
+        tread_m: Told less true.
+        tread_sd_m: As told.
+        slope_rad: Told less true.
+        slope_sd_rad: As told.
+    """
+
+    mode: str
+    found: bool
+    distance_m: float = math.nan
+    distance_sd_m: float = math.nan
+    riser_m: float = math.nan
+    riser_sd_m: float = math.nan
+    tread_m: float = math.nan
+    tread_sd_m: float = math.nan
+    slope_rad: float = math.nan
+    slope_sd_rad: float = math.nan
+
+    def row(self) -> dict[str, Any]:
+        """For JSON."""
+        return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(self).items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModeChange:
+    """Where steps along a way become of another mode.
+
+    Attributes:
+        s: m along the way.
+        mode: Of steps beyond it.
+        riser: m, down negative; 0 where no stair begins.
+        tread: m; 0 likewise.
+        slope: rad; 0 where no ramp begins.
+    """
+
+    s: float
+    mode: str
+    riser: float = 0.0
+    tread: float = 0.0
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModeScores:
+    """One walk.
+
+    Attributes:
+        steps: In order.
+        approaches: In order.
+    """
+
+    steps: list[ScoredMode] = field(default_factory=list)
+    approaches: list[ScoredApproach] = field(default_factory=list)
+
+
+class Laid:
+    """Lays an estimator's world over the true one as it was at each instant: a drift that was made is no error here.
+
+    Args:
+        told: Poses as the estimator was given them.
+        truth: True poses of the same frame at the same stamps.
+    """
+
+    def __init__(self, told: Trajectory, truth: Trajectory) -> None:
+        self._t_ns = told.t_ns
+        self._told, self._true = told.p_frame_in_world, truth.p_frame_in_world
+        self._turn = _yaw(truth.q_world_frame) - _yaw(told.q_world_frame)
+
+    def point(self, t_ns: int, p: Array) -> Array:
+        """(3,) m in the true world, of (2,) or (3,) in the estimator's at a time."""
+        i = max(0, int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1)
+        c, s = math.cos(self._turn[i]), math.sin(self._turn[i])
+        offset = np.zeros(3)
+        offset[: len(p)] = p - self._told[i, : len(p)]
+        return self._true[i] + np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ offset
+
+
+def _yaw(q: Array) -> Array:
+    w, x, y, z = q.T
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def mode_changes(layout: Layout) -> list[ModeChange]:
+    """Where the steps of a way become of another mode, in order: stairs from the first edge to the last, ramps."""
+    found: list[ModeChange] = []
+    profile, jumps = layout.profile, []
+    for before, after in pairwise(profile):
+        jump = after.z0 - before.z1
+        if abs(jump) >= _STAIR_M:
+            jumps.append((after.s0, jump, after.terrain == "stair"))
+        elif after.slope != before.slope:
+            mode = "LG" if after.slope == 0 else "RA" if after.slope > 0 else "RD"
+            found.append(ModeChange(s=after.s0, mode=mode, slope=after.slope))
+    flight: list[tuple[float, float]] = []
+    for s, jump, onto_tread in jumps:
+        flight.append((s, jump))
+        if onto_tread:
+            continue
+        places = [f[0] for f in flight]
+        tread = (places[-1] - places[0]) / (len(places) - 1) if len(places) > 1 else 0.0
+        found.append(ModeChange(s=places[0], mode="SA" if jump > 0 else "SD", tread=tread,
+                                riser=float(np.mean([f[1] for f in flight]))))  # fmt: skip
+        found.append(ModeChange(s=places[-1], mode="LG"))
+        flight = []
+    return sorted(found, key=lambda change: change.s)
+
+
+def score_modes(
+    footprints: Sequence[Footprint], told: Sequence[ModeEstimate], laid: Laid, layout: Layout | None, sole_m: float
+) -> ModeScores:
+    """Every true step and every change of a walk, with what was told of it.
+
+    Args:
+        footprints: Of the truth, in order; those of the feet that stand at the start come first.
+        told: Estimates in order of time.
+        laid: Lays the estimator's world over the true one.
+        layout: Of the ground; None: nothing straddles and no change is scored.
+        sole_m: Length of the soles.
+    """
+    landed = [f for f in footprints[2:]]
+    by_step = _told_by_step(landed, told)
+    steps = []
+    before = "LG"
+    for i, print_ in enumerate(landed):
+        allowed = (print_.mode, *_straddled(print_, layout, sole_m))
+        own = by_step[i]
+        last = own[-1] if own else None
+        wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
+        since = [e.t_ns for e, k in own if not wrong or e.t_ns > wrong[-1]]
+        forward, left = _miss(print_, own, landed[i - 1].t_ns if i else None, laid)
+        steps.append(
+            ScoredMode(
+                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
+                told=last[0].steps[last[1]].mode if last else "",
+                lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
+                probabilities=tuple(last[0].steps[last[1]].probabilities[m] for m in MODES) if last else (),
+                forward_m=forward, left_m=left,
+            )
+        )  # fmt: skip
+        before = print_.mode
+    approaches = [] if layout is None else _approaches(landed, told, laid, layout)
+    return ModeScores(steps=steps, approaches=approaches)
+
+
+def _told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> list[list[tuple[ModeEstimate, int]]]:
+    """For each step the estimates before its touch-down that tell of it, and under which number.
+
+    An insole tells of a touch-down a little after it: an estimate in between still waits for the foot that is there.
+    """
+    t_ns = np.array([f.t_ns for f in landed])
+    found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
+    for estimate in told:
+        first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
+        waits = bool(estimate.steps) and first > 0 and estimate.steps[0].foot == landed[first - 1].foot
+        late = int(waits and estimate.t_ns - t_ns[first - 1] < _JUST_LANDED_NS)
+        for k in range(late, len(estimate.steps)):
+            if first + k - late < len(landed):
+                found[first + k - late].append((estimate, k))
+    return found
+
+
+def _straddled(print_: Footprint, layout: Layout | None, sole_m: float) -> tuple[str, ...]:
+    """Other modes that a footprint across a ramp's edge may count as."""
+    if layout is None:
+        return ()
+    s = float(layout.way.project(print_.p_foot_in_world[None, :2])[0])
+    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    found = []
+    for before, after in pairwise(layout.profile):
+        if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
+            modes = ["LG" if strip.slope == 0 else "RA" if strip.slope > 0 else "RD" for strip in (before, after)]
+            found += [m for m in modes if m != print_.mode]
+    return tuple(found)
+
+
+def _miss(
+    print_: Footprint, own: Sequence[tuple[ModeEstimate, int]], before_ns: int | None, laid: Laid
+) -> tuple[float, float]:
+    """Error of the footprint as it was predicted when the other foot had just landed, forward and left, m."""
+    asked = [(e, k) for e, k in own if k == 0 and before_ns is not None and e.t_ns > before_ns]
+    if not asked:
+        return math.nan, math.nan
+    estimate, k = asked[0]
+    p = laid.point(estimate.t_ns, estimate.steps[k].p_foot_in_world[:2])
+    w, x, y, z = print_.q_world_foot
+    forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
+    forward /= np.linalg.norm(forward)
+    off = (p - print_.p_foot_in_world)[:2]
+    return float(off @ forward), float(off @ [-forward[1], forward[0]])
+
+
+def _approaches(
+    landed: Sequence[Footprint], told: Sequence[ModeEstimate], laid: Laid, layout: Layout
+) -> list[ScoredApproach]:
+    places = layout.way.project(np.array([f.p_foot_in_world[:2] for f in landed]))
+    t_ns = np.array([e.t_ns for e in told])
+    scored = []
+    for change in mode_changes(layout):
+        beyond = np.flatnonzero(places > change.s)
+        if not len(beyond) or not len(t_ns):
+            continue
+        at = int(np.searchsorted(t_ns, landed[int(beyond[0])].t_ns - ASKED_S * 1e9, side="right")) - 1
+        if at < 0:
+            continue
+        scored.append(_approach(change, told[at], laid, layout))
+    return scored
+
+
+def _approach(change: ModeChange, estimate: ModeEstimate, laid: Laid, layout: Layout) -> ScoredApproach:
+    found = estimate.change
+    if found is None or found.mode != change.mode:
+        return ScoredApproach(mode=change.mode, found=False)
+    place = laid.point(estimate.t_ns, found.p_in_world)
+    off = float(layout.way.project(place[None, :2])[0]) - change.s
+    if abs(off) > 0.4:
+        return ScoredApproach(mode=change.mode, found=False)
+    return ScoredApproach(
+        mode=change.mode, found=True, distance_m=off, distance_sd_m=found.distance_sd,
+        riser_m=found.riser - change.riser if change.riser else math.nan, riser_sd_m=found.riser_sd,
+        tread_m=found.tread - change.tread if change.tread else math.nan, tread_sd_m=found.tread_sd,
+        slope_rad=found.slope - change.slope if change.slope else math.nan, slope_sd_rad=found.slope_sd,
+    )  # fmt: skip
+
+
+def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
+    """Figures over walks, ready for JSON; None where there is nothing to tell of.
+
+    Returns:
+        `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`,
+        `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {told: steps}}`, `lead_time_s: {median, p5}`,
+        `footprint_rmse_m: {forward, left}` one step ahead, `footprint_steady_rmse_m` likewise of steps in
+        steady walking (`_steady`), `calibration_error`, `steps`, `transitions`; of the changes
+        `changes_found_pct`, `distance_median_mm: {stairs, ramps}`, `riser_rmse_mm`, `tread_rmse_mm`,
+        `slope_rmse_deg`, `inside_95_pct` (of all those sizes).
+    """
+    walks = list(walks)
+    steps = [s for w in walks for s in w.steps]
+    approaches = [a for w in walks for a in w.approaches]
+    transitions = [s for s in steps if s.transition]
+    lead = [s.lead_s for s in steps]
+    steady = [s for w in walks for s in _steady(w.steps)]
+    confusion = {m: {t: sum(s.mode == m and s.told == t for s in steps) for t in (*MODES, "")} for m in MODES}
+    return {
+        "accuracy_pct": _percent(s.right for s in steps),
+        "strict_accuracy_pct": _percent(s.strictly_right for s in steps),
+        "straddling_pct": _percent(s.straddles for s in steps),
+        "transition_accuracy_pct": _percent(s.right for s in transitions),
+        "accuracy_by_mode_pct": {m: _percent(s.right for s in steps if s.mode == m) for m in MODES},
+        "confusion": confusion,
+        "lead_time_s": {"median": _quantile(lead, 50), "p5": _quantile(lead, 5)},
+        "transition_lead_time_s": {
+            "median": _quantile([s.lead_s for s in transitions], 50),
+            "p5": _quantile([s.lead_s for s in transitions], 5),
+        },
+        "footprint_rmse_m": {"forward": _rms([s.forward_m for s in steps]), "left": _rms([s.left_m for s in steps])},
+        "footprint_steady_rmse_m": {
+            "forward": _rms([s.forward_m for s in steady]), "left": _rms([s.left_m for s in steady])
+        },
+        "calibration_error": _calibration(steps),
+        "steps": len(steps),
+        "transitions": len(transitions),
+        **_change_figures(approaches),
+    }  # fmt: skip
+
+
+def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
+    """Steps of the same mode as the ones before and after them, without the first three and the last two."""
+    middle = range(3, len(steps) - 2)
+    return [steps[i] for i in middle if len({s.mode for s in steps[i - 1 : i + 2]}) == 1]
+
+
+def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
+    kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
+    median = {
+        kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
+        for kind, modes in kinds.items()
+    }
+    pairs = [
+        (getattr(a, name), getattr(a, sd))
+        for a in approaches
+        for name, sd in (("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad"))
+    ]
+    inside = [abs(e) < 1.96 * sd for e, sd in pairs if math.isfinite(e) and math.isfinite(sd)]
+    riser, tread, slope = ([getattr(a, n) for a in approaches] for n in ("riser_m", "tread_m", "slope_rad"))
+    return {
+        "changes": len(approaches),
+        "changes_found_pct": _percent(a.found for a in approaches),
+        "begins_found_pct": _percent(a.found for a in approaches if a.mode != "LG"),
+        "distance_median_mm": median,
+        "riser_rmse_mm": _scaled(_rms(riser), 1e3),
+        "tread_rmse_mm": _scaled(_rms(tread), 1e3),
+        "slope_rmse_deg": _scaled(_rms(slope), 180.0 / math.pi),
+        "inside_95_pct": _percent(inside),
+    }
+
+
+def _calibration(steps: Sequence[ScoredMode]) -> float | None:
+    """Expected calibration error of the told modes' probabilities, 0-1."""
+    told = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
+    if not told:
+        return None
+    p, right = np.array([t[0] for t in told]), np.array([t[1] for t in told], float)
+    bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
+    gaps = [abs(p[bins == b].mean() - right[bins == b].mean()) * (bins == b).sum() for b in np.unique(bins)]
+    return float(sum(gaps) / len(p))
+
+
+def _percent(right: Iterable[bool]) -> float | None:
+    answers = list(right)
+    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else None
+
+
+def _quantile(values: Sequence[float], percent: float) -> float | None:
+    return float(np.percentile(values, percent)) if len(values) else None
+
+
+def _rms(values: Sequence[float]) -> float | None:
+    known = [v for v in values if math.isfinite(v)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def by_condition(rows: Sequence[tuple[Mapping[str, str], ModeScores]], key: str) -> dict[str, float | None]:
+    """Mean over walks of the accuracy, by one of their conditions, %."""
+    found: dict[str, list[float]] = {}
+    for condition, scores in rows:
+        share = _percent(s.right for s in scores.steps)
+        if share is not None:
+            found.setdefault(condition[key], []).append(share)
+    return {name: float(np.mean(values)) for name, values in found.items()}

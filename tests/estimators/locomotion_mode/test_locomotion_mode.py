@@ -1,0 +1,123 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.samples import Insole
+from tests.estimators.locomotion_mode.walker import RISER, STEPS, TREAD, footprints, samples
+from tests.estimators.terrain_map.scenes import RIG
+
+CAMERA = RIG.cameras["/head/color"]
+
+
+def predictor(method="stridetwin"):
+    return LocomotionMode(TerrainMap(RIG), CAMERA, method=method)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return samples()
+
+
+@pytest.fixture(scope="module")
+def told(walk):
+    mode = predictor()
+    return [e for e in (mode.update(s) for s in walk) if e is not None]
+
+
+def last_before(told, t_s):
+    return [e for e in told if e.t_ns < t_s * 1e9][-1]
+
+
+def test_every_step_is_told_before_the_foot_lands(told):
+    for t, x, foot, mode in footprints()[1:]:
+        step = last_before(told, t).steps[0]
+        assert (step.foot, step.mode) == (foot, mode), t
+        assert step.probabilities[mode] > 0.5
+        if mode == "SA":
+            assert x > (STEPS - 1) * TREAD or abs(step.p_foot_in_world[0] - x) < 0.05  # the landing leaves room
+            assert abs(step.p_foot_in_world[2] - RISER * (1 + math.floor(x / TREAD))) < 0.02
+
+
+def test_the_first_stair_is_known_two_steps_before_with_its_size(told):
+    t, *_ = next(p for p in footprints() if p[3] == "SA")
+    estimate = last_before(told, t - 1.2)
+    ahead = [s for s in estimate.steps if s.mode == "SA"]
+    assert ahead
+    assert abs(ahead[0].t_ns * 1e-9 - t) < 0.3
+    change = estimate.change
+    assert change is not None
+    assert change.mode == "SA"
+    assert abs(change.p_in_world[0]) < 0.03
+    assert abs(change.riser - RISER) < 0.01
+    assert abs(change.tread - TREAD) < 0.015
+    assert abs(change.time_s - (t - estimate.t_ns * 1e-9)) < 0.35
+
+
+def test_estimates_are_finite_probabilities_in_order(told):
+    for e in told:
+        assert len(e.steps) == LocomotionModeParameters().steps
+        for k, s in enumerate(e.steps):
+            assert s.step == e.step + k + 1
+            assert math.isclose(sum(s.probabilities.values()), 1.0, abs_tol=1e-6)
+            assert min(s.probabilities.values()) >= 0.0
+            assert np.isfinite(s.p_foot_in_world[:2]).all()
+            assert np.isfinite(s.covariance).all()
+            assert np.linalg.eigvalsh(s.covariance).min() > 0.0
+        assert all(a.t_ns < b.t_ns for a, b in zip(e.steps, e.steps[1:]))
+
+
+def test_the_same_walk_tells_the_same(walk, told):
+    mode = predictor()
+    again = [e for e in (mode.update(s) for s in walk[: len(walk) // 3]) if e is not None]
+    for a, b in zip(told, again):
+        assert a.t_ns == b.t_ns
+        for s, r in zip(a.steps, b.steps):
+            assert s.probabilities == r.probabilities
+
+
+def test_spoilt_samples_are_passed_over(walk, told):
+    mode, found = predictor(), []
+    for sample in walk[: len(walk) // 3]:
+        estimate = mode.update(sample)
+        if estimate is not None:
+            found.append(estimate)
+        if isinstance(sample, Insole):
+            assert mode.update(replace(sample, force=np.full(4, np.nan))) is None
+            assert mode.update(sample) is None
+    assert [e.step for e in found] == [e.step for e in told[: len(found)]]
+
+
+def test_a_dead_insole_is_led_along_by_the_other(walk):
+    mode = predictor()
+    found = [
+        e
+        for e in (
+            mode.update(replace(s, force=np.zeros(4)) if isinstance(s, Insole) and "foot_l" in s.topic else s)
+            for s in walk
+        )
+        if e is not None
+    ]
+    right = [p for p in footprints() if p[2] == "r"]
+    assert found[-1].step >= 2 * (len(right) - 1)
+    told = [last_before(found, t).steps for t, *_ in right[2:]]
+    assert sum(any(s.mode == p[3] for s in steps[:2]) for steps, p in zip(told, right[2:])) >= len(told) - 1
+
+
+def test_published_takes_the_same_samples(walk):
+    mode = predictor("published")
+    found = [e for e in (mode.update(s) for s in walk) if e is not None]
+    assert {s.mode for e in found for s in e.steps} <= set(MODES)
+    assert {"LG", "SA"} <= {s.mode for e in found for s in e.steps}
+    assert all(np.isfinite(s.p_foot_in_world[:2]).all() for e in found for s in e.steps)
+
+
+def test_what_is_wrong_is_said():
+    with pytest.raises(StrideTwinError, match="valid: stridetwin, published"):
+        predictor("best")
+    with pytest.raises(ConfigError, match="step_m"):
+        LocomotionModeParameters(step_m=-1.0)

@@ -1,0 +1,145 @@
+"""The parts of the prediction, each by itself."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.footsteps import StepFilter
+from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table, weights
+from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
+from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
+from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
+from stridetwin.streams.samples import Insole
+
+P = LocomotionModeParameters()
+S = P.grid_m * (np.arange(160) + 0.5)
+RATIOS = {"RA": (0.8, 0.1), "RD": (0.8, 0.1)}
+
+
+def ground(*bounds, slopes=None):
+    """Pieces between (place, drop); slopes of each in degrees."""
+    places = [(-math.inf, 0.0), *bounds, (math.inf, 0.0)]
+    slopes = slopes or [0.0] * (len(bounds) + 1)
+    return [
+        Piece(
+            start=a[0], start_sd=0.005, end=b[0], end_sd=0.005, drop=a[1], drop_sd=0.0,
+            slope=math.radians(slope), slope_sd=0.01, mode="LG" if abs(slope) < 2.5 else "RA" if slope > 0 else "RD",
+        )
+        for a, b, slope in zip(places[:-1], places[1:], slopes)
+    ]  # fmt: skip
+
+
+def foot_at(s):
+    density = np.exp(-0.5 * ((S - s) / 0.03) ** 2)
+    return density / density.sum()
+
+
+def chain(pieces, at, steps=4, length=0.6):
+    return roll_out(foot_at(at), S, pieces, [length] * steps, 0.03, RATIOS, P)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.3, 0.9), st.floats(-0.1, 0.1), st.integers(0, 2**31))
+def test_the_filter_finds_steady_steps_of_both_feet(mean, share, seed):
+    rng = np.random.default_rng(seed)
+    steps = StepFilter(0.6, 0.15, 0.1, 0.01, 0.02)
+    difference = share * mean
+    for k in range(60):
+        foot = "lr"[k % 2]
+        steps.update(foot, mean + difference * (1 if foot == "l" else -1) + rng.normal(0.0, 0.02))
+    assert abs(steps.mean - mean) < 0.05
+    assert abs(steps.of("l") - steps.of("r") - 2 * difference) < 0.08
+    assert 0.0 < steps.sd < 0.15
+
+
+def test_a_step_into_a_pause_says_little():
+    steady = StepFilter(0.6, 0.09, 0.02, 0.02, 0.03)
+    for _ in range(10):
+        steady.update("l", 0.6)
+    steady.update("r", 0.2)
+    assert steady.mean > 0.5
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(1.0, 2.0), st.floats(0.1, 0.9), st.sampled_from([0.15, -0.15]))
+def test_densities_and_probabilities_sum_to_one(edge, at, drop):
+    told = chain(ground((edge, drop), (edge + 0.3, drop)), at)
+    assert np.allclose(told.density.sum(axis=1), 1.0)
+    assert np.allclose(told.modes.sum(axis=1), 1.0)
+    assert np.allclose(told.on.sum(axis=1), 1.0)
+    assert (told.density >= 0).all()
+    means = [moments(d, S)[0] for d in told.density]
+    assert all(a < b for a, b in pairwise(means))
+
+
+def test_on_even_ground_steps_are_as_long_as_they_were():
+    told = chain(ground(), 0.5)
+    for k, density in enumerate(told.density, 1):
+        assert abs(moments(density, S)[0] - 0.5 - 0.6 * k) < 0.02
+        assert told.modes[k - 1][MODES.index("LG")] > 0.999
+
+
+def test_stairs_take_a_foot_a_tread_and_no_toe_is_in_a_riser():
+    edges = [1.0 + 0.3 * k for k in range(4)]
+    told = chain(ground(*((e, 0.15) for e in edges)), 0.72)
+    for k, edge in enumerate(edges[:3]):
+        s, sd = moments(told.density[k], S)
+        assert edge < s + 0.5 * (P.toe_m - P.heel_m) < edge + 0.3
+        assert s + P.toe_m < edge + 0.3 + 2 * P.clearance_sd_m
+        assert sd < 0.09
+        assert told.modes[k][MODES.index("SA")] > 0.95
+
+
+@pytest.mark.parametrize(("slope", "mode"), [(12.0, "RA"), (-12.0, "RD")])
+def test_a_ramp_counts_from_the_first_foot_on_it_and_ends_with_the_first_beyond(slope, mode):
+    told = chain(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), 0.3)
+    most = [MODES[int(m.argmax())] for m in told.modes]
+    assert mode in most
+    assert most[-1] == "LG"
+    table = mode_table(ground((0.9, 0.0), (1.8, 0.0), slopes=[0.0, slope, 0.0]), P)
+    assert MODES[int(table[0, 1].argmax())] == mode
+    assert MODES[int(table[1, 2].argmax())] == "LG"
+
+
+def test_a_kerb_is_level_and_a_low_stair_is_none():
+    for drop, mode in ((0.04, "LG"), (-0.04, "LG"), (0.07, "SA"), (-0.07, "SD")):
+        assert MODES[int(mode_table(ground((1.0, drop)), P)[0, 1].argmax())] == mode
+
+
+def test_soles_reach_over_free_edges_and_not_into_risers():
+    up, down = weights(ground((1.0, 0.2)), S, P)[0], weights(ground((1.0, -0.2)), S, P)[0]
+    toes = S + P.toe_m
+    assert up[toes > 1.06].max() < 0.05
+    assert down[(toes > 1.0) & (toes < 1.03)].min() > 0.8
+    assert down[toes > 1.13].max() < 0.05
+
+
+def test_equations_16_to_18():
+    walking = WalkingInformation(P)
+    for k, (x, foot) in enumerate([(0.0, "l"), (0.5, "r"), (1.1, "l")]):
+        walking.add(Division(foot=foot, t_ns=k * 600_000_000, p=np.array([x, 0.0, 1.7]), v=np.array([2.0, 0.0, 0.3])))
+    assert walking.sizes() == pytest.approx([0.5, 0.6])
+    assert walking.next_size() == pytest.approx(2 * 0.6 - 0.5)
+    place, forward = walking.footprint()
+    assert forward == pytest.approx([1.0, 0.0])
+    assert place == pytest.approx([1.1 + 0.7 + 0.35, -P.width_m / 2])
+    assert walking.step_time() == pytest.approx(0.6)
+
+
+def test_touch_downs_of_drifting_and_dead_insoles():
+    touch, told = TouchDowns(P), []
+    for i in range(1000):
+        t = 0.01 * i
+        swing = (t % 1.2) < 0.4
+        load = (6.0 + 0.5 * t) + (0.0 if swing else 400.0)
+        foot = touch.update(Insole(topic="/foot_l/insole", t_ns=round(t * 1e9), force=np.full(4, load / 4)))
+        assert touch.update(Insole(topic="/foot_r/insole", t_ns=round(t * 1e9), force=np.zeros(4))) is None
+        if foot:
+            told.append((foot, round(t, 2)))
+    assert [f for f, _ in told] == ["l"] * len(told)
+    assert [t for _, t in told[1:]] == pytest.approx([0.4 + 1.2 * k for k in range(1, len(told))], abs=0.02)
