@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -13,6 +12,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
+from stridetwin.scenarios.flights import edges, flights
 from stridetwin.scenarios.terrain_files import depth_camera, given_poses
 from stridetwin.sim.route import Layout, Strip
 from stridetwin.sim.solids import Solid, corners
@@ -152,18 +152,10 @@ def distance_to(mesh: trimesh.Trimesh, points: Array) -> Array:
 
 def true_changes(profile: Sequence[Strip]) -> list[TrueChange]:
     """Stairs and ramps of a way, in order."""
-    found: list[TrueChange] = []
-    jumps = [(b.s0, b.z0 - a.z1) for a, b in pairwise(profile) if abs(b.z0 - a.z1) > 1e-6]
-    flight: list[tuple[float, float]] = []
-    for jump in (*jumps, (math.inf, 0.0)):
-        if flight and (jump[0] - flight[-1][0] > 0.65 or jump[1] * flight[-1][1] < 0):
-            s, heights = [j[0] for j in flight], [j[1] for j in flight]
-            tread = (s[-1] - s[0]) / (len(s) - 1) if len(s) > 1 else 0.0
-            found.append(
-                TrueChange(kind="stairs", s=s[0], riser=float(np.mean(heights)), tread=tread, risers=len(flight))
-            )
-            flight = []
-        flight.append(jump)
+    found = [
+        TrueChange(kind="stairs", s=flight.s, riser=flight.riser, tread=flight.tread, risers=flight.risers)
+        for flight in flights(profile)
+    ]
     found += [TrueChange(kind="ramp", s=strip.s0, slope=strip.slope) for strip in profile if strip.terrain == "ramp"]
     return sorted(found, key=lambda change: change.s)
 
@@ -311,7 +303,7 @@ def _completeness(mapper: TerrainMap, here: float, off: Array, terrain: Terrain)
 
 def _edge_errors(mapper: TerrainMap, here: float, off: Array, layout: Layout) -> Array:
     """Errors of the edges that the profile ahead tells, m, each against the true edge next to it."""
-    jumps = np.array([b.s0 for a, b in pairwise(layout.profile) if abs(b.z0 - a.z1) > 1e-6])
+    jumps = np.array([s for s, _, _ in edges(layout.profile)])
     told = np.array(
         [here + c.s for c in _ahead(mapper, here, off, layout).changes if c.kind == "edge" and c.sd < _KNOWN_M]
     )

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
-from stridetwin.sim.route import Layout
+from stridetwin.scenarios.flights import flights
+from stridetwin.sim.route import Layout, Strip
 from stridetwin.streams.samples import Array, Footprint
 from stridetwin.streams.trajectory import Trajectory
 
@@ -76,10 +77,6 @@ class ScoredMode:
         """Whether the sole lies across a ramp's edge."""
         return len(self.allowed) > 1
 
-    def row(self) -> dict[str, Any]:
-        """For JSON; `ScoredMode(**row)` makes it anew."""
-        return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(self).items()}
-
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredApproach:
@@ -108,10 +105,6 @@ class ScoredApproach:
     tread_sd_m: float = math.nan
     slope_rad: float = math.nan
     slope_sd_rad: float = math.nan
-
-    def row(self) -> dict[str, Any]:
-        """For JSON."""
-        return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(self).items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +138,29 @@ class ModeScores:
     steps: list[ScoredMode] = field(default_factory=list)
     approaches: list[ScoredApproach] = field(default_factory=list)
 
+    @classmethod
+    def of(cls, rows: Mapping[str, Any]) -> ModeScores:
+        """From what `rows` gave, through JSON."""
+        steps = [_known(row) for row in rows["steps"]]
+        for row in steps:
+            row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
+        return cls(
+            steps=[ScoredMode(**row) for row in steps],
+            approaches=[ScoredApproach(**_known(row)) for row in rows["approaches"]],
+        )
+
+    def rows(self) -> dict[str, list[dict[str, Any]]]:
+        """`steps` and `approaches` for JSON; NaN is null."""
+        return {"steps": [_row(s) for s in self.steps], "approaches": [_row(a) for a in self.approaches]}
+
+
+def _row(scored: ScoredMode | ScoredApproach) -> dict[str, Any]:
+    return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(scored).items()}
+
+
+def _known(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: math.nan if v is None else v for k, v in row.items()}
+
 
 class Laid:
     """Lays an estimator's world over the true one as it was at each instant: a drift that was made is no error here.
@@ -175,27 +191,20 @@ def _yaw(q: Array) -> Array:
 
 def mode_changes(layout: Layout) -> list[ModeChange]:
     """Where the steps of a way become of another mode, in order: stairs from the first edge to the last, ramps."""
-    found: list[ModeChange] = []
-    profile, jumps = layout.profile, []
-    for before, after in pairwise(profile):
-        jump = after.z0 - before.z1
-        if abs(jump) >= _STAIR_M:
-            jumps.append((after.s0, jump, after.terrain == "stair"))
-        elif after.slope != before.slope:
-            mode = "LG" if after.slope == 0 else "RA" if after.slope > 0 else "RD"
-            found.append(ModeChange(s=after.s0, mode=mode, slope=after.slope))
-    flight: list[tuple[float, float]] = []
-    for s, jump, onto_tread in jumps:
-        flight.append((s, jump))
-        if onto_tread:
-            continue
-        places = [f[0] for f in flight]
-        tread = (places[-1] - places[0]) / (len(places) - 1) if len(places) > 1 else 0.0
-        found.append(ModeChange(s=places[0], mode="SA" if jump > 0 else "SD", tread=tread,
-                                riser=float(np.mean([f[1] for f in flight]))))  # fmt: skip
-        found.append(ModeChange(s=places[-1], mode="LG"))
-        flight = []
+    found = []
+    for flight in flights(layout.profile, _STAIR_M):
+        mode = "SA" if flight.riser > 0 else "SD"
+        found.append(ModeChange(s=flight.s, mode=mode, riser=flight.riser, tread=flight.tread))
+        found.append(ModeChange(s=flight.end, mode="LG"))
+    for before, after in pairwise(layout.profile):
+        if abs(after.z0 - before.z1) < _STAIR_M and after.slope != before.slope:
+            found.append(ModeChange(s=after.s0, mode=_mode_of(after), slope=after.slope))
     return sorted(found, key=lambda change: change.s)
+
+
+def _mode_of(strip: Strip) -> str:
+    """Of steps along a strip without edges."""
+    return "LG" if strip.slope == 0 else "RA" if strip.slope > 0 else "RD"
 
 
 def score_modes(
@@ -261,8 +270,7 @@ def _straddled(print_: Footprint, layout: Layout | None, sole_m: float) -> tuple
     found = []
     for before, after in pairwise(layout.profile):
         if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
-            modes = ["LG" if strip.slope == 0 else "RA" if strip.slope > 0 else "RD" for strip in (before, after)]
-            found += [m for m in modes if m != print_.mode]
+            found += [m for m in (_mode_of(before), _mode_of(after)) if m != print_.mode]
     return tuple(found)
 
 

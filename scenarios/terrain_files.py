@@ -16,7 +16,7 @@ from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
-from stridetwin.streams.samples import Odometry, Sample
+from stridetwin.streams.samples import Array, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
@@ -97,18 +97,19 @@ def posed_depth(
     if camera.depth_topic not in recording.topics:
         raise RecordingError(f"{recording.path}: no topic {camera.depth_topic}; terrain_map needs depth")
     if path is not None:
+        told: Iterator[Sample] = map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame)
         others = recording.samples([*more, camera.depth_topic])
-        return None, heapq.merge(_odometry(path), others, key=lambda s: s.t_ns)
+        return None, heapq.merge(told, others, key=lambda s: s.t_ns)
     topic, mount = given_poses(recording, camera)
     return mount, iter(recording.samples([topic, *more, camera.depth_topic]))
 
 
-def _odometry(path: Trajectory) -> Iterator[Sample]:
-    """Poses as samples; their velocities are not known."""
+def pose_sample(t_ns: int, p: Array, q: Array) -> Odometry:
+    """A pose alone, position (3,) m and quaternion (4,), as a sample; its velocities are not known."""
     unknown = np.full(3, np.nan)
-    for t, p, q in zip(path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame):
-        yield Odometry(topic=_POSES, t_ns=t, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown,
-                       angular_rate=unknown)  # fmt: skip
+    return Odometry(
+        topic=_POSES, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
+    )
 
 
 def document(estimate: TerrainEstimate) -> dict[str, Any]:

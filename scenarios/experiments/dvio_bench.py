@@ -24,6 +24,7 @@ from stridetwin.scenarios.experiments.odometry_walks import (
     recorded,
     worst_time,
 )
+from stridetwin.scenarios.experiments.walks import fell_at_s
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 
@@ -70,12 +71,11 @@ def run_case(case: Case, make: Maker = dvio) -> dict[str, Any]:
     config = replace(load_scenario(name).config, sensors=SENSORS, physics=case.physics, rig_mount=MOUNT)
     with recorded(config, case, name) as recording:
         rate = np.linalg.norm(recording.block(f"/{MOUNT}/imu").columns["angular_rate"], axis=1)
-        fell = recording.metadata.get("fell_at_s")
         return {
             "seed": case.seed,
             "physics": case.physics,
             "sequence": name,
-            "fell_at_s": None if fell is None else float(fell),
+            "fell_at_s": fell_at_s(recording),
             "rate_radps": {"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
             "methods": every_method(recording, MOUNT, make),
         }

@@ -59,12 +59,17 @@ class RecordedWalk:
     @property
     def fell_at_s(self) -> float | None:
         """When the walker fell, s."""
-        text = self.shoes.metadata.get("fell_at_s")
-        return None if text is None else float(text)
+        return fell_at_s(self.shoes)
 
     def truth(self) -> dict[str, TruePath]:
         """True path of each foot's IMU, by `l` and `r`."""
         return {foot: TruePath.of(self.shoes.block(f"/truth/foot_{foot}/imu/odometry")) for foot in "lr"}
+
+
+def fell_at_s(recording: Recording) -> float | None:
+    """When the walker of a recording fell, s."""
+    text = recording.metadata.get("fell_at_s")
+    return None if text is None else float(text)
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from stridetwin.scenarios.experiments.odometry_walks import (
     recorded,
     worst_time,
 )
+from stridetwin.scenarios.experiments.walks import fell_at_s
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.people import PEOPLE
@@ -57,13 +58,12 @@ def run_case(scenario: str, case: Case, make: Maker = dvio) -> dict[str, Any]:
         load_scenario(scenario).config, sensors=SENSORS, physics=case.physics, person=PEOPLE[subject], rig_mount=mount
     )
     with recorded(config, case, mount) as recording:
-        fell = recording.metadata.get("fell_at_s")
         return {
             "seed": case.seed,
             "physics": case.physics,
             "subject": subject,
             "mount": mount,
-            "fell_at_s": None if fell is None else float(fell),
+            "fell_at_s": fell_at_s(recording),
             "methods": every_method(recording, mount, make),
         }
 

@@ -5,7 +5,8 @@ each, one by each member of the group. Every walk goes level, up, level, down, l
 terrain, `reference/zhao2023.yaml` says what is taken. The gaze wanders. Poses come from the visual-inertial odometry,
 or are given: then they are the true ones.
 
-The order of the walks is such that any sixty in a row hold every terrain, mount and group alike, and the patterns too.
+The order of the walks is such that any sixty in a row hold every terrain, mount and group alike, and the first
+sixty, the second sixty, ... the patterns too.
 """
 
 from __future__ import annotations
@@ -19,24 +20,23 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import Dvio
-from stridetwin.estimators.dvio.parameters import named
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.odometry_walks import HEALTHY, recorded
+from stridetwin.scenarios.experiments.odometry_walks import HEALTHY, dvio, recorded
+from stridetwin.scenarios.experiments.walks import fell_at_s
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.mode_files import INSOLES
-from stridetwin.scenarios.mode_score import Laid, ModeScores, ScoredApproach, ScoredMode, mode_figures, score_modes
+from stridetwin.scenarios.mode_score import Laid, ModeScores, mode_figures, score_modes
 from stridetwin.scenarios.norms import reference, reference_rows
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.terrain_files import depth_camera
+from stridetwin.scenarios.terrain_files import depth_camera, given_poses, pose_sample, posed_depth
 from stridetwin.scenarios.truth import TruePath
+from stridetwin.sim.body import wearer
 from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import Mount
-from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometry, Sample
+from stridetwin.streams.samples import Depth, Image, Imu, Insole, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 TERRAINS = {
@@ -100,13 +100,12 @@ def run_case(poses: str, case: Case) -> dict[str, Any]:
         config, sensors=SENSORS, physics=case.physics, person=person, exo=None, rig_mount=which.mount, gait=gait
     )
     with recorded(config, case, which.mount) as recording:
-        fell = recording.metadata.get("fell_at_s")
         return {
             "seed": case.seed,
             "physics": case.physics,
-            "fell_at_s": None if fell is None else float(fell),
+            "fell_at_s": fell_at_s(recording),
             **vars(which),
-            "methods": predicted(recording, which.mount, poses),
+            "methods": predicted(recording, which.mount, poses, wearer(person, with_exo=False).body.shoe_length_m),
         }
 
 
@@ -123,11 +122,17 @@ class SharedMap(TerrainMap):
         return self._told
 
 
-def predicted(recording: Recording, mount: str, poses: str) -> dict[str, dict[str, Any]]:
-    """By method: rows of the scored steps and changes, and time a depth picture, ms; ours comes first, with the map."""
+def predicted(recording: Recording, mount: str, poses: str, sole_m: float) -> dict[str, dict[str, Any]]:
+    """By method: rows of the scored steps and changes, and time a depth picture, ms; ours comes first, with the map.
+
+    Args:
+        recording: Of the walk.
+        mount: Where the camera sits.
+        poses: Of `POSES`.
+        sole_m: Length of the walker's soles.
+    """
     camera = depth_camera(recording.rig)
-    imu = recording.rig.imu(f"/{mount}/imu")
-    place = Mount(body=mount, T_body_sensor=np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor)
+    topic, place = given_poses(recording, camera)
     ground = SharedMap(recording.rig, mount=place)
     predictors = {m: LocomotionMode(ground, camera, mount=place, method=m) for m in METHODS}
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in METHODS}
@@ -144,16 +149,15 @@ def predicted(recording: Recording, mount: str, poses: str) -> dict[str, dict[st
                 frame_ms[method].append(own)
             if estimate is not None:
                 estimates[method].append(estimate)
-    truth = TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
+    truth = TruePath.of(recording.block(topic))
     path = _trajectory([o for o in told if truth.t_ns[0] <= o.t_ns <= truth.t_ns[-1]])
     laid = Laid(path, truth.at(path.t_ns))
     footprints, layout = list(recording.block("/truth/footprints")), from_metadata(recording.metadata)
     rows = {}
     for method in METHODS:
-        scores = score_modes(footprints, estimates[method], laid, layout, _shoe_m(recording))
+        scores = score_modes(footprints, estimates[method], laid, layout, sole_m)
         rows[method] = {
-            "steps": [s.row() for s in scores.steps],
-            "approaches": [a.row() for a in scores.approaches],
+            **scores.rows(),
             "time_ms": {"mean": float(np.mean(frame_ms[method])), "p95": float(np.percentile(frame_ms[method], 95))},
         }
     return rows
@@ -161,27 +165,20 @@ def predicted(recording: Recording, mount: str, poses: str) -> dict[str, dict[st
 
 def posed(recording: Recording, mount: str, poses: str) -> Iterator[Sample]:
     """Poses of the camera's IMU, depth and insoles in order of time."""
-    depth = f"/{mount}/depth"
+    camera = depth_camera(recording.rig)
     if poses == "given":
-        yield from recording.samples([f"/truth/{mount}/imu/odometry", *INSOLES, depth])
+        yield from posed_depth(recording, camera, more=INSOLES)[1]
         return
-    odometer = Dvio(recording.rig, mount=mount, parameters=named("stridetwin"))
-    for sample in recording.samples([f"/{mount}/imu", f"/{mount}/color", *INSOLES, depth]):
+    odometer = dvio("stridetwin", recording.rig, mount)
+    for sample in recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]):
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometer.update(sample)
             if estimate is not None and estimate.health in HEALTHY:
-                yield _odometry(estimate.t_ns, estimate.T_world_imu)
+                T = estimate.T_world_imu
+                q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+                yield pose_sample(estimate.t_ns, T[:3, 3].copy(), q)
         if isinstance(sample, Depth | Insole):
             yield sample
-
-
-def _odometry(t_ns: int, T: Array) -> Odometry:
-    q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-    unknown = np.full(3, np.nan)
-    return Odometry(
-        topic="/poses", t_ns=t_ns, p_frame_in_world=T[:3, 3].copy(), q_world_frame=q, v_frame_in_world=unknown,
-        angular_rate=unknown,
-    )  # fmt: skip
 
 
 def _trajectory(path: list[Odometry]) -> Trajectory:
@@ -192,27 +189,11 @@ def _trajectory(path: list[Odometry]) -> Trajectory:
     )
 
 
-def _shoe_m(recording: Recording) -> float:
-    """Length of the soles of who walked."""
-    return 0.152 * float(recording.metadata.get("person_height_m", 1.75)) + 0.012
-
-
-def scores_of(row: dict[str, Any]) -> ModeScores:
-    """A method's row of a case as scores again."""
-    known: list[dict[str, Any]] = [{k: float("nan") if v is None else v for k, v in r.items()} for r in row["steps"]]
-    steps = [ScoredMode(**{**r, "allowed": tuple(r["allowed"])}) for r in known]
-    told: list[dict[str, Any]] = [
-        {k: float("nan") if v is None else v for k, v in r.items()} for r in row["approaches"]
-    ]
-    approaches = [ScoredApproach(**r) for r in told]
-    return ModeScores(steps=steps, approaches=approaches)
-
-
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures by method over all walks, by condition and cell; the paper's beside."""
     summary: dict[str, Any] = {}
     for method in METHODS:
-        walks = [(r, scores_of(r["methods"][method])) for r in results]
+        walks = [(r, ModeScores.of(r["methods"][method])) for r in results]
         shares = [_share(w) for _, w in walks]
         accuracy = {"mean": float(np.mean(shares)), "sd": float(np.std(shares)), "ci95": _interval(shares)}
         summary[method] = mode_figures([w for _, w in walks]) | {

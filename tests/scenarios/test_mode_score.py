@@ -1,0 +1,116 @@
+"""True changes of mode along a way, what counts as right, rows for JSON, and the conditions of the generality test."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.scenarios.experiments.zhao_generality import GROUPS, MOUNTS, PATTERNS, SEEDS, TERRAINS, condition
+from stridetwin.scenarios.flights import flights
+from stridetwin.scenarios.mode_score import (
+    Laid,
+    ModeScores,
+    ScoredApproach,
+    ScoredMode,
+    mode_changes,
+    mode_figures,
+    score_modes,
+)
+from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs
+from stridetwin.sim.terrain import Terrain
+from stridetwin.streams.samples import Footprint
+from stridetwin.streams.trajectory import Trajectory
+
+
+def layout(*segments: Segment):
+    return Terrain.from_route(Route(segments=segments)).layout
+
+
+WAY = layout(
+    Level(length_m=3), Stairs(risers=4, riser_m=0.15, tread_m=0.28), Level(length_m=2),
+    Stairs(risers=1, riser_m=0.15, tread_m=0.28, down=True), Level(length_m=2), Ramp(angle_rad=0.2, rise_m=0.5),
+    Level(length_m=3),
+)  # fmt: skip
+
+
+def test_modes_change_at_first_and_last_edges_and_at_both_ends_of_a_ramp():
+    changes = mode_changes(WAY)
+    assert [c.mode for c in changes] == ["SA", "LG", "SD", "LG", "RA", "LG"]
+    up, top, down, below, ramp, end = changes
+    assert (up.s, up.riser, up.tread, top.s) == pytest.approx((3.0, 0.15, 0.28, 3.0 + 3 * 0.28))
+    assert (down.s, below.s, down.riser, down.tread) == pytest.approx((top.s + 2.0, top.s + 2.0, -0.15, 0.0))
+    assert (ramp.s, ramp.slope, end.s - ramp.s) == pytest.approx((below.s + 2.0, 0.2, 0.5 / math.tan(0.2)))
+
+
+def test_low_risers_are_a_flight_but_change_no_mode():
+    way = layout(Level(length_m=2), Stairs(risers=3, riser_m=0.05, tread_m=0.3), Level(length_m=2))
+    assert [f.risers for f in flights(way.profile)] == [3]
+    assert mode_changes(way) == []
+
+
+def test_flights_with_a_short_landing_between_them_are_two():
+    stairs = Stairs(risers=3, riser_m=0.15, tread_m=0.3)
+    way = layout(Level(length_m=2), stairs, Level(length_m=0.6), stairs, Level(length_m=2))
+    first, second = flights(way.profile)
+    assert (first.end, second.s) == pytest.approx((2.6, 3.2))
+
+
+def test_scores_survive_json():
+    scores = ModeScores(
+        steps=[ScoredMode(t_s=1.0, mode="LG", before="LG", told="RA", allowed=("LG", "RA"), lead_s=0.5,
+                          probabilities=(0.4, 0.0, 0.0, 0.6, 0.0), forward_m=0.02)],
+        approaches=[ScoredApproach(mode="SA", found=True, distance_m=0.01)],
+    )  # fmt: skip
+    rows = json.loads(json.dumps(scores.rows(), allow_nan=False))
+    again = ModeScores.of(rows)
+    assert again.rows() == scores.rows()
+    assert again.steps[0].right
+    assert math.isnan(again.steps[0].left_m)
+    assert mode_figures([again]) == mode_figures([scores])
+
+
+def test_a_sole_across_a_ramps_edge_may_count_as_either_mode():
+    edge = next(c.s for c in mode_changes(WAY) if c.mode == "RA")
+    pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
+    still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
+
+    def allowed(s: float) -> tuple[str, ...]:
+        place = np.array([*WAY.way.point(s), 0.0])
+        prints = [
+            Footprint(
+                topic="/truth/footprints",
+                t_ns=k,
+                foot="lr"[k % 2],
+                terrain="level",
+                mode="LG",
+                p_foot_in_world=place,
+                q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]),
+            )
+            for k in range(3)
+        ]
+        (step,) = score_modes(prints, [], Laid(still, still), WAY, 0.27).steps
+        return step.allowed
+
+    assert allowed(edge - 0.10) == ("LG", "RA")
+    assert allowed(edge + 0.04) == ("LG", "RA")
+    assert allowed(edge - 0.23) == ("LG",)
+    assert allowed(edge + 0.05) == ("LG",)
+
+
+def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():
+    rows = [condition(seed) for seed in SEEDS]
+    assert len({(c.height_group, c.pattern, c.terrain, c.mount, c.member) for c in rows}) == len(SEEDS) == 540
+    assert set(Counter((c.height_group, c.pattern, c.terrain, c.mount) for c in rows).values()) == {3}
+    for first in (0, 1, 37, 480):
+        some = rows[first : first + 60]
+        for name, values in (("terrain", TERRAINS), ("mount", MOUNTS), ("height_group", GROUPS)):
+            assert Counter(getattr(c, name) for c in some) == {value: 60 // len(values) for value in values}
+    for first in range(0, 540, 60):
+        assert Counter(c.pattern for c in rows[first : first + 60]) == dict.fromkeys(PATTERNS, 20)
+    assert condition(0) in rows
+    assert len(MODES) == 5
