@@ -30,7 +30,7 @@ class Person:
     shoe_m: float | None = None
 
 
-DRIVES = ("idle", "transparent", "assist")
+DRIVES = ("idle", "assist")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +41,7 @@ class Exo:
         mode: 0 no modules (measurement only), 1 both hips and knees, 2 both hips or both knees, 3 hip and knee of one
             leg, 4 one joint.
         joints: Which joints have a module (hip_l, hip_r, knee_l, knee_r), where the mode leaves a choice.
-        drive: What the motors do in the forward simulation: `idle`, `transparent` (against their own friction) or
-            `assist` (help both hips besides).
+        drive: What the motors do in the forward simulation: `idle` or `assist` (help both hips).
     """
 
     mode: int = 0

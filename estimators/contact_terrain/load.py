@@ -26,6 +26,7 @@ class CellLoads:
         self._least = np.full((2, 4), np.inf)  # of this stride and the last
         self._most = np.full((3, 4), -np.inf)  # of one more: two may pass in one long swing, as over two risers
         self._turned = 0.0
+        self._told = np.zeros(4)
 
     def update(self, force: Array, rate: float, dt: float) -> Array:
         """(4,) N, load on each cell.
@@ -35,8 +36,10 @@ class CellLoads:
             rate: How fast the foot turns, rad/s.
             dt: Since the last tick, s.
         """
-        self._least[0], self._most[0] = np.minimum(self._least[0], force), np.maximum(self._most[0], force)
+        self._told = force
+        self._most[0] = np.maximum(self._most[0], force)
         if rate > TURNING_RADPS:
+            self._least[0] = np.minimum(self._least[0], force)
             self._turned += dt
         if self._turned > STRIDE_S:
             self._turned = 0.0
@@ -46,6 +49,10 @@ class CellLoads:
             return force
         load: Array = force - self._least.min(axis=0)
         return load
+
+    def empty(self) -> None:
+        """The foot is in the air: what the cells tell now is no load."""
+        self._least = np.stack([self._told, self._told])
 
     @property
     def alive(self) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,6 +30,12 @@ from stridetwin.streams.samples import Array
 LOADED_N = 100.0
 BOTH_N = 150.0
 """With this load on both feet their contacts are trusted fully."""
+CARRIED_N = 300.0
+"""Who stands on one foot loads it with more."""
+SWING_RADPS = 3.0
+"""A foot on the ground seldom turns faster."""
+CREPT = 0.15
+"""Of what the other foot carries, what cells of a foot in the air may tell together."""
 LANDING_RADPS = 0.7
 """A foot that lands on its heel and turns that fast is trusted half."""
 
@@ -36,6 +43,8 @@ LANDING_RADPS = 0.7
 STOP_MARGIN = math.radians(2.0)
 STRAINED_SLOPE_SD, STRAINED_SD = math.radians(8.0), 0.015
 """rad and m, what an ankle at its stop may do to a foot's attitude and place."""
+STEADY, GIVE = 0.0015, 5.0
+"""m by which the vector between two feet that stand varies, and what a frame that lets it vary more may be off by."""
 
 
 class Crossing:
@@ -49,17 +58,25 @@ class Crossing:
     def __init__(self) -> None:
         self.weight = self.strained = 0.0
         self._vector, self._J = np.zeros(3), np.zeros((3, OFFSETS))
+        self._squares = np.zeros(3)
 
     def add(self, weight: float, vector: Array, J: Array, free: bool) -> None:
         """Takes a tick: (3,) m, its (3, OFFSETS) derivative, and whether both ankles are clear of their stops."""
         self.weight += weight
         self.strained += 0.0 if free else weight
         self._vector += weight * vector
+        self._squares += weight * vector**2
         self._J += weight * J
 
     def mean(self) -> tuple[Array, Array]:
         """The mean vector and its derivative."""
         return self._vector / self.weight, self._J / self.weight
+
+    def spread(self) -> Array:
+        """(3,) m, standard deviation of the vector over the ticks, the same for every horizontal axis."""
+        variance = np.maximum(self._squares / self.weight - (self._vector / self.weight) ** 2, 0.0)
+        variance[:2] = variance[:2].mean()
+        return np.asarray(np.sqrt(variance))
 
 
 class StrideTwin:
@@ -97,7 +114,7 @@ class StrideTwin:
             self._touch(side, tick.t_ns, loads, rates, cells[side], R_sole[side])
         if all(self._down):
             self._cross(angles, loads, float(rates[self._newest]), all(free))
-        self._leave(tick.t_ns, loads)
+        self._leave(tick.t_ns, loads, rates, cells)
         flat = [
             self._down[i]
             and self._falls[i].lie(
@@ -125,11 +142,18 @@ class StrideTwin:
             on_heel = 2.0 * cells[0] > loads[side] if feels else R_world_sole[2, 0] > -math.sin(TOES_DOWN)
             self._land(side, bool(on_heel))
 
-    def _leave(self, t_ns: int, loads: Array) -> None:
-        """Notes that a foot has left; the last one that is down stays."""
-        for side in range(2):
-            if all(self._down) and loads[side] < OFF_N:
+    def _leave(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
+        """Notes that a foot has left; the last one that is down stays, and of two that feel nothing the one at rest.
+
+        A foot that swings beside one that carries its wearer, and feels little but for one cell, has left: that cell
+        sticks, or all of them have crept.
+        """
+        for side in sorted(range(2), key=lambda side: -rates[side]):
+            swings = rates[side] > SWING_RADPS and loads[1 - side] > CARRIED_N
+            felt = loads[side] - cells[side].max() if swings else loads[side]
+            if all(self._down) and felt < (CREPT * loads[1 - side] if swings else OFF_N):
                 self._down[side], self._left_ns[side] = False, t_ns
+                self._cells[side].empty()
 
     def _land(self, side: int, on_heel: bool) -> None:
         """Begins a step; what the one before has taught is kept."""
@@ -188,6 +212,7 @@ class StrideTwin:
         slope_sd = np.sqrt(SLOPE_SD**2 + (SLOPE_SHARE * slopes) ** 2 + (STRAINED_SLOPE_SD * strained) ** 2)
         place_sd = np.hypot(VECTOR_SD, STRAINED_SD * self._crossing.strained / self._crossing.weight)
         place_sd[2] = math.hypot(place_sd[2], CLIMB_SHARE * max(vector[2], 0.0))
+        place_sd = np.hypot(place_sd, GIVE * np.maximum(self._crossing.spread() - STEADY, 0.0))
         sd = np.concatenate([place_sd, slope_sd])
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 

@@ -144,6 +144,32 @@ def test_faults_leave_the_class_right_or_unknown(walk, fault):
     assert rms([s.elevation_error for s in told]) < 0.015
 
 
+def sticking(samples, cell):
+    """The left foot's cell tells from mid-stance on what it told then."""
+    value = None
+    for s in samples:
+        if s.topic == "/foot_l/insole":
+            if value is None and s.t_ns > 3e9 and s.force[cell] > 150.0:
+                value = s.force[cell]
+            force = s.force.copy()
+            force[cell] = force[cell] if value is None else value
+            s = replace(s, force=force)
+        yield s
+
+
+def creeping(samples):
+    for s in samples:
+        yield replace(s, force=s.force + 4e-9 * s.t_ns) if s.topic == "/foot_l/insole" else s
+
+
+@pytest.mark.parametrize("fault", [lambda s: sticking(s, 0), lambda s: sticking(s, 3), creeping])
+def test_cells_that_stick_or_creep_hide_no_step(walk, fault):
+    exo, samples, footprints = walk
+    steps = score_steps(footprints, ContactTerrain(exo).run(fault(samples)))
+    assert [s.told_mode for s in steps] == ["LG"] * len(steps)
+    assert rms([s.elevation_error for s in steps]) < 0.01
+
+
 def test_cells_live_through_a_swing_over_two_risers():
     cells, rest = CellLoads(), np.array([5.0, 3.0, 2.0, 8.0])
     for force, rate, seconds in ((rest, 2.0, 1.0), (rest + 100.0, 0.1, 0.7), (rest, 2.0, 1.25)):

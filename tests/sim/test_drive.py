@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stridetwin.sim.actuation import HIP, KNEE
+from stridetwin.sim.actuation import HIP
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
 from stridetwin.sim.dynamics.drive import PERIOD_S, Drive
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -33,48 +33,42 @@ def hinge(model: mujoco.MjModel, name: str) -> tuple[int, int]:
     return int(joint.qposadr[0]), int(joint.dofadr[0])
 
 
-def test_idle_motors_and_none_give_no_torque(twin: Twin) -> None:
+def swinging(twin: Twin, drive: Drive, speed_share: float = 1.0) -> list[float]:
+    """W given to hips that swing like a walker's, a stride a second."""
     data = mujoco.MjData(twin.model)
-    data.qvel[:] = 3.0
-    for exo in (None, Exo(mode=1), Exo(mode=0, drive="transparent")):
-        drive = Drive(twin.model, exo)
-        for _ in range(3):
-            assert not drive.torques(data).any()
+    at = {side: hinge(twin.model, f"exo_hip_flexion_{side}") for side in "lr"}
+    given = []
+    for k in range(400):
+        phase = 2.0 * math.pi * k * PERIOD_S
+        for sign, side in ((1.0, "l"), (-1.0, "r")):
+            data.qpos[at[side][0]] = sign * 0.35 * math.sin(phase)
+            data.qvel[at[side][1]] = sign * 0.35 * 2.0 * math.pi * math.cos(phase) * speed_share
+        torque = drive.torques(data)
+        assert np.abs(torque[[dof for _, dof in at.values()]]).max() <= HIP.torque_max_nm
+        assert np.count_nonzero(torque) <= 2
+        given.append(sum(torque[dof] * data.qvel[dof] for _, dof in at.values()))
+    return given
 
 
-def test_transparent_motors_push_along_the_motion_but_less_than_friction_holds(twin: Twin) -> None:
-    data, drive = mujoco.MjData(twin.model), Drive(twin.model, Exo(mode=1, drive="transparent"))
-    _, hip = hinge(twin.model, "exo_hip_flexion_l")
-    _, knee = hinge(twin.model, "exo_knee_flexion_r")
-    data.qvel[hip], data.qvel[knee] = 2.0, -3.0
-    assert not drive.torques(data).any()  # a call late
-    torque = drive.torques(data)
-    assert 0.0 < torque[hip] < HIP.friction_nm + 2.0 * HIP.viscous_nms
-    assert -(KNEE.friction_nm + 3.0 * KNEE.viscous_nms) < torque[knee] < 0.0
-    assert np.count_nonzero(torque) == 2
-
-
-def test_motors_beyond_their_speed_give_nothing(twin: Twin) -> None:
-    data, drive = mujoco.MjData(twin.model), Drive(twin.model, Exo(mode=1, drive="transparent"))
-    _, hip = hinge(twin.model, "exo_hip_flexion_l")
-    data.qvel[hip] = HIP.speed_max_radps + 0.1
-    drive.torques(data)
-    assert not drive.torques(data).any()
+def test_idle_motors_and_none_give_no_torque(twin: Twin) -> None:
+    for exo in (None, Exo(mode=1), Exo(mode=0)):
+        assert not any(swinging(twin, Drive(twin.model, exo)))
 
 
 def test_assist_gives_power_to_hips_that_swing_like_a_walkers(twin: Twin) -> None:
-    data, drive = mujoco.MjData(twin.model), Drive(twin.model, Exo(mode=1, drive="assist"))
-    plain = Drive(twin.model, Exo(mode=1, drive="transparent"))
-    at = {side: hinge(twin.model, f"exo_hip_flexion_{side}") for side in "lr"}
-    gained = []
-    for k in range(400):
-        phase = 2.0 * math.pi * k * PERIOD_S  # a stride a second
-        for sign, side in ((1.0, "l"), (-1.0, "r")):
-            data.qpos[at[side][0]] = sign * 0.35 * math.sin(phase)
-            data.qvel[at[side][1]] = sign * 0.35 * 2.0 * math.pi * math.cos(phase)
-        more = drive.torques(data) - plain.torques(data)
-        gained.append(sum(more[dof] * data.qvel[dof] for _, dof in at.values()))
-    assert np.mean(gained[100:]) > 2.0  # W
+    assert np.mean(swinging(twin, Drive(twin.model, Exo(mode=1, drive="assist")))[100:]) > 2.0  # W
+
+
+def test_motors_beyond_their_speed_give_nothing(twin: Twin) -> None:
+    too_fast = 40.0 * HIP.speed_max_radps
+    given = swinging(twin, Drive(twin.model, Exo(mode=1, drive="assist")), speed_share=too_fast)
+    assert np.count_nonzero(given) < 0.05 * len(given)  # where the legs turn round they are slow
+
+
+def test_hips_without_modules_cannot_be_helped(twin: Twin) -> None:
+    for exo in (Exo(mode=0, drive="assist"), Exo(mode=2, joints=("knee_l", "knee_r"), drive="assist")):
+        with pytest.raises(ConfigError, match=r"drive.*assist.*both hips"):
+            Drive(twin.model, exo)
 
 
 def test_a_planned_walk_has_no_motors_to_drive() -> None:
