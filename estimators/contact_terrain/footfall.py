@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 
 from stridetwin.estimators.contact_terrain.geometry import Sole
@@ -79,10 +80,18 @@ class Footfall:
 
     def R_world_sole(self) -> Array:
         """(3, 3) mean attitude of the flat sole."""
-        up = self.up / np.linalg.norm(self.up)
-        forward = self.forward - (self.forward @ up) * up
-        forward /= np.linalg.norm(forward)
-        return np.column_stack([forward, np.cross(up, forward), up])
+        return _axes(self.forward, self.up)
+
+
+@numba.njit(cache=True)
+def _axes(forward: Array, up: Array) -> Array:
+    """(3, 3) rotation whose z axis is along `up`, and whose x axis is as near to `forward` as that allows."""
+    z = up / math.sqrt(up @ up)
+    x = forward - (forward @ z) * z
+    x /= math.sqrt(x @ x)
+    R = np.empty((3, 3))
+    R[:, 0], R[:, 1], R[:, 2] = x, np.cross(z, x), z
+    return R
 
 
 def holds(sole: Sole, on_heel: bool) -> Array:

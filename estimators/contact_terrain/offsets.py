@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from stridetwin.estimators.contact_terrain.chain import BACK, KNEE, LENGTH, OFFSETS, SAG
@@ -34,6 +35,7 @@ PLANE_SPREAD = 0.25 * math.radians(15.0)
 """m rad, over which the others spread: steps of up to 0.25 m, turns of the ground by up to 15°."""
 LEVEL, LEVEL_SD, LEVEL_SPREAD = 0.6, math.radians(0.2), math.radians(30.0)
 """Share of footprints on level ground, how level that is, and over what the slopes of the others spread."""
+_PLANE_NOISE, _LEVEL_NOISE = np.array([PLANE_SD, PARALLEL_SD]) ** 2, np.array([LEVEL_SD**2])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,10 +103,9 @@ class Offsets:
         P[n:, n:] = np.diag(step.sd**2)
         measured = np.concatenate([step.vector, step.slopes])
         for row in (3, 4) if start else (3,):
-            z, P, _ = _update(z, P, H[row : row + 1], -measured[row : row + 1], LEVEL_SD**2, LEVEL, LEVEL_SPREAD)
+            z, P, _ = _update(z, P, H[row : row + 1], -measured[row : row + 1], _LEVEL_NOISE, LEVEL, LEVEL_SPREAD)
         A = _one_plane(measured)
-        noise = np.array([PLANE_SD, PARALLEL_SD]) ** 2
-        z, P, likely = _update(z, P, A @ H, -_apart(measured), noise, ONE_PLANE, PLANE_SPREAD)
+        z, P, likely = _update(z, P, A @ H, -_apart(measured), _PLANE_NOISE, ONE_PLANE, PLANE_SPREAD)
         return Belief(
             values=measured + H @ z, covariance=H @ P @ H.T, one_plane=likely, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip
@@ -128,8 +129,9 @@ def _one_plane(m: Array) -> Array:
     return np.array([[along[0], along[1], 1.0, by_slope, by_slope], [0.0, 0.0, 0.0, 1.0, -1.0]])
 
 
+@numba.njit(cache=True)
 def _update(
-    z: Array, P: Array, H: Array, y: Array, noise: Array | float, prior: float, spread: float
+    z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Kalman update by y = H z + noise that holds with a prior probability, and with which one in the end.
 
@@ -138,16 +140,17 @@ def _update(
         P: (n, n) its covariance.
         H: (m, n).
         y: (m,).
-        noise: Variance of each y.
+        noise: (m,) variances.
         prior: Probability that it holds.
         spread: Volume over which y spreads where it does not.
     """
-    S = H @ P @ H.T + np.diag(np.broadcast_to(noise, len(y)))
+    PH = P @ H.T
+    S = H @ PH + np.diag(noise)
     innovation = y - H @ z
-    gain = np.linalg.solve(S, H @ P).T
-    distance = float(innovation @ np.linalg.solve(S, innovation))
-    density = math.exp(-0.5 * distance) / math.sqrt(float(np.linalg.det(2.0 * math.pi * S)))
+    inverse = np.linalg.inv(S)
+    gain = PH @ inverse
+    density = math.exp(-0.5 * innovation @ inverse @ innovation) / math.sqrt(np.linalg.det(2.0 * math.pi * S))
     share = prior * density / (prior * density + (1.0 - prior) / spread)
     move = gain @ innovation
-    P = P - share * gain @ S @ gain.T + share * (1.0 - share) * np.outer(move, move)
+    P = P - share * gain @ PH.T + share * (1.0 - share) * np.outer(move, move)
     return z + share * move, P, share

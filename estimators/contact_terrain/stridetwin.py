@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 
 from stridetwin.estimators.contact_terrain.attitude import Attitudes
@@ -232,10 +233,11 @@ class StrideTwin:
         )  # fmt: skip
 
 
+@numba.njit(cache=True)
 def _normal(R_world_sole: Array, slope: float) -> Array:
     """(3,) the sole's normal, turned so that it slopes as it is believed to."""
     forward = np.array([R_world_sole[0, 0], R_world_sole[1, 0], 0.0])
-    forward *= math.cos(slope) / np.linalg.norm(forward)
+    forward *= math.cos(slope) / math.sqrt(forward @ forward)
     forward[2] = math.sin(slope)
-    normal = np.cross(forward, R_world_sole[:, 1])
-    return normal / np.linalg.norm(normal)
+    normal = np.cross(forward, np.ascontiguousarray(R_world_sole[:, 1]))
+    return normal / math.sqrt(normal @ normal)

@@ -122,12 +122,12 @@ class Gather:
 def _sane(sample: Sample) -> bool:
     match sample:
         case Ahrs():
-            norm = float(np.sum(sample.q_world_sensor**2))
-            return abs(norm - 1.0) < 0.02 and bool(np.all(np.abs(sample.angular_rate) < _RATE_MAX))
+            q, rate = sample.q_world_sensor, sample.angular_rate
+            return bool(abs(q @ q - 1.0) < 0.02 and rate @ rate < _RATE_MAX**2)
         case Encoder():
             return abs(sample.angle) < 2 * math.pi
         case Insole():
-            return bool(np.all((sample.force >= 0.0) & (sample.force < _FORCE_MAX)))
+            return bool(sample.force.min() >= 0.0 and sample.force.max() < _FORCE_MAX)
     return False
 
 
