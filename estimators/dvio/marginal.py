@@ -93,11 +93,11 @@ def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> 
                 marks.seen[l] = 0
                 continue
             x, y = ray(c, marks.at[l, 0])
-            q, before = seen_at(work.views, 0, newest, x, y, marks.inverse_depth[l])
+            _, _, depth, before = seen_at(work.views, 0, newest, x, y, marks.inverse_depth[l])
             if marks.told[l, newest] > 0.0:
                 marks.inverse_depth[l], marks.measured[l] = marks.told[l, newest] / c.scale[0], 1
             elif before:
-                marks.inverse_depth[l] = max(q[2], LEAST_INVERSE_DEPTH)
+                marks.inverse_depth[l] = max(depth, LEAST_INVERSE_DEPTH)
             marks.seen[l] = 0
             marks.seen[l, newest] = 1
             marks.host[l] = newest

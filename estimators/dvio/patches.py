@@ -8,6 +8,7 @@ compositional, Baker & Matthews 2004), warped as motion and depth have it (as Fo
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 REACH = 6  # px; half of a patch
-SIDE = 2 * REACH + 3  # of what is kept, with a margin for its gradients
+PIXELS = (2 * REACH + 1) ** 2
 _STEPS = 8
 _SETTLED_PX = 0.01
 _SLOPE_REACH, _SLOPE_STRIDE = 8, 2  # px
@@ -31,31 +32,99 @@ def _value(grey: NDArray[np.uint8], x: float, y: float) -> float:
     return (1.0 - b) * top + b * ((1.0 - a) * grey[i + 1, j] + a * grey[i + 1, j + 1])
 
 
+class Patches(NamedTuple):
+    """What points looked like where they were first seen.
+
+    Attributes:
+        basis: (L, PIXELS, 3) gradient along x and y, a pixel, and grey value, each less its mean.
+        inverse: (L, 3, 3) of the products of the basis' columns; 0 where they tell no place.
+        power: (L,) sum of the squares of the grey values.
+    """
+
+    basis: NDArray[np.float32]
+    inverse: Array
+    power: Array
+
+
+def blank_patches(slots: int) -> Patches:
+    """Patches of nothing."""
+    return Patches(np.zeros((slots, PIXELS, 3), np.float32), np.zeros((slots, 3, 3)), np.zeros(slots))
+
+
 @njit(error_model="numpy")
-def cut(
-    grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], kept: NDArray[np.float32]
-) -> None:
+def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
     """Keeps the patches about points.
 
     Args:
         grey: (H, W).
-        ids: (N,) row of `kept` of each.
+        ids: (N,) slot of each.
         points: (N, 2) px; where a patch reaches over the picture's edge, the edge goes on.
-        kept: (L, SIDE, SIDE) out.
+        patches: Out.
     """
     height, width = grey.shape
+    side = 2 * REACH + 3
+    T, mean, H = np.empty((side, side)), np.empty(3), np.empty((3, 3))
     for n in range(len(ids)):
-        for i in range(SIDE):
-            for j in range(SIDE):
+        for i in range(side):
+            for j in range(side):
                 x = min(max(points[n, 0] + j - REACH - 1, 0.0), width - 1.001)
                 y = min(max(points[n, 1] + i - REACH - 1, 0.0), height - 1.001)
-                kept[ids[n], i, j] = _value(grey, x, y)
+                T[i, j] = _value(grey, x, y)
+        B = patches.basis[ids[n]]
+        mean[:] = 0.0
+        k = 0
+        for i in range(1, side - 1):
+            for j in range(1, side - 1):
+                B[k, 0] = 0.5 * (T[i, j + 1] - T[i, j - 1])
+                B[k, 1] = 0.5 * (T[i + 1, j] - T[i - 1, j])
+                B[k, 2] = T[i, j]
+                for c in range(3):
+                    mean[c] += B[k, c] / PIXELS
+                k += 1
+        H[:] = 0.0
+        for k in range(PIXELS):
+            for c in range(3):
+                B[k, c] -= mean[c]
+            for c in range(3):
+                for d in range(3):
+                    H[c, d] += B[k, c] * B[k, d]
+        clear = H[2, 2] > PIXELS and np.linalg.det(H) > 1e-6 * H[0, 0] * H[1, 1] * H[2, 2]
+        patches.inverse[ids[n]] = np.linalg.inv(H) if clear else np.zeros((3, 3))
+        patches.power[ids[n]] = H[2, 2]
+
+
+@njit(error_model="numpy", fastmath=True)
+def _compare(
+    grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
+) -> tuple[float, float, float, float]:
+    """Products of what is seen about (x, y) with a patch's basis, by column, and with itself, its mean taken off."""
+    g0, g1, g2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    total, square = np.float32(0.0), np.float32(0.0)
+    k = 0
+    for i in range(-REACH, REACH + 1):
+        u, v = x + M[0, 1] * i - M[0, 0] * REACH, y + M[1, 1] * i - M[1, 0] * REACH
+        for j in range(2 * REACH + 1):
+            a, b = np.float32(u + M[0, 0] * j), np.float32(v + M[1, 0] * j)
+            c, r = int(a), int(b)
+            a, b = a - np.float32(c), b - np.float32(r)
+            p, q = np.float32(grey[r, c]), np.float32(grey[r + 1, c])
+            top = p + a * (np.float32(grey[r, c + 1]) - p)
+            low = q + a * (np.float32(grey[r + 1, c + 1]) - q)
+            s = top + b * (low - top) - np.float32(128.0)
+            total += s
+            square += s * s
+            g0 += basis[k, 0] * s
+            g1 += basis[k, 1] * s
+            g2 += basis[k, 2] * s
+            k += 1
+    # the basis has no mean: what is seen need not lose its own before
+    return g0, g1, g2, square - total * total / PIXELS
 
 
 @njit(error_model="numpy")
 def align(
     grey: NDArray[np.uint8],
-    patches: NDArray[np.float32],
+    patches: Patches,
     ids: NDArray[np.int64],
     warps: Array,
     far: float,
@@ -67,8 +136,8 @@ def align(
 
     Args:
         grey: (H, W).
-        patches: (L, SIDE, SIDE).
-        ids: (N,) row of `patches` of each.
+        patches: As kept.
+        ids: (N,) slot of each.
         warps: (N, 2, 2) from the patch's pixels to the picture's.
         far: Largest move, px.
         alike: Least correlation of what is seen with the patch.
@@ -76,37 +145,14 @@ def align(
         good: (N,) changed: False where a point cannot be aligned; those that are False are left out.
     """
     height, width = grey.shape
-    side = 2 * REACH + 1
-    n = side * side
-    J, seen = np.empty((n, 3)), np.empty(n)
     for l in range(len(ids)):
         if not good[l]:
             continue
         good[l] = False
-        T, M = patches[ids[l]], warps[l]
+        M, inverse, power = warps[l], patches.inverse[ids[l]], patches.power[ids[l]]
         stretch = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
-        if not 0.1 < stretch < 10.0:
+        if not 0.1 < stretch < 10.0 or inverse[2, 2] == 0.0:
             continue
-        mean = np.zeros(3)
-        k = 0
-        for i in range(1, side + 1):
-            for j in range(1, side + 1):
-                J[k, 0] = 0.5 * (T[i, j + 1] - T[i, j - 1])
-                J[k, 1] = 0.5 * (T[i + 1, j] - T[i - 1, j])
-                J[k, 2] = T[i, j]
-                for c in range(3):
-                    mean[c] += J[k, c] / n
-                k += 1
-        H = np.zeros((3, 3))
-        for k in range(n):
-            for c in range(3):
-                J[k, c] -= mean[c]
-            for c in range(3):
-                for d in range(3):
-                    H[c, d] += J[k, c] * J[k, d]
-        if not (H[2, 2] > n and np.linalg.det(H) > 1e-6 * H[0, 0] * H[1, 1] * H[2, 2]):
-            continue
-        inverse = np.linalg.inv(H)
         reach_x = REACH * (abs(M[0, 0]) + abs(M[0, 1])) + 2
         reach_y = REACH * (abs(M[1, 0]) + abs(M[1, 1])) + 2
         x, y = float(points[l, 0]), float(points[l, 1])
@@ -116,20 +162,8 @@ def align(
             if not (reach_x < x < width - reach_x and reach_y < y < height - reach_y):
                 likeness = 0.0
                 break
-            k, level = 0, 0.0
-            for i in range(-REACH, REACH + 1):
-                for j in range(-REACH, REACH + 1):
-                    seen[k] = _value(grey, x + M[0, 0] * j + M[0, 1] * i, y + M[1, 0] * j + M[1, 1] * i)
-                    level += seen[k] / n
-                    k += 1
-            g0, g1, g2, power = 0.0, 0.0, 0.0, 0.0
-            for k in range(n):
-                s = seen[k] - level
-                power += s * s
-                g0 += J[k, 0] * s
-                g1 += J[k, 1] * s
-                g2 += J[k, 2] * s
-            likeness = g2 / math.sqrt(power * H[2, 2] + 1e-9)
+            g0, g1, g2, own = _compare(grey, x, y, M, patches.basis[ids[l]])
+            likeness = g2 / math.sqrt(own * power + 1e-9)
             # what is seen: the patch, moved by d and times a gain
             d0 = inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2
             d1 = inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2

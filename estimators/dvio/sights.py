@@ -101,18 +101,18 @@ def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[n
         for j in range(n):
             if j == h or not marks.seen[l, j]:
                 continue
-            q, before = seen_at(work.views, h, j, x, y, marks.inverse_depth[l])
+            px, py, depth, before = seen_at(work.views, h, j, x, y, marks.inverse_depth[l])
             off = math.inf
             if before:
                 u, v = ray(window.calibration, marks.at[l, j])
-                off = ((q[0] - u) ** 2 + (q[1] - v) ** 2) * terms.sight_weight
+                off = ((px - u) ** 2 + (py - v) ** 2) * terms.sight_weight
             if off > most * most:
                 marks.seen[l, j] = 0
                 if j == n - 1:
                     alive[l] = 0
                 continue
             if marks.told[l, j] > 0.0 and terms.projection_depth:
-                r = scale * q[2] - marks.told[l, j]
+                r = scale * depth - marks.told[l, j]
                 if r * r * terms.again_weight > most * most:
                     marks.told[l, j] = 0.0
             if j == n - 1:

@@ -21,6 +21,7 @@ LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH = 0.01, 10.0
 # Sums may be taken in any order, so that they run on vector units; NaN and infinity keep their meaning.
 _REORDERED = {"reassoc", "contract", "nsz"}
 _FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
+HOST, SEER = CALIBRATION, CALIBRATION + 6  # columns of a sighting's Jacobian where their poses begin
 
 
 class Work(NamedTuple):
@@ -108,46 +109,52 @@ def add_landmark(
             cross[D_SCALE] += w * scale * xi
             H[D_SCALE, D_SCALE] += w * xi * xi
             b[D_SCALE] -= w * xi * r
-    r3, w3, index = np.empty(3), np.empty(3), np.empty(SIGHT, np.int64)
-    for i in range(CALIBRATION):
-        index[i] = i
-    for i in range(6):
-        index[CALIBRATION + i] = CALIBRATION + FRAME * host + i
+    first = CALIBRATION + FRAME * host
     for j in range(last + 1):
         if j == host or not marks.seen[l, j]:
             continue
-        q, before = seen_at(work.views, host, j, x, y, xi)
+        px, py, depth, before = seen_at(work.views, host, j, x, y, xi)
         if not before or not sight(window, work.views, host, j, x, y, xi, J, Jl):
             continue
         u, v = ray(window.calibration, marks.at[l, j])
-        r3[0], r3[1] = q[0] - u, q[1] - v
+        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
         J[0, D_LENS] -= marks.at[l, j, 0]
         J[1, D_LENS + 1] -= marks.at[l, j, 1]
-        c, w = huber((r3[0] ** 2 + r3[1] ** 2) * terms.sight_weight, terms.sight_limit)
-        w3[0] = w3[1] = w * terms.sight_weight
+        c, w0 = huber((r0 * r0 + r1 * r1) * terms.sight_weight, terms.sight_limit)
+        w0 *= terms.sight_weight
         cost += c
-        r3[2], w3[2], told = 0.0, 0.0, marks.told[l, j]
+        told = marks.told[l, j]
         if terms.projection_depth and told > 0.0:
-            r3[2] = scale * q[2] - told
-            c, w = huber(r3[2] ** 2 * terms.again_weight, terms.depth_limit)
-            w3[2] = w * terms.again_weight
+            r2 = scale * depth - told
+            c, w = huber(r2 * r2 * terms.again_weight, terms.depth_limit)
+            w2 = w * terms.again_weight
             cost += c
             for i in range(SIGHT):
                 J[2, i] *= scale
             Jl[2] *= scale
-            J[2, D_SCALE] = q[2]
-        for i in range(6):
-            index[CALIBRATION + 6 + i] = CALIBRATION + FRAME * j + i
-        for i in range(3):
-            Hl += w3[i] * Jl[i] * Jl[i]
-            bl -= w3[i] * Jl[i] * r3[i]
+            J[2, D_SCALE] = depth
+        Hl += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
+        bl -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
+        second = CALIBRATION + FRAME * j
         for a in range(SIGHT):
-            w0, w1, w2 = w3[0] * J[0, a], w3[1] * J[1, a], w3[2] * J[2, a]
-            ia = index[a]
-            cross[ia] += w0 * Jl[0] + w1 * Jl[1] + w2 * Jl[2]
-            b[ia] -= w0 * r3[0] + w1 * r3[1] + w2 * r3[2]
-            for e in range(a + 1):  # a host is older than a seer, so that index rises
-                H[ia, index[e]] += w0 * J[0, e] + w1 * J[1, e] + w2 * J[2, e]
+            v0, v1, v2 = w0 * J[0, a], w0 * J[1, a], w2 * J[2, a]
+            # a host is older than a seer, so that what is filled is the lower triangle, and squares across it
+            ia, blocks = a, 0
+            if a >= HOST:
+                ia, blocks = first + a - HOST, 1
+            if a >= SEER:
+                ia, blocks = second + a - SEER, 2
+            cross[ia] += v0 * Jl[0] + v1 * Jl[1] + v2 * Jl[2]
+            b[ia] -= v0 * r0 + v1 * r1 + v2 * r2
+            row = H[ia]
+            for e in range(CALIBRATION):
+                row[e] += v0 * J[0, e] + v1 * J[1, e] + v2 * J[2, e]
+            if blocks > 0:
+                for e in range(6):
+                    row[first + e] += v0 * J[0, HOST + e] + v1 * J[1, HOST + e] + v2 * J[2, HOST + e]
+            if blocks > 1:
+                for e in range(6):
+                    row[second + e] += v0 * J[0, SEER + e] + v1 * J[1, SEER + e] + v2 * J[2, SEER + e]
     work.Hl[l], work.bl[l] = Hl, bl
     return cost
 
@@ -162,24 +169,30 @@ def eliminate(work: Work, l: int, host: int, seen: NDArray[np.uint8], last: int,
         host: Slot of its host.
         seen: (F,) by which frames it is seen.
         last: Slot of the last frame that counts.
-        index: Room for N.
+        index: Room for F.
     """
     n = 0
-    for i in range(CALIBRATION):
-        index[n] = i
-        n += 1
     for k in range(last + 1):
         if k == host or seen[k]:
-            for i in range(6):
-                index[n] = CALIBRATION + FRAME * k + i
-                n += 1
-    cross, H, b = work.cross[l], work.H, work.b
-    for a in range(n):
-        ia = index[a]
-        f = cross[ia] / work.Hl[l]
-        b[ia] -= f * work.bl[l]
-        for e in range(a + 1):
-            H[ia, index[e]] -= f * cross[index[e]]
+            index[n] = CALIBRATION + FRAME * k
+            n += 1
+    cross, H, b, share = work.cross[l], work.H, work.b, 1.0 / work.Hl[l]
+    for i in range(CALIBRATION):
+        f = cross[i] * share
+        b[i] -= f * work.bl[l]
+        for e in range(CALIBRATION):
+            H[i, e] -= f * cross[e]
+    for m in range(n):
+        for i in range(index[m], index[m] + 6):
+            f = cross[i] * share
+            b[i] -= f * work.bl[l]
+            row = H[i]
+            for e in range(CALIBRATION):
+                row[e] -= f * cross[e]
+            for k in range(m + 1):
+                o = index[k]
+                for e in range(6):
+                    row[o + e] -= f * cross[o + e]
 
 
 @njit(error_model="numpy")

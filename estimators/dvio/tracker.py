@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.patches import SIDE
+from stridetwin.estimators.dvio.patches import blank_patches
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
@@ -74,7 +74,7 @@ class Tracker:
 
     def __init__(self, shape: tuple[int, int], forward_backward_px: float, corner_least: float, slots: int) -> None:
         self._shape = shape
-        self._patches = np.zeros((slots, SIDE, SIDE), np.float32)
+        self._patches = blank_patches(slots)
         self._most_px, self._least = forward_backward_px, corner_least
         self._grey: NDArray[np.uint8] | None = None
         self._smooth: NDArray[np.uint8] | None = None

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.dvio.algebra import exponential, mul, rotate, rotate_back, skew
-from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_OFFSET, Calibration, Frames, Window
+from stridetwin.estimators.dvio.algebra import exponential, mul, rotate, rotate_back
+from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_OFFSET, D_SCALE, Calibration, Frames, Window
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.streams.samples import Array
 
@@ -18,7 +18,9 @@ _LEAST_DEPTH = 1e-3  # of a point before the camera, over the host's depth
 
 
 class Views(NamedTuple):
-    """Cameras of the window's frames, now and where Jacobians are taken, and from each to each other.
+    """Cameras of the window's frames, now and where Jacobians are taken, and from each to every later one.
+
+    A host is older than who sees its landmarks.
 
     Attributes:
         turn: (F, F, 3, 3) seer's camera <- host's camera.
@@ -27,7 +29,6 @@ class Views(NamedTuple):
         shift_first: As `shift`.
         C: (F, 3, 3) camera <- world, where Jacobians are taken.
         CR: (F, F, 3, 3) seer's camera <- host's IMU, likewise.
-        between: (F, F, 3) from the seer's IMU to the host's, seer's IMU axes, likewise.
     """
 
     turn: Array
@@ -36,7 +37,6 @@ class Views(NamedTuple):
     shift_first: Array
     C: Array
     CR: Array
-    between: Array
 
 
 def blank_views(frames: int) -> Views:
@@ -45,7 +45,7 @@ def blank_views(frames: int) -> Views:
     pair, vector = (F, F, 3, 3), (F, F, 3)
     return Views(
         turn=np.zeros(pair), shift=np.zeros(vector), turn_first=np.zeros(pair), shift_first=np.zeros(vector),
-        C=np.zeros((F, 3, 3)), CR=np.zeros(pair), between=np.zeros(vector),
+        C=np.zeros((F, 3, 3)), CR=np.zeros(pair),
     )  # fmt: skip
 
 
@@ -82,7 +82,7 @@ def view(window: Window, terms: Terms, views: Views) -> None:
         p0[k] = frames.p_first[k] if first else pk
         views.C[k] = mul(Rc, np.ascontiguousarray(R0[k].T))
     for i in range(n):
-        for j in range(n):
+        for j in range(i + 1, n):
             M = mul(np.ascontiguousarray(R[j].T), R[i])
             moved = rotate_back(R[j], p[i] - p[j])
             views.turn[i, j] = mul(Rc, mul(M, c.R))
@@ -90,7 +90,6 @@ def view(window: Window, terms: Terms, views: Views) -> None:
             M = mul(np.ascontiguousarray(R0[j].T), R0[i])
             moved = rotate_back(R0[j], p0[i] - p0[j])
             views.CR[i, j] = mul(Rc, M)
-            views.between[i, j] = moved
             views.turn_first[i, j] = mul(views.CR[i, j], c.R)
             views.shift_first[i, j] = rotate(Rc, rotate(M, c.p) + moved - c.p)
 
@@ -102,7 +101,9 @@ def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
 
 
 @njit(error_model="numpy")
-def seen_at(views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float) -> tuple[Array, bool]:
+def seen_at(
+    views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float
+) -> tuple[float, float, float, bool]:
     """Where a landmark is seen, as (8), with the division by the depth that (1) has.
 
     Args:
@@ -114,22 +115,22 @@ def seen_at(views: Views, host: int, seer: int, x: float, y: float, inverse_dept
         inverse_depth: In the host's camera, 1/m.
 
     Returns:
-        (3,) x and y on the plane at depth 1 and inverse depth in the seer's camera, and whether it lies before it.
+        x and y on the plane at depth 1 and inverse depth in the seer's camera, and whether it lies before it.
     """
     A, s = views.turn[host, seer], views.shift[host, seer]
-    q = np.empty(3)
-    for i in range(3):
-        q[i] = A[i, 0] * x + A[i, 1] * y + A[i, 2] + inverse_depth * s[i]
-    if q[2] < _LEAST_DEPTH:
-        return q, False
-    return np.array([q[0] / q[2], q[1] / q[2], inverse_depth / q[2]]), True
+    q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
+    q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
+    q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
+    if q2 < _LEAST_DEPTH:
+        return q0, q1, q2, False
+    return q0 / q2, q1 / q2, inverse_depth / q2, True
 
 
 @njit(error_model="numpy")
 def sight(
     window: Window, views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float, J: Array, Jl: Array
 ) -> bool:
-    """Jacobians of what `seen_at` gives.
+    """Jacobians of what `seen_at` gives. Written out: it runs a thousand times a picture, and room is slow to get.
 
     Args:
         window: Frames and calibration.
@@ -147,44 +148,57 @@ def sight(
     """
     frames, c = window.frames, window.calibration
     A, s = views.turn_first[host, seer], views.shift_first[host, seer]
-    q = np.empty(3)
-    for i in range(3):
-        q[i] = A[i, 0] * x + A[i, 1] * y + A[i, 2] + inverse_depth * s[i]
-    if q[2] < _LEAST_DEPTH:
+    q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
+    q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
+    q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
+    if q2 < _LEAST_DEPTH:
         return False
-    C, CR = views.C[seer], views.CR[host, seer]
-    m = np.array([x, y, 1.0])
-    in_host = rotate(c.R, m) + inverse_depth * c.p  # of the point times its inverse depth, host's IMU axes
-    G = np.zeros((3, SIGHT))
-    Q = skew(q)
-    turn_m = mul(A, skew(m))
-    by_host = mul(CR, skew(in_host))
-    # In the seer's IMU: z = Rc q + ξ p; Rcᵀ [z]x = [q + ξ Rcᵀ p]x Rcᵀ
-    lever = rotate_back(c.R, c.p) * inverse_depth
-    by_seer = mul(skew(q + lever), np.ascontiguousarray(c.R.T))
+    C, CR, R, p, xi = views.C[seer], views.CR[host, seer], c.R, c.p, inverse_depth
+    # h: the point times its inverse depth, in the host's IMU axes
+    h0 = R[0, 0] * x + R[0, 1] * y + R[0, 2] + xi * p[0]
+    h1 = R[1, 0] * x + R[1, 1] * y + R[1, 2] + xi * p[1]
+    h2 = R[2, 0] * x + R[2, 1] * y + R[2, 2] + xi * p[2]
+    # In the seer's IMU: z = Rc q + ξ p; Rcᵀ [z]x = [u]x Rcᵀ with u = q + ξ Rcᵀ p
+    u0 = q0 + xi * (R[0, 0] * p[0] + R[1, 0] * p[1] + R[2, 0] * p[2])
+    u1 = q1 + xi * (R[0, 1] * p[0] + R[1, 1] * p[1] + R[2, 1] * p[2])
+    u2 = q2 + xi * (R[0, 2] * p[0] + R[1, 2] * p[1] + R[2, 2] * p[2])
     a, b = CALIBRATION, CALIBRATION + 6
-    for i in range(3):
+    for i in range(3):  # of the point times its inverse depth, in the seer's camera
         for j in range(3):
-            G[i, j] = inverse_depth * (CR[i, j] - c.R[j, i])
-            G[i, 3 + j] = Q[i, j] - turn_m[i, j]
-            G[i, a + j] = inverse_depth * C[i, j]
-            G[i, a + 3 + j] = -by_host[i, j]
-            G[i, b + j] = -inverse_depth * C[i, j]
-            G[i, b + 3 + j] = by_seer[i, j]
+            J[i, j] = xi * (CR[i, j] - R[j, i])
+            J[i, a + j] = xi * C[i, j]
+            J[i, b + j] = -xi * C[i, j]
+        # -A [m]x, to which [q]x comes, and -CR [h]x
+        J[i, 3] = A[i, 2] * y - A[i, 1]
+        J[i, 4] = A[i, 0] - A[i, 2] * x
+        J[i, 5] = A[i, 1] * x - A[i, 0] * y
+        J[i, a + 3] = CR[i, 2] * h1 - CR[i, 1] * h2
+        J[i, a + 4] = CR[i, 0] * h2 - CR[i, 2] * h0
+        J[i, a + 5] = CR[i, 1] * h0 - CR[i, 0] * h1
+        J[i, D_LENS] = A[i, 0] * x / (1.0 + c.lens[0])
+        J[i, D_LENS + 1] = A[i, 1] * y / (1.0 + c.lens[1])
+    J[0, 4] -= q2
+    J[0, 5] += q1
+    J[1, 3] += q2
+    J[1, 5] -= q0
+    J[2, 3] -= q1
+    J[2, 4] += q0
+    for j in range(3):
+        J[0, b + 3 + j] = u1 * R[j, 2] - u2 * R[j, 1]
+        J[1, b + 3 + j] = u2 * R[j, 0] - u0 * R[j, 2]
+        J[2, b + 3 + j] = u0 * R[j, 1] - u1 * R[j, 0]
     for i in range(3):
         late = 0.0
         for j in range(3):
-            late += G[i, a + j] * frames.v[host, j] + G[i, a + 3 + j] * frames.rate[host, j]
-            late += G[i, b + j] * frames.v[seer, j] + G[i, b + 3 + j] * frames.rate[seer, j]
-        G[i, D_OFFSET] = late
-        G[i, D_LENS] = A[i, 0] * x / (1.0 + c.lens[0])
-        G[i, D_LENS + 1] = A[i, 1] * y / (1.0 + c.lens[1])
-    w = 1.0 / q[2]
-    px, py, pz = q[0] * w, q[1] * w, inverse_depth * w
+            late += J[i, a + j] * frames.v[host, j] + J[i, a + 3 + j] * frames.rate[host, j]
+            late += J[i, b + j] * frames.v[seer, j] + J[i, b + 3 + j] * frames.rate[seer, j]
+        J[i, D_OFFSET], J[i, D_SCALE] = late, 0.0
+    w = 1.0 / q2
+    px, py, pz = q0 * w, q1 * w, xi * w
     for j in range(SIGHT):
-        g = G[2, j] * w
-        J[0, j] = G[0, j] * w - px * g
-        J[1, j] = G[1, j] * w - py * g
+        g = J[2, j] * w
+        J[0, j] = J[0, j] * w - px * g
+        J[1, j] = J[1, j] * w - py * g
         J[2, j] = -pz * g
     Jl[0] = (s[0] - px * s[2]) * w
     Jl[1] = (s[1] - py * s[2]) * w

@@ -35,7 +35,7 @@ def test_the_jacobian_of_a_sighting_is_its_slope(seed):
         moved(other, error)
         v = blank_views(4)
         view(other, TERMS, v)
-        return seen_at(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[0]
+        return np.array(seen_at(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[:3])
 
     size = CALIBRATION + FRAME * 3
     columns = [
