@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +140,22 @@ def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[fl
                 errors.append((forward, up, left))
         start = end
     return errors
+
+
+def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
+    """The steps of a walk, their told places turned about the vertical by the angle that fits the true ones best.
+
+    Without a magnetometer nothing tells where a walk's heading begins (a gauge: Zhang & Scaramuzza 2018).
+    """
+    seen = [s for s in steps if s.seen]
+    if len(seen) < 2:
+        return list(steps)
+    true, told = (np.array(places) for places in ([s.place for s in seen], [s.told_place for s in seen]))
+    a, b = true - true.mean(axis=0), told - told.mean(axis=0)
+    angle = math.atan2(float(a[:, 0] @ b[:, 1] - a[:, 1] @ b[:, 0]), float(a[:, 0] @ b[:, 0] + a[:, 1] @ b[:, 1]))
+    c, d = math.cos(angle), math.sin(angle)
+    R = np.array([[c, d, 0.0], [-d, c, 0.0], [0.0, 0.0, 1.0]])
+    return [replace(s, told_place=tuple((R @ s.told_place).tolist())) if s.seen else s for s in steps]
 
 
 COLUMNS = (

@@ -22,7 +22,7 @@ from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.step_scores import percent, step_figures
-from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps
+from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps, turned
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Block, Footprint, Sample
@@ -124,6 +124,8 @@ def _table(trials: Sequence[dict[str, list[ScoredStep]]]) -> dict[str, dict[str,
         steps = [s for walks in trials for s in walks[walk] if not mode or s.mode == mode]
         places = [e for walks in trials for e in displacement_errors(walks[walk], mode)]
         rows[case] = step_figures(steps, places)
+        sideways = [1e3 * y for walks in trials for _, _, y in displacement_errors(turned(walks[walk]), mode)]
+        rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
     everything = [s for walks in trials for own in walks.values() for s in own]
     rows["all"] = step_figures(everything, [])
     for mode in MODES:
@@ -149,17 +151,20 @@ def table(result: dict[str, Any]) -> list[str]:
     lines = [
         f"{len(result['cases'])} trials, walks that ended by a fall: {sum(len(c['fell']) for c in result['cases'])}",
         "in brackets the paper; d, h, y: error of the displacement a step, forward, up and left",
+        "y, turned: left, after the whole way is turned: its heading is that with which the AHRSs start",
     ]
     for method, rows in result["summary"].items():
         lines += [
             "",
-            f"{method:<12}{'d mm':>15}{'h mm':>15}{'y mm':>15}{'slope °':>15}{'elevation mm':>15}"
+            f"{method:<12}{'d mm':>15}{'h mm':>15}{'y mm':>15}{'y, turned':>11}{'slope °':>15}{'elevation mm':>15}"
             f"{'in 95 %':>12}{'class %':>9}{'steps':>7}{'missed':>8}",
         ]
         for case, row in rows.items():
-            cells = "".join(_cell(row.get(f), theirs.get(case, {}).get(f)) for f in FIGURES)
+            cells = [_cell(row.get(f), theirs.get(case, {}).get(f)) for f in FIGURES]
+            aligned = f"{row['y_turned_rmse_mm']:>11.2f}" if "y_turned_rmse_mm" in row else f"{'':>11}"
+            cells.insert(3, aligned)
             lines.append(
-                f"{case:<12}{cells}{_share(row, 'slope_in_95_pct')}{_share(row, 'elevation_in_95_pct')}"
+                f"{case:<12}{''.join(cells)}{_share(row, 'slope_in_95_pct')}{_share(row, 'elevation_in_95_pct')}"
                 f"{row['classification_accuracy_pct']:>9.1f}{row['steps']:>7}{row['steps_missed']:>8}"
             )
         modes = "  ".join(f"{mode} {rows['all'][f'accuracy_{mode}_pct']:.1f}" for mode in MODES)

@@ -7,7 +7,7 @@ import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.scenarios.experiments import shim_table5
-from stridetwin.scenarios.steps import COLUMNS, ScoredStep, displacement_errors, score_steps, write_steps
+from stridetwin.scenarios.steps import COLUMNS, ScoredStep, displacement_errors, score_steps, turned, write_steps
 from stridetwin.streams.samples import Footprint
 
 
@@ -56,6 +56,18 @@ def test_the_displacement_of_a_run_is_shared_out_over_its_steps():
     assert displacement_errors(steps, "SD") == [pytest.approx((0.01, 0.002, 0.0))]
     assert displacement_errors(steps, "RA") == []
     assert displacement_errors(steps, "") == [pytest.approx((0.01, 0.002, 0.0))]
+
+
+def test_a_way_that_starts_with_another_heading_is_turned_back():
+    turn = np.array([[np.cos(0.1), -np.sin(0.1), 0.0], [np.sin(0.1), np.cos(0.1), 0.0], [0.0, 0.0, 1.0]])
+    footprints = [footprint(i) for i in range(8)]
+    made = [estimate(i, turn @ [0.5 * i, 0.01 * (i % 2), 0.02] + [3.0, 1.0, 0.0]) for i in range(2, 8) if i != 5]
+    steps = score_steps(footprints, made)
+    ((_, _, left),) = displacement_errors(steps, "")
+    assert abs(left) > 0.04
+    ((forward, up, left),) = displacement_errors(turned(steps), "")
+    assert [forward, up, left] == pytest.approx([0.0, 0.0, 0.0], abs=0.004)
+    assert [s.seen for s in turned(steps)] == [s.seen for s in steps]
 
 
 def test_the_table_has_a_row_a_step(tmp_path):
