@@ -118,7 +118,7 @@ def _compare(
             g2 += basis[k, 2] * s
             k += 1
     # the basis has no mean: what is seen need not lose its own before
-    return g0, g1, g2, square - total * total / PIXELS
+    return float(g0), float(g1), float(g2), float(square - total * total / PIXELS)
 
 
 @njit(error_model="numpy")
