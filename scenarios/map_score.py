@@ -201,7 +201,7 @@ def score_samples(
     mesh = mesh_of(terrain.solids)
     asked = [(change, _asked_ns(change, path)) for change in true_changes(terrain.layout.profile)]
     scored: list[ScoredChange] = []
-    distances, complete, edges = [], [], []
+    distances, complete, edge_errors = [], [], []
     tick_ns = 0
     pose = next(told)
     pending: Odometry | None = next(told, None)
@@ -224,14 +224,14 @@ def score_samples(
             tick_ns = picture.t_ns + int(_TICK_S * 1e9)
             distances.append(_distances(mapper, here, off, terrain, mesh))
             complete.append(_completeness(mapper, here, off, terrain))
-            edges.append(_edge_errors(mapper, here, off, terrain.layout))
+            edge_errors.append(_edge_errors(mapper, here, off, terrain.layout))
     far = np.concatenate(distances) if distances else np.zeros(0)
     return MapScores(
         changes=tuple(scored),
         accuracy_m=float(np.sqrt(np.mean(far**2))) if len(far) else math.nan,
         accuracy_p95_m=float(np.percentile(far, 95)) if len(far) else math.nan,
         completeness=float(np.mean(complete)) if complete else math.nan,
-        edge_errors=np.concatenate(edges) if edges else np.zeros(0),
+        edge_errors=np.concatenate(edge_errors) if edge_errors else np.zeros(0),
     )
 
 

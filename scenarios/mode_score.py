@@ -219,7 +219,7 @@ def score_modes(
         layout: Of the ground; None: nothing straddles and no change is scored.
         sole_m: Length of the soles.
     """
-    landed = [f for f in footprints[2:]]
+    landed = footprints[2:]
     by_step = _told_by_step(landed, told)
     steps = []
     before = "LG"
@@ -422,13 +422,3 @@ def _rms(values: Sequence[float]) -> float | None:
 
 def _scaled(value: float | None, factor: float) -> float | None:
     return None if value is None else value * factor
-
-
-def by_condition(rows: Sequence[tuple[Mapping[str, str], ModeScores]], key: str) -> dict[str, float | None]:
-    """Mean over walks of the accuracy, by one of their conditions, %."""
-    found: dict[str, list[float]] = {}
-    for condition, scores in rows:
-        share = _percent(s.right for s in scores.steps)
-        if share is not None:
-            found.setdefault(condition[key], []).append(share)
-    return {name: float(np.mean(values)) for name, values in found.items()}

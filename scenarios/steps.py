@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.scenarios.alignment import vertical_turn
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Footprint
 
@@ -151,10 +152,7 @@ def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     if len(seen) < 2:
         return list(steps)
     true, told = (np.array(places) for places in ([s.place for s in seen], [s.told_place for s in seen]))
-    a, b = true - true.mean(axis=0), told - told.mean(axis=0)
-    angle = math.atan2(float(a[:, 0] @ b[:, 1] - a[:, 1] @ b[:, 0]), float(a[:, 0] @ b[:, 0] + a[:, 1] @ b[:, 1]))
-    c, d = math.cos(angle), math.sin(angle)
-    R = np.array([[c, d, 0.0], [-d, c, 0.0], [0.0, 0.0, 1.0]])
+    R = vertical_turn((true - true.mean(axis=0)).T @ (told - told.mean(axis=0)))
     return [replace(s, told_place=tuple((R @ s.told_place).tolist())) if s.seen else s for s in steps]
 
 

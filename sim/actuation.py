@@ -70,7 +70,7 @@ def modules(exo: Exo) -> dict[str, Module]:
     """Modules by joint (`hip_l`, `knee_r`, ...) of an exoskeleton in its mode (figure 12 of the paper).
 
     Raises:
-        ConfigError: No such mode, or joints that the mode does not power.
+        ConfigError: No such mode, joints that the mode does not power, or hips to be helped that have no modules.
     """
     if exo.mode not in _CHOICES:
         raise ConfigError("exo", "mode", exo.mode, ", ".join(map(str, _CHOICES)))
@@ -79,4 +79,6 @@ def modules(exo: Exo) -> dict[str, Module]:
     if set(chosen) not in map(set, choices) or len(set(chosen)) != len(chosen):
         valid = " or ".join(f"[{', '.join(choice)}]" for choice in choices)
         raise ConfigError("exo", "joints", list(exo.joints), f"{valid} in mode {exo.mode}")
+    if exo.drive == "assist" and not {"hip_l", "hip_r"} <= set(chosen):
+        raise ConfigError("exo", "drive", exo.drive, "idle, or a mode that powers both hips")
     return {joint: HIP if joint.startswith("hip") else KNEE for joint in chosen}

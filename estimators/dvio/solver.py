@@ -12,7 +12,7 @@ from stridetwin.estimators.dvio.algebra import exponential, mul
 from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing
 from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Window
 from stridetwin.estimators.dvio.terms import Terms
-from stridetwin.estimators.dvio.views import SIGHT, Views, blank_views, huber, ray, seen_at, sight, view
+from stridetwin.estimators.dvio.views import HOST, SEER, SIGHT, Views, blank_views, huber, ray, seen_at, sight, view
 from stridetwin.streams.samples import Array
 
 _LOOSE = 1e-2  # m²; information on an inverse depth of which nothing is known: a standard deviation of 10/m
@@ -21,7 +21,6 @@ LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH = 0.01, 10.0
 # Sums may be taken in any order, so that they run on vector units; NaN and infinity keep their meaning.
 _REORDERED = {"reassoc", "contract", "nsz"}
 _FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
-HOST, SEER = CALIBRATION, CALIBRATION + 6  # columns of a sighting's Jacobian where their poses begin
 
 
 class Work(NamedTuple):

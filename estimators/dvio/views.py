@@ -13,7 +13,8 @@ from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_OFFSET, D_S
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.streams.samples import Array
 
-SIGHT = CALIBRATION + 12  # columns of a sighting's Jacobian: calibration, host's pose, seer's pose
+# A sighting's Jacobian has columns of the calibration, then of the host's pose, then of the seer's.
+HOST, SEER, SIGHT = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
 _LEAST_DEPTH = 1e-3  # of a point before the camera, over the host's depth
 
 
@@ -162,7 +163,7 @@ def sight(
     u0 = q0 + xi * (R[0, 0] * p[0] + R[1, 0] * p[1] + R[2, 0] * p[2])
     u1 = q1 + xi * (R[0, 1] * p[0] + R[1, 1] * p[1] + R[2, 1] * p[2])
     u2 = q2 + xi * (R[0, 2] * p[0] + R[1, 2] * p[1] + R[2, 2] * p[2])
-    a, b = CALIBRATION, CALIBRATION + 6
+    a, b = HOST, SEER
     for i in range(3):  # of the point times its inverse depth, in the seer's camera
         for j in range(3):
             J[i, j] = xi * (CR[i, j] - R[j, i])

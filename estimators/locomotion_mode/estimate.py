@@ -22,7 +22,7 @@ class StepPrediction:
         probabilities: Of each of `MODES`.
         t_ns: When its foot touches down.
         t_sd_s: Standard deviation of that, s.
-        p_foot_in_world: (3,) m, under the heel's centre, as the footprints of the truth.
+        p_foot_in_world: (3,) m, on the ground under the heel's centre.
         covariance: (2, 2) m² of it along and across the way.
     """
 

@@ -11,7 +11,7 @@ import numpy as np
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import first_change, flight_at
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
-from stridetwin.estimators.locomotion_mode.footsteps import StepFilter
+from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.pieces import Piece, pieces
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, mode_between
@@ -24,7 +24,6 @@ from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
 METHODS = ("stridetwin", "published")
 _OTHER = {"l": "r", "r": "l", "": ""}
-_SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
 _SOON_S = 0.05
 _MISSED = 1.4
 """Step times after which a foot that touches down again has left out a step of the other."""
@@ -94,12 +93,8 @@ class LocomotionMode:
 
     def _begin(self) -> None:
         p = self.parameters
-        self._length = StepFilter(
-            p.step_m, p.step_sd * p.step_m, p.asymmetry_sd * p.step_m, p.step_drift * p.step_m, p.step_noise * p.step_m
-        )
-        self._time = StepFilter(
-            p.step_s, p.step_sd * p.step_s, p.asymmetry_sd * p.step_s, p.step_drift * p.step_s, p.step_noise * p.step_s
-        )
+        shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
+        self._length, self._time = (StepFilter(m, *(share * m for share in shares)) for m in (p.step_m, p.step_s))
         self._ramps = {
             mode: StepFilter(p.ramp_step, p.ramp_step_sd, p.asymmetry_sd, p.step_drift, p.step_noise)
             for mode in ("RA", "RD")
@@ -229,7 +224,7 @@ class LocomotionMode:
         steps = []
         for k, foot in enumerate(feet):
             s, sd = moments(chain.density[k], self._s)
-            xy = origin + s * forward + 0.5 * p.width_m * _SIDE[foot] * left
+            xy = origin + s * forward + 0.5 * p.width_m * SIDE[foot] * left
             turn = np.column_stack([forward, left])
             steps.append(
                 StepPrediction(

@@ -8,7 +8,8 @@ import numpy as np
 
 from stridetwin.streams.samples import Array
 
-_SIGN = {"l": 1.0, "r": -1.0, "": 0.0}
+SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
+"""Of each foot, left positive; of one that is not known none."""
 
 
 class StepFilter:
@@ -41,7 +42,7 @@ class StepFilter:
         self._P[0, 0] += self._drift**2
         if sure <= 0.0:
             return
-        J = np.array([1.0, _SIGN[foot]])
+        J = np.array([1.0, SIDE[foot]])
         noise = (self._noise**2 + value_sd**2) / sure
         off = value - float(J @ self._x)
         spread = float(J @ self._P @ J) + noise
@@ -54,7 +55,7 @@ class StepFilter:
 
     def of(self, foot: str) -> float:
         """Expected step of a foot."""
-        return float(self._x[0] + _SIGN[foot] * self._x[1])
+        return float(self._x[0] + SIDE[foot] * self._x[1])
 
     @property
     def mean(self) -> float:

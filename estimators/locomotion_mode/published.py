@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stridetwin.estimators.locomotion_mode.footsteps import SIDE
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.estimators.terrain_map import Ramp, TerrainMap
 from stridetwin.streams.samples import Array
-
-_SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,24 +91,27 @@ class WalkingInformation:
         Returns:
             (2,) m, and (2,) unit vector of the direction; None where too little is known.
         """
-        size = self.next_size()
-        last = self.last
-        if last is None or not math.isfinite(size) or not np.linalg.norm(last.v[:2]) > 0.0:
+        size, last, axes = self.next_size(), self.last, self._axes()
+        if last is None or axes is None or not math.isfinite(size):
             return None
-        forward = last.v[:2] / np.linalg.norm(last.v[:2])
-        left = np.array([-forward[1], forward[0]])
-        other = -_SIDE[last.foot] * (1.0 if ahead % 2 else -1.0)
+        forward, left = axes
+        other = -SIDE[last.foot] * (1.0 if ahead % 2 else -1.0)
         offset = 0.5 * size * forward + 0.5 * self._p.width_m * other * left
         return last.p[:2] + forward * size * ahead + offset, forward
 
+    def _axes(self) -> tuple[Array, Array] | None:
+        """(2,) and (2,) unit vectors forward and left, of the last touch-down's velocity; None without one."""
+        v = np.zeros(2) if self.last is None else self.last.v[:2]
+        speed = np.linalg.norm(v)
+        return (v / speed, np.array([-v[1], v[0]]) / speed) if speed > 0.0 else None
+
     def stance(self) -> Array | None:
         """(2,) m, where the foot that touched down last stands, by the same offsets."""
-        last, sizes = self.last, self.sizes()
-        if last is None or not sizes or not np.linalg.norm(last.v[:2]) > 0.0:
+        last, sizes, axes = self.last, self.sizes(), self._axes()
+        if last is None or axes is None or not sizes:
             return None
-        forward = last.v[:2] / np.linalg.norm(last.v[:2])
-        left = np.array([-forward[1], forward[0]])
-        return np.asarray(last.p[:2] + 0.5 * sizes[-1] * forward + 0.5 * self._p.width_m * _SIDE[last.foot] * left)
+        forward, left = axes
+        return np.asarray(last.p[:2] + 0.5 * sizes[-1] * forward + 0.5 * self._p.width_m * SIDE[last.foot] * left)
 
 
 def mode_between(
@@ -130,11 +132,11 @@ def mode_between(
     plane, terrain = found
     height = float(plane.height(there))
     slope = math.atan(float(plane.gradient @ forward))
-    if type(terrain).__name__ == "Ramp" and abs(slope) > p.ramp_rad:
+    if isinstance(terrain, Ramp) and abs(slope) > p.ramp_rad:
         return ("RA" if slope > 0 else "RD"), height
     if before is None:
         return "LG", height
     risen = height - float(before[0].height(here))
-    if type(before[1]).__name__ == "Ramp" or abs(risen) < p.kerb_m:
+    if isinstance(before[1], Ramp) or abs(risen) < p.kerb_m:
         return "LG", height
     return ("SA" if risen > 0 else "SD"), height

@@ -7,11 +7,9 @@ of the exoskeleton is a little off (`exo_geometry.measured`).
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from heapq import merge
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,7 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, TerrainSvm
 from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.norms import reference
+from stridetwin.scenarios.norms import reference, reference_rows
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.step_scores import percent, step_figures
 from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps, turned
@@ -139,9 +137,7 @@ def paper(who: str) -> dict[str, dict[str, float]]:
     Args:
         who: Subject, S1-S7, or Stotal.
     """
-    file = resources.files("stridetwin.scenarios").joinpath("reference", "shim2019_table5.csv")
-    lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
-    rows = [row for row in csv.DictReader(lines) if row["subject"] == who]
+    rows = [row for row in reference_rows("shim2019_table5") if row["subject"] == who]
     return {row["case"]: {name: float(row[name]) for name in FIGURES if row[name]} for row in rows}
 
 

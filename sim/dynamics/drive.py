@@ -15,7 +15,6 @@ import numpy as np
 
 from stridetwin.sim.actuation import modules
 from stridetwin.sim.config import SIDES, Exo
-from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 PERIOD_S = 0.01
@@ -32,15 +31,12 @@ class Drive:
         exo: Its modules, and the law that drives them.
 
     Raises:
-        ConfigError: Hips are to be helped that have no modules.
+        ConfigError: As `modules`.
     """
 
     def __init__(self, model: mujoco.MjModel, exo: Exo | None) -> None:
         mounted = {} if exo is None or exo.drive == "idle" else modules(exo)
-        hips = [f"hip_{side}" for side in SIDES] if exo is not None and exo.drive == "assist" else []
-        if not set(hips) <= set(mounted):
-            valid = "idle, or a mode that powers both hips"
-            raise ConfigError("exo", "drive", "assist", valid)
+        hips = [f"hip_{side}" for side in SIDES] if mounted else []
         hinges = [model.joint("exo_{}_flexion_{}".format(*hip.split("_"))) for hip in hips]
         self._angle = np.array([hinge.qposadr[0] for hinge in hinges], dtype=int)
         self._dof = np.array([hinge.dofadr[0] for hinge in hinges], dtype=int)
