@@ -9,6 +9,8 @@ from numba import njit
 
 from stridetwin.streams.samples import Array
 
+# Sums may be taken in any order, so that they run on vector units; NaN and infinity keep their meaning.
+REORDERED = {"reassoc", "contract", "nsz"}
 _SMALL = 1e-5  # rad; below it series serve
 
 
@@ -29,6 +31,27 @@ def mul(A: Array, B: Array) -> Array:
             for l in range(m):
                 C[i, l] += a * B[j, l]
     return C
+
+
+@njit(error_model="numpy")
+def carried(F: Array, P: Array) -> Array:
+    """(n, n) F P Fᵀ of a symmetric P; what F has of zeros costs nothing."""
+    n = len(F)
+    half = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            f = F[i, j]
+            if f != 0.0:
+                for k in range(n):
+                    half[i, k] += f * P[j, k]
+    half, whole = np.ascontiguousarray(half.T), np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            f = F[i, j]
+            if f != 0.0:
+                for k in range(n):
+                    whole[i, k] += f * half[j, k]
+    return whole
 
 
 @njit(error_model="numpy")

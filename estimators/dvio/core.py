@@ -31,6 +31,7 @@ _TAKEN_AS_TOLD = 1e-7  # standard deviation of what is not estimated
 _UNKNOWN_INVERSE_DEPTH = 0.15
 _SURE = 8.0  # standard deviations of an inverse depth that counts as measured by parallax
 _STILL_PX = 0.25  # a picture; points move so little where the camera stands
+_FORESEEN = 0.5  # share of points; where fewer are where they were foreseen, all are searched for
 _FEW = 8  # points; with fewer the IMU is alone
 
 
@@ -118,7 +119,7 @@ class Core:
         w.prior.H[n : n + FRAME, n : n + FRAME] = np.linalg.inv(covariance)
         self.live.covariance[:] = covariance
         self._tracker.forget()
-        self._tracker.follow(picture.grey, np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32))
+        self._tracker.take(picture.grey)
         self._find(picture, 0)
         self._anchor(picture, 0)
         self._newest_is_key = True
@@ -194,11 +195,7 @@ class Core:
     @property
     def sound(self) -> bool:
         """Whether the newest state can be one of a person."""
-        l = self.live
-        values = (l.p, l.v, l.bias, l.R, l.covariance)
-        return all(bool(np.isfinite(a).all()) for a in values) and bool(
-            np.linalg.norm(l.v) < 15.0 and np.abs(l.bias[:3]).max() < 0.5 and np.abs(l.bias[3:]).max() < 3.0
-        )
+        return bool(kernel.sound(self.live))
 
     def _place(self, slot: int, t_ns: int, state: Live) -> None:
         f = self.window.frames
@@ -227,9 +224,16 @@ class Core:
         self._alive[:] = 0
         was = self._pixels[ids]
         shift = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids, :2])
-        there, good = self._tracker.follow(picture.grey, was, was + shift)
+        foreseen_at, warps = was + shift, warp[ids]
+        self._tracker.take(picture.grey)
+        there, good = foreseen_at, np.zeros(len(ids), bool)
+        if p.anchored:
+            there, good = self._tracker.align(ids, foreseen_at, warps, p.anchor_px, p.anchor_likeness)
+        elsewhere = good.sum() < _FORESEEN * len(ids)
+        if elsewhere:
+            there, good = self._tracker.follow(was, foreseen_at)
         # What moves by itself is elsewhere than the wearer's own motion and the point's depth have it.
-        off = np.linalg.norm(there - was - shift, axis=1)
+        off = np.linalg.norm(there - foreseen_at, axis=1)
         speed_sd = float(np.sqrt(np.trace(self.live.covariance[6:9, 6:9])))
         dt = (foreseen.t_ns[0] - w.frames.t_ns[before]) * 1e-9
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
@@ -239,8 +243,8 @@ class Core:
         if good.sum() >= _FEW and (good & fits).sum() < 0.5 * good.sum():
             fits = self._agree(ids, there, good)
         good &= fits
-        if p.anchored:
-            there, good = self._tracker.align(ids, there, warp[ids], good, p.anchor_px, p.anchor_likeness)
+        if p.anchored and elsewhere:
+            there, good = self._tracker.settle(ids, there, warps, good, p.anchor_px, p.anchor_likeness)
         ids, there, was = ids[good], there[good], was[good]
         told = self._depth(picture, there)
         # So is what is at another depth, or hidden by something that came before it.
@@ -258,7 +262,7 @@ class Core:
     def _measure(self) -> None:
         """Counts landmarks as measured whose depth the motion has told."""
         marks = self.window.landmarks
-        sure = marks.inverse_depth**2 * self._work.Hl > _SURE**2
+        sure = marks.inverse_depth**2 * self._work.sightings.own > _SURE**2
         marks.measured[(marks.host != NO_HOST) & (self._alive > 0) & sure & (marks.seen.sum(axis=1) > 2)] = 1
 
     def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:

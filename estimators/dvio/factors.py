@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.dvio.algebra import (
+    REORDERED,
     exponential,
     logarithm,
     mul,
@@ -100,28 +101,27 @@ def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Arra
 def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> float:
     """Adds the IMU factor (9) from frame k to the next, with the walk of its biases; returns its cost."""
     frames, zs = window.frames, window.increments
-    z = Increment(zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.bias[k])
+    z = Increment(
+        zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
+    )
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     motion(frames, z, k, terms, r, J, terms.first_estimates)
-    weight = np.linalg.inv(z.covariance)
-    WJ = mul(weight, J)  # type: ignore[arg-type]
+    WJ = mul(z.weight, J)
     o = CALIBRATION + FRAME * k
     cost = 0.0
     for i in range(9):
         wr = 0.0
         for j in range(9):
-            wr += weight[i, j] * r[j]
+            wr += z.weight[i, j] * r[j]
         cost += 0.5 * r[i] * wr
-    for a in range(2 * FRAME):
-        for c in range(a + 1):
-            h = 0.0
-            for i in range(9):
-                h += J[i, a] * WJ[i, c]
-            H[o + a, o + c] += h
-        g = 0.0
-        for i in range(9):
-            g += WJ[i, a] * r[i]
-        b[o + a] -= g
+        for a in range(2 * FRAME):
+            g = J[i, a]
+            if g == 0.0:
+                continue
+            b[o + a] -= g * wr
+            row, of = H[o + a, o:], WJ[i]
+            for c in range(a + 1):
+                row[c] += g * of[c]
     dt = z.dt[0]
     for i in range(6):
         walk = terms.rate_walk if i < 3 else terms.force_walk
@@ -151,19 +151,19 @@ def add_standing(frames: Frames, k: int, H: Array, b: Array) -> float:
     return cost
 
 
-@njit(error_model="numpy")
+@njit(fastmath=REORDERED, error_model="numpy")
 def add_prior(window: Window, size: int, H: Array, b: Array) -> float:
     """Adds the prior (6) of the first `size` states; returns its cost, up to a constant."""
     d = errors(window, size)
     cost, P = 0.0, window.prior
     for i in range(size):
-        h = 0.0
+        h, told, row = 0.0, P.H[i], H[i]
         for j in range(size):
-            h += P.H[i, j] * d[j]
+            h += told[j] * d[j]
         b[i] += P.b[i] - h
         cost += d[i] * (0.5 * h - P.b[i])
         for j in range(i + 1):
-            H[i, j] += P.H[i, j]
+            row[j] += told[j]
     return cost
 
 

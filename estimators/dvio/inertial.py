@@ -10,7 +10,7 @@ from stridetwin.streams.samples import Array, Imu
 
 _CAPACITY = 2048  # 10 s at 200 Hz; no interval between keyframes comes near
 _SATURATED = 0.995
-_MAX_RATE, _MAX_FORCE = 100.0, 1000.0  # no head moves faster
+_MOST = np.repeat([100.0, 1000.0], 3)  # rad/s, m/s²; no head moves faster
 
 
 class Inertial:
@@ -36,8 +36,10 @@ class Inertial:
         """Takes a sample; False where it is ignored."""
         if self.count and sample.t_ns <= self.t_ns[self.count - 1]:
             return False
-        x = np.concatenate([sample.angular_rate, sample.specific_force]).astype(float)
-        if not (np.abs(x[:3]).max() <= _MAX_RATE and np.abs(x[3:]).max() <= _MAX_FORCE):
+        x = np.empty(6)
+        x[:3], x[3:] = sample.angular_rate, sample.specific_force
+        size = np.abs(x)
+        if not (size <= _MOST).all():
             return False
         if self.count == _CAPACITY:
             half = _CAPACITY // 2
@@ -48,7 +50,7 @@ class Inertial:
         missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > 1.7 * self.period_s
         self.t_ns[i] = sample.t_ns
         self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
-        self.doubt[i] = missing or bool((np.abs(x) >= self._limit).any())
+        self.doubt[i] = missing or bool((size >= self._limit).any())
         self.count += 1
         return True
 

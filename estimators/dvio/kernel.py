@@ -7,11 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from stridetwin.estimators.dvio import (
     algebra,
     factors,
+    landmarks,
     live,
     marginal,
     memory,
@@ -20,9 +22,25 @@ from stridetwin.estimators.dvio import (
     preintegration,
     sights,
     solver,
+    terms,
+    views,
 )
 
-_SOURCES = (algebra, factors, live, marginal, memory, patches, pixels, preintegration, sights, solver)
+_SOURCES = (
+    algebra,
+    factors,
+    landmarks,
+    live,
+    marginal,
+    memory,
+    patches,
+    pixels,
+    preintegration,
+    sights,
+    solver,
+    terms,
+    views,
+)
 
 
 def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
@@ -41,14 +59,20 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
     def integrate_into(zs, k, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
         assert sources >= 0
         z = preintegration.Increment(
-            zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.bias[k]
+            zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
         )
         preintegration.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
+        z.weight[:] = np.linalg.inv(z.covariance)
 
     @njit(cache=True, error_model="numpy")
     def carry(state, z, t_ns, samples, doubt, count, end_ns, noise, gravity):  # type: ignore[no-untyped-def]
         assert sources >= 0
         live.carry(state, z, t_ns, samples, doubt, count, end_ns, noise, gravity)
+
+    @njit(cache=True, error_model="numpy")
+    def sound(state):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return live.sound(state)
 
     @njit(cache=True, error_model="numpy")
     def minimise(window, terms, work, steps, enough):  # type: ignore[no-untyped-def]
@@ -102,11 +126,11 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
 
     return (
         integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
-        cut, align, read_slope,
+        cut, align, read_slope, sound,
     )  # fmt: skip
 
 
 (
     integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
-    cut, align, read_slope,
+    cut, align, read_slope, sound,
 ) = _compiled(zlib.crc32(b"".join(Path(str(m.__file__)).read_bytes() for m in _SOURCES)))  # fmt: skip

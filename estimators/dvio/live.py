@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import mul, skew
+from stridetwin.estimators.dvio.algebra import carried, mul, skew
 from stridetwin.estimators.dvio.memory import FRAME, ImuNoise, Increment
 from stridetwin.estimators.dvio.preintegration import integrate
 from stridetwin.streams.samples import Array
+
+_FASTEST, _MOST_GYRO_BIAS, _MOST_ACCEL_BIAS = 15.0, 0.5, 3.0  # m/s, rad/s, m/s²
 
 
 class Live(NamedTuple):
@@ -79,13 +82,13 @@ def carry(
     F[0:3, 9:15] = mul(R, np.ascontiguousarray(z.by_bias[0:3]))
     F[3:6, 9:15] = z.by_bias[3:6]
     F[6:9, 9:15] = mul(R, np.ascontiguousarray(z.by_bias[6:9]))
-    P = mul(mul(F, live.covariance), np.ascontiguousarray(F.T))
+    P = carried(F, live.covariance)
     G = np.zeros((9, 9))
     G[0:3, 0:3] = R
     for i in range(3):
         G[3 + i, 3 + i] = 1.0
     G[6:9, 6:9] = R
-    P[:9, :9] += mul(mul(G, z.covariance), np.ascontiguousarray(G.T))
+    P[:9, :9] += carried(G, z.covariance)
     for i in range(3):
         P[9 + i, 9 + i] += noise.rate_walk**2 * dt
         P[12 + i, 12 + i] += noise.force_walk**2 * dt
@@ -99,3 +102,13 @@ def carry(
     live.v[2] -= gravity * dt
     live.R[:] = mul(R, z.gamma)
     live.t_ns[0] = end_ns
+
+
+@njit(error_model="numpy")
+def sound(live: Live) -> bool:
+    """Whether a state can be one of a person."""
+    total = live.p.sum() + live.bias.sum() + live.R.sum() + live.covariance.sum()
+    fast = live.v[0] ** 2 + live.v[1] ** 2 + live.v[2] ** 2
+    if not (math.isfinite(total) and fast < _FASTEST**2):
+        return False
+    return bool(np.abs(live.bias[:3]).max() < _MOST_GYRO_BIAS and np.abs(live.bias[3:]).max() < _MOST_ACCEL_BIAS)

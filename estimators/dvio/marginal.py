@@ -7,10 +7,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing, errors
+from stridetwin.estimators.dvio.landmarks import add_sightings
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Window
-from stridetwin.estimators.dvio.solver import LEAST_INVERSE_DEPTH, Work, add_landmark, eliminate, usable
+from stridetwin.estimators.dvio.solver import LEAST_INVERSE_DEPTH, Work
 from stridetwin.estimators.dvio.terms import Terms
-from stridetwin.estimators.dvio.views import SIGHT, ray, seen_at, view
+from stridetwin.estimators.dvio.views import ray, seen_at, view
 from stridetwin.streams.samples import Array
 
 
@@ -115,7 +116,7 @@ def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.ui
         work: Room.
         alive: (L,) 1 where a landmark is followed.
     """
-    n, marks = window.frames.count[0], window.landmarks
+    n = window.frames.count[0]
     size = CALIBRATION + FRAME * n
     work.H[:size, :size] = 0.0
     work.b[:size] = 0.0
@@ -123,12 +124,8 @@ def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.ui
     add_prior(window, size, work.H, work.b)
     add_standing(window.frames, 0, work.H, work.b)
     add_motion(window, 0, terms, work.H, work.b)
-    J, Jl, index = np.zeros((3, SIGHT)), np.zeros(3), np.zeros(size, np.int64)
     host_depth = terms.host_depth and terms.host_depth_in_prior
-    for l in range(len(marks.host)):
-        if marks.host[l] == 0 and usable(window, l, n - 2):
-            add_landmark(window, terms, work, l, n - 2, host_depth, J, Jl)
-            eliminate(work, l, 0, marks.seen[l], n - 2, index)
+    add_sightings(window, terms, work.views, work.sightings, 1, n - 2, host_depth, work.H, work.b)
     without_oldest(work.H, work.b, size)
     hold(window, work.H, n - 2)
     d = errors(window, size)

@@ -50,6 +50,7 @@ class Increment(NamedTuple):
         beta: (3,) velocity, m/s.
         by_bias: (9, 6) derivative of position, rotation and velocity by the biases of gyroscope and accelerometer.
         covariance: (9, 9) of position, rotation and velocity.
+        weight: (9, 9) its inverse, where the increment is a factor of the window.
         bias: (6,) at which it was taken, rad/s and m/s².
     """
 
@@ -59,6 +60,7 @@ class Increment(NamedTuple):
     beta: Array
     by_bias: Array
     covariance: Array
+    weight: Array
     bias: Array
 
 
@@ -184,6 +186,7 @@ def blank_increment(slots: int | None = None) -> Increment:
         beta=np.zeros((*lead, 3)),
         by_bias=np.zeros((*lead, 9, 6)),
         covariance=np.zeros((*lead, 9, 9)),
+        weight=np.zeros((*lead, 9, 9)),
         bias=np.zeros((*lead, 6)),
     )
 

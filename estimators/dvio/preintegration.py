@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import exponential, mul, right_jacobian, skew
+from stridetwin.estimators.dvio.algebra import carried, exponential, mul, right_jacobian, skew
 from stridetwin.estimators.dvio.memory import ImuNoise, Increment
 from stridetwin.streams.samples import Array
 
@@ -66,7 +66,7 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
     B[6:9, 3:6] = mul(G, to_v) * -dt
     z.by_bias[:] = mul(F, z.by_bias) + B
     # White noise of density s is a bias of standard deviation s / √dt over the stretch.
-    P = mul(mul(F, z.covariance), np.ascontiguousarray(F.T))
+    P = carried(F, z.covariance)
     scaled = B.copy()
     scaled[:, :3] *= rate_density / np.sqrt(dt)
     scaled[:, 3:] *= force_density / np.sqrt(dt)

@@ -19,6 +19,8 @@ _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02)
 _CELLS = (10, 8)
 _APART_PX = 16.0
 _MARGIN_PX = 10
+_SCALES = 2  # of patches: full and half the resolution
+_NEAR_PX, _NEAR_ALIKE = 8.0, 0.6  # largest move and least correlation at half the resolution
 _FAST = (14, 5)  # thresholds, tried in turn
 Points = NDArray[np.float32]
 
@@ -74,29 +76,33 @@ class Tracker:
 
     def __init__(self, shape: tuple[int, int], forward_backward_px: float, corner_least: float, slots: int) -> None:
         self._shape = shape
-        self._patches = blank_patches(slots)
+        self._patches = [blank_patches(slots) for _ in range(_SCALES)]
         self._most_px, self._least = forward_backward_px, corner_least
         self._grey: NDArray[np.uint8] | None = None
-        self._smooth: NDArray[np.uint8] | None = None
+        self._before: NDArray[np.uint8] | None = None
+        self._scales: list[NDArray[np.uint8]] = []
         self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in _FAST]
 
     def forget(self) -> None:
         """Follows nothing into the next picture."""
-        self._grey = self._smooth = None
+        self._grey, self._scales = None, []
 
-    def follow(self, grey: NDArray[np.uint8], points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """Takes the next picture.
+    def take(self, grey: NDArray[np.uint8]) -> None:
+        """Takes the next picture, (H, W)."""
+        self._before, self._grey, self._scales = self._grey, grey, []
+
+    def follow(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
+        """Points of the picture before the last one, by how they looked there.
 
         Args:
-            grey: (H, W).
-            points: (N, 2) px in the last picture.
-            start: (N, 2) px where they are expected.
+            points: (N, 2) px there.
+            start: (N, 2) px where they are expected in the last one.
 
         Returns:
             (N, 2) px where they are, and (N,) whether they could be followed there and back.
         """
-        before, self._grey, self._smooth = self._grey, grey, None
-        if before is None or not len(points):
+        before, grey = self._before, self._grey
+        if before is None or grey is None or not len(points):
             return points.copy(), np.zeros(len(points), bool)
         flags = cv2.OPTFLOW_USE_INITIAL_FLOW
         there, found, _ = cv2.calcOpticalFlowPyrLK(
@@ -113,33 +119,43 @@ class Tracker:
 
     def anchor(self, slots: NDArray[np.int64], points: Points) -> None:
         """Keeps the patches of the last picture about (N, 2) px in slots (N,)."""
-        kernel.cut(self._smoothed(), slots, np.ascontiguousarray(points), self._patches)
+        for scale, (grey, patches) in enumerate(zip(self._smoothed(), self._patches)):
+            kernel.cut(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
 
     def align(
-        self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_], far: float, alike: float
+        self, slots: NDArray[np.int64], points: Points, warps: Array, far: float, alike: float
     ) -> tuple[Points, NDArray[np.bool_]]:
-        """Points of the last picture, each moved to where the patch of its slot lies.
+        """Points of the last picture, each moved to where its slot's patch lies: at half the resolution, then whole.
 
         Args:
             slots: (N,) of their patches.
             points: (N, 2) px.
             warps: (N, 2, 2) from the patch's pixels to the picture's.
-            good: (N,) which of them count.
-            far: Largest move, px.
+            far: Largest move at the whole resolution, px.
             alike: Least correlation with the patch.
 
         Returns:
             (N, 2) px, and (N,) which of them are there.
         """
+        half, found = points / np.float32(2.0), np.ones(len(points), bool)
+        kernel.align(self._smoothed()[1], self._patches[1], slots, warps, _NEAR_PX / 2.0, _NEAR_ALIKE, half, found)
+        points = np.where(found[:, None], np.float32(2.0) * half, points)
+        return self.settle(slots, points, warps, np.ones(len(points), bool), far, alike)
+
+    def settle(
+        self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_], far: float, alike: float
+    ) -> tuple[Points, NDArray[np.bool_]]:
+        """As `align`, but only at the whole resolution, of those points that are `good`, (N,)."""
         points, good = points.copy(), good.copy()
-        kernel.align(self._smoothed(), self._patches, slots, warps, far, alike, points, good)
+        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, far, alike, points, good)
         return points, good
 
-    def _smoothed(self) -> NDArray[np.uint8]:
+    def _smoothed(self) -> list[NDArray[np.uint8]]:
         assert self._grey is not None
-        if self._smooth is None:
-            self._smooth = np.asarray(cv2.GaussianBlur(self._grey, (3, 3), 0.0), np.uint8)
-        return self._smooth
+        if not self._scales:
+            smooth = np.asarray(cv2.GaussianBlur(self._grey, (3, 3), 0.0), np.uint8)
+            self._scales = [smooth, np.asarray(cv2.pyrDown(smooth), np.uint8)]
+        return self._scales
 
     def find(self, taken: Points, wanted: int) -> Points:
         """(N, 2) px, new points in the last picture, N ≤ wanted, away from those that there are."""

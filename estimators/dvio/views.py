@@ -8,13 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.dvio.algebra import exponential, mul, rotate, rotate_back
+from stridetwin.estimators.dvio.algebra import exponential, mul, rotate
 from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_OFFSET, D_SCALE, Calibration, Frames, Window
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.streams.samples import Array
 
-# A sighting's Jacobian has columns of the calibration, then of the host's pose, then of the seer's.
+# A sighting's Jacobian has columns of the calibration, then of the host's pose, then of the seer's; the residual comes
+# after them, and a column that fills the vector units' width.
 HOST, SEER, SIGHT = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
+RESIDUAL, COLUMNS = SIGHT, SIGHT + 2
 _LEAST_DEPTH = 1e-3  # of a point before the camera, over the host's depth
 
 
@@ -72,27 +74,22 @@ def view(window: Window, terms: Terms, views: Views) -> None:
     """Fills the views of all frames."""
     frames, c = window.frames, window.calibration
     n = frames.count[0]
-    Rc = np.ascontiguousarray(c.R.T)
-    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
-    R0, p0 = np.empty((n, 3, 3)), np.empty((n, 3))
+    R0, A, p = np.empty((n, 3, 3)), np.empty((2, n, 3, 3)), np.empty((2, n, 3))
     for k in range(n):
-        Rk, pk = at_exposure(frames, k, c.offset[0])
-        R[k], p[k] = Rk, pk
-        first = terms.first_estimates and frames.held[k]
-        R0[k] = frames.R_first[k] if first else Rk
-        p0[k] = frames.p_first[k] if first else pk
-        views.C[k] = mul(Rc, np.ascontiguousarray(R0[k].T))
-    for i in range(n):
-        for j in range(i + 1, n):
-            M = mul(np.ascontiguousarray(R[j].T), R[i])
-            moved = rotate_back(R[j], p[i] - p[j])
-            views.turn[i, j] = mul(Rc, mul(M, c.R))
-            views.shift[i, j] = rotate(Rc, rotate(M, c.p) + moved - c.p)
-            M = mul(np.ascontiguousarray(R0[j].T), R0[i])
-            moved = rotate_back(R0[j], p0[i] - p0[j])
-            views.CR[i, j] = mul(Rc, M)
-            views.turn_first[i, j] = mul(views.CR[i, j], c.R)
-            views.shift_first[i, j] = rotate(Rc, rotate(M, c.p) + moved - c.p)
+        R, at = at_exposure(frames, k, c.offset[0])
+        A[0, k], p[0, k] = mul(R, c.R), at + rotate(R, c.p)
+        if terms.first_estimates and frames.held[k]:
+            R, at = frames.R_first[k], frames.p_first[k]
+        R0[k], A[1, k], p[1, k] = R, mul(R, c.R), at + rotate(R, c.p)
+        views.C[k] = A[1, k].T
+    for j in range(1, n):
+        back = np.ascontiguousarray(A[0, j].T)
+        for i in range(j):
+            views.turn[i, j] = mul(back, A[0, i])
+            views.shift[i, j] = rotate(back, p[0, i] - p[0, j])
+            views.turn_first[i, j] = mul(views.C[j], A[1, i])
+            views.shift_first[i, j] = rotate(views.C[j], p[1, i] - p[1, j])
+            views.CR[i, j] = mul(views.C[j], R0[i])
 
 
 @njit(error_model="numpy")
@@ -141,7 +138,7 @@ def sight(
         x: As of `seen_at`.
         y: As of `seen_at`.
         inverse_depth: As of `seen_at`.
-        J: (3, 22) out: by calibration, host's pose and seer's pose.
+        J: (3, ≥ 22) out: by calibration, host's pose and seer's pose.
         Jl: (3,) out: by the inverse depth.
 
     Returns:

@@ -59,7 +59,8 @@ def test_the_jacobian_of_the_motion_is_its_slope(seed):
     window = seen_window(rng)
     z = Increment(
         dt=np.array([0.2]), alpha=0.1 * rng.normal(size=3), gamma=np.eye(3), beta=rng.normal(size=3),
-        by_bias=0.1 * rng.normal(size=(9, 6)), covariance=np.eye(9), bias=0.01 * rng.normal(size=6),
+        by_bias=0.1 * rng.normal(size=(9, 6)), covariance=np.eye(9), weight=np.eye(9),
+        bias=0.01 * rng.normal(size=6),
     )  # fmt: skip
     r, J = np.zeros(9), np.zeros((9, 2 * FRAME))
     factors.motion(window.frames, z, 0, TERMS, r, J, False)

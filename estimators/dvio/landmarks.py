@@ -1,0 +1,251 @@
+"""What the camera tells: the normal equations of all sightings and told depths, landmarks eliminated from them.
+
+Cameras have no velocity and no bias: the equations are those of the calibration and of the frames' poses, six columns
+each, close together, and go into those of all states at the end.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.dvio.algebra import REORDERED
+from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Window
+from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.dvio.views import COLUMNS, HOST, RESIDUAL, SEER, SIGHT, Views, huber, ray, seen_at, sight
+from stridetwin.streams.samples import Array
+
+POSE = 6
+_LOOSE = 1e-2  # m²; information on an inverse depth of which nothing is known: a standard deviation of 10/m
+_FIXED = 1e12  # m²; on one that may not change
+
+
+class Sightings(NamedTuple):
+    """Normal equations of what is seen, M = 10 + 6 F columns, and what is needed to find the landmarks again.
+
+    Attributes:
+        H: (M, M) of calibration and poses; the lower triangle counts.
+        b: (M,).
+        pairs: (F, 22, 24) sums over one host's landmarks, by seer: its Jacobian's products and, in column 22, those
+            with the residual.
+        own: (L,) information on each inverse depth.
+        b_own: (L,).
+        cross: (L, M) between landmark and the rest.
+        J: (3, 24) room for a sighting's Jacobian and residual.
+        J_own: (3,) room for that by the inverse depth.
+    """
+
+    H: Array
+    b: Array
+    pairs: Array
+    own: Array
+    b_own: Array
+    cross: Array
+    J: Array
+    J_own: Array
+
+
+def blank_sightings(frames: int, landmarks: int) -> Sightings:
+    """Room for F frames and L landmarks."""
+    m = CALIBRATION + POSE * frames
+    return Sightings(
+        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, SIGHT, COLUMNS)), own=np.zeros(landmarks),
+        b_own=np.zeros(landmarks), cross=np.zeros((landmarks, m)), J=np.zeros((3, COLUMNS)), J_own=np.zeros(3),
+    )  # fmt: skip
+
+
+@njit(fastmath=REORDERED, error_model="numpy")
+def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last: int, host_depth: bool) -> float:
+    """Adds the sightings (10) and told depths (13), (14) of a landmark; returns their cost.
+
+    Args:
+        window: Frames and landmarks.
+        terms: Which factors there are.
+        views: Of the frames.
+        s: Sums by seer, and the landmark's own row.
+        l: Slot of the landmark.
+        last: Slot of the last frame whose sightings count.
+        host_depth: Whether (11) is there.
+    """
+    marks, J, Jl = window.landmarks, s.J, s.J_own
+    host, xi, scale = marks.host[l], marks.inverse_depth[l], window.calibration.scale[0]
+    x, y = ray(window.calibration, marks.at[l, host])
+    cross = s.cross[l]
+    cross[:] = 0.0
+    own, b_own, cost = _LOOSE, 0.0, 0.0
+    told = marks.told[l, host]
+    if told > 0.0:
+        if terms.depth_fixed:
+            own += _FIXED
+        elif host_depth:
+            # Scaled on the side of the landmark: a scale on what is told would win by shrinking its noise.
+            r = scale * xi - told
+            c, w = huber(r * r * terms.depth_weight, terms.depth_limit)
+            w *= terms.depth_weight
+            cost += c
+            own += w * scale * scale
+            b_own -= w * scale * r
+            cross[D_SCALE] += w * scale * xi
+            s.H[D_SCALE, D_SCALE] += w * xi * xi
+            s.b[D_SCALE] -= w * xi * r
+    first = CALIBRATION + POSE * host
+    for j in range(last + 1):
+        if j == host or not marks.seen[l, j]:
+            continue
+        px, py, depth, before = seen_at(views, host, j, x, y, xi)
+        if not before or not sight(window, views, host, j, x, y, xi, J, Jl):
+            continue
+        u, v = ray(window.calibration, marks.at[l, j])
+        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
+        J[0, D_LENS] -= marks.at[l, j, 0]
+        J[1, D_LENS + 1] -= marks.at[l, j, 1]
+        c, w0 = huber((r0 * r0 + r1 * r1) * terms.sight_weight, terms.sight_limit)
+        w0 *= terms.sight_weight
+        cost += c
+        told = marks.told[l, j]
+        if terms.projection_depth and told > 0.0:
+            r2 = scale * depth - told
+            c, w = huber(r2 * r2 * terms.again_weight, terms.depth_limit)
+            w2 = w * terms.again_weight
+            cost += c
+            for i in range(SIGHT):
+                J[2, i] *= scale
+            Jl[2] *= scale
+            J[2, D_SCALE] = depth
+        J[0, RESIDUAL], J[1, RESIDUAL], J[2, RESIDUAL] = r0, r1, r2
+        own += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
+        b_own -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
+        pair = s.pairs[j]
+        for a in range(SIGHT):
+            v0, v1, v2 = w0 * J[0, a], w0 * J[1, a], w2 * J[2, a]
+            for e in range(COLUMNS):
+                pair[a, e] += v0 * J[0, e] + v1 * J[1, e] + v2 * J[2, e]
+        l0, l1, l2 = w0 * Jl[0], w0 * Jl[1], w2 * Jl[2]
+        second = CALIBRATION + POSE * j
+        for a in range(CALIBRATION):
+            cross[a] += l0 * J[0, a] + l1 * J[1, a] + l2 * J[2, a]
+        for a in range(POSE):
+            i, k = HOST + a, SEER + a
+            cross[first + a] += l0 * J[0, i] + l1 * J[1, i] + l2 * J[2, i]
+            cross[second + a] += l0 * J[0, k] + l1 * J[1, k] + l2 * J[2, k]
+    s.own[l], s.b_own[l] = own, b_own
+    return cost
+
+
+@njit(fastmath=REORDERED, error_model="numpy")
+def _eliminate(s: Sightings, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
+    """Takes a landmark out of the normal equations (Schur complement).
+
+    Args:
+        s: H and b are changed.
+        l: Its slot.
+        host: Slot of its host.
+        seen: (F,) by which frames it is seen.
+        last: Slot of the last frame that counts.
+    """
+    cross, share = s.cross[l], 1.0 / s.own[l]
+    for k in range(-1, last + 1):
+        if k >= 0 and k != host and not seen[k]:
+            continue
+        start = 0 if k < 0 else CALIBRATION + POSE * k
+        end = CALIBRATION + POSE * (k + 1)
+        for i in range(start, end):
+            f = cross[i] * share
+            s.b[i] -= f * s.b_own[l]
+            row = s.H[i]
+            for e in range(end):
+                row[e] -= f * cross[e]
+
+
+@njit(error_model="numpy")
+def _gather(s: Sightings, host: int, last: int) -> None:
+    """Adds the sums of one host's landmarks to the normal equations."""
+    first = CALIBRATION + POSE * host
+    for j in range(host + 1, last + 1):
+        pair, second = s.pairs[j], CALIBRATION + POSE * j
+        for a in range(SIGHT):
+            i = a
+            if a >= HOST:
+                i = first + a - HOST
+            if a >= SEER:
+                i = second + a - SEER
+            s.b[i] -= pair[a, RESIDUAL]
+            row = s.H[i]
+            for e in range(CALIBRATION):
+                row[e] += pair[a, e]
+            # a host is older than a seer, so that what is filled is the lower triangle, and squares across it
+            if a >= HOST:
+                for e in range(POSE):
+                    row[first + e] += pair[a, HOST + e]
+            if a >= SEER:
+                for e in range(POSE):
+                    row[second + e] += pair[a, SEER + e]
+
+
+@njit(error_model="numpy")
+def usable(window: Window, l: int, last: int) -> bool:
+    """Whether a landmark has a host and is seen by another frame."""
+    if window.landmarks.host[l] == NO_HOST or window.landmarks.host[l] > last:
+        return False
+    others = 0
+    for j in range(last + 1):
+        others += window.landmarks.seen[l, j] and j != window.landmarks.host[l]
+    return others > 0
+
+
+@njit(error_model="numpy")
+def add_sightings(
+    window: Window,
+    terms: Terms,
+    views: Views,
+    s: Sightings,
+    hosts: int,
+    last: int,
+    host_depth: bool,
+    H: Array,
+    b: Array,
+) -> float:
+    """Adds all that the camera tells of the landmarks of some hosts, these eliminated; returns its cost.
+
+    Args:
+        window: Frames and landmarks.
+        terms: Which factors there are.
+        views: Of the frames.
+        s: Room.
+        hosts: Landmarks of so many oldest frames count.
+        last: Slot of the last frame whose sightings count.
+        host_depth: Whether (11) is there.
+        H: (N, N) of all states, changed; the lower triangle counts.
+        b: (N,) changed.
+    """
+    m, cost = CALIBRATION + POSE * (last + 1), 0.0
+    s.H[:m, :m] = 0.0
+    s.b[:m] = 0.0
+    for host in range(hosts):
+        s.pairs[: last + 1] = 0.0
+        for l in range(len(window.landmarks.host)):
+            if window.landmarks.host[l] == host and usable(window, l, last):
+                cost += _add(window, terms, views, s, l, last, host_depth)
+                _eliminate(s, l, host, window.landmarks.seen[l], last)
+        _gather(s, host, last)
+    for i in range(m):
+        row = H[state(i)]
+        b[state(i)] += s.b[i]
+        for e in range(CALIBRATION):
+            row[e] += s.H[i, e]
+        for k in range(last + 1):
+            o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k
+            for e in range(POSE):
+                row[o + e] += s.H[i, q + e]
+    return cost
+
+
+@njit(error_model="numpy")
+def state(i: int) -> int:
+    """Which of all states the i-th of calibration and poses is."""
+    if i < CALIBRATION:
+        return i
+    return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
