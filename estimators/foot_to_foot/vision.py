@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.foot_ins.algebra import rotation_matrix
+from stridetwin.estimators.foot_ins.algebra import exponential, rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
@@ -28,6 +28,8 @@ from stridetwin.estimators.foot_to_foot.rewind import Then, cross, rewind
 from stridetwin.streams.samples import Array
 
 MIN_DEPTH = 0.02  # m; a board nearer than this, or behind the camera, is not where the filter thinks
+LOOKS = 5  # at one picture, at most
+SETTLED = 0.1  # standard deviations of the picture; what moves the board by less needs no further look
 UNUSED = -1.0  # the surprise of a measurement that could not be used
 
 
@@ -75,18 +77,14 @@ def see(
     m = len(points_in_board)
     # A turn of a foot since the exposure that its gyro got wrong shifts all points alike.
     turned = foot.gyro_noise**2 * (abs(a.age) + abs(b.age))
-    A, ahead = _rows(p, R, points_in_board, rays, np.sqrt(ray_sd**2 + m * turned))
+    sd = np.sqrt(ray_sd**2 + m * turned)
+    frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
+    shared = math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
+    ahead, T, z, alone = _tied(p, R, G @ pair.covariance @ G.T, points_in_board, rays, sd, shared)
     if not ahead:
         return UNUSED
-    triangle = np.linalg.qr(A)[1]
-    misfit = abs(triangle[6, 6]) / math.sqrt(2 * m - 6)
-    frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
-    alone = max(1.0, misfit)
-    noise = alone * math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
-    H = (np.ascontiguousarray(triangle[:6, :6]) / noise) @ G
-    z = triangle[:6, 6] / noise
+    H, z = (T / (alone * shared)) @ G, z / (alone * shared)
     length = surprise(pair.covariance, H, z)
-    shared = noise / alone
     pair.nis[SIGHTINGS, 0] += surprise(pair.covariance, shared * H, shared * z) ** 2 / 6.0
     pair.nis[SIGHTINGS, 1] += 1.0
     doubt = max(1.0, length / parameters.max_sighting_surprise)
@@ -95,6 +93,48 @@ def see(
     inject_all(pair)
     pair.seen[camera] = t_ns
     return length
+
+
+@njit
+def _tied(
+    p: Array, R: Array, covariance: Array, points_in_board: Array, rays: Array, ray_sd: Array, shared: float
+) -> tuple[bool, Array, Array, float]:
+    """What a picture says of the board's pose, as a linear measurement of how far the pose is from the foretold one.
+
+    A pose that is foretold badly is far from where the rays' Jacobian holds: a board that comes out a quarter nearer is
+    corrected by too much. So the rays are made linear anew where filter and picture together put the board, until that
+    stays (iterated Kalman filter; Jazwinski 1970, 9.7, in the six dimensions that matter).
+
+    Args:
+        p: (3,) foretold position of the board in the camera, m.
+        R: (3, 3) foretold rotation, camera <- board.
+        covariance: (6, 6) of both, m and rad, camera axes.
+        points_in_board: (M, 3) m.
+        rays: (M, 2).
+        ray_sd: (M,).
+        shared: Factor by which the noise grows as sightings share their error.
+
+    Returns:
+        Whether the board lies ahead of the camera; (6, 6) derivatives by the pose; (6,) innovations, both in standard
+        deviations of the rays; misfit, at least 1, by which these are too small.
+    """
+    u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: pose found so far less the foretold one
+    for look in range(LOOKS):
+        q = exponential(u[3], u[4], u[5])
+        A, ahead = _rows(p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
+        if not ahead:
+            return look > 0, T, z, alone
+        triangle = np.linalg.qr(A)[1]
+        T = np.ascontiguousarray(triangle[:6, :6])
+        z = triangle[:6, 6] + T @ u
+        alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * len(rays) - 6))
+        noise = alone * shared
+        gain = covariance @ T.T @ np.linalg.inv(T @ covariance @ T.T + noise**2 * np.eye(6))
+        before, u = u, gain @ z
+        moved = T @ (u - before)
+        if moved @ moved < (SETTLED * noise) ** 2:
+            break
+    return True, T, z, alone
 
 
 @njit

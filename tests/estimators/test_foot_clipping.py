@@ -82,3 +82,22 @@ def test_a_landing_hides_a_share_of_the_range_upwards_and_of_nothing_else(axis: 
     np.testing.assert_allclose(
         speed(share) - speed(0.0), [0.0, 0.0, share * limit * 2 / 120.0 * (axis == 2)], atol=1e-3
     )
+
+
+def test_where_a_long_span_at_the_limit_has_no_shape_the_covariance_grows() -> None:
+    still, begin, samples, limit = walk(strides=1), 150, 30, 49.0
+    force = still.imu.columns["specific_force"][:250].copy()
+    force[begin : begin + samples, 0] = limit
+    columns = {"angular_rate": still.imu.columns["angular_rate"][:250], "specific_force": force}
+    imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
+
+    def variance(noise: float) -> Array:
+        nothing_stands = FootInsParameters(still_velocity=1e6, rest_level=0.0, accel_limit_noise=noise)
+        ins = FootIns(replace(EXACT, accelerometer_range=limit), parameters=nothing_stands)
+        last = [ins.update(sample) for sample in imu][begin + samples + 10]
+        assert last is not None
+        return np.diag(last.covariance)
+
+    hidden, span = variance(3.0) - variance(0.0), samples / 120.0
+    np.testing.assert_allclose(hidden[3], 3.0**2 * span, rtol=0.02)
+    assert hidden[0] > 3.0**2 * span**3 / 3.0

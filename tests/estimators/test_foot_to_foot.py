@@ -25,7 +25,7 @@ from stridetwin.estimators.foot_to_foot import (
 )
 from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, FEET, MOUNTS, Pair, blank_pair, inject_all
 from stridetwin.estimators.foot_to_foot.rewind import rewind
-from stridetwin.estimators.foot_to_foot.vision import board_in_camera
+from stridetwin.estimators.foot_to_foot.vision import _tied, board_in_camera
 from stridetwin.scenarios.experiments.jao_simulation import Setup, Simulation
 from stridetwin.scenarios.experiments.steady_walk import SteadyWalk
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -130,6 +130,19 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
     np.testing.assert_allclose(found.p, then[:3], atol=1e-12)
     np.testing.assert_allclose(found.v, then[3:6], atol=1e-12)
     np.testing.assert_allclose(found.R, Rotation.from_quat(then[6:10], scalar_first=True).as_matrix(), atol=1e-12)
+
+
+def test_a_board_foretold_far_off_is_found_where_it_is() -> None:
+    """Perspective is no straight line: one step from a decimetre off misses by a centimetre, and would tell a speed."""
+    points = np.array([[0.02 * i, 0.02 * j, 0.0] for i in range(6) for j in range(5)]) - [0.05, 0.04, 0.0]
+    p, turn = np.array([0.02, -0.03, 0.45]), Rotation.from_euler("xyz", [0.3, 2.8, 0.2])
+    seen = turn.apply(points) + p
+    foretold, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
+    covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
+    ahead, T, z, _ = _tied(foretold, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
+    found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
+    assert ahead
+    np.testing.assert_allclose(foretold + found[:3], p, atol=2e-3)
 
 
 def test_one_foot_alone_is_the_one_foot_filter() -> None:
