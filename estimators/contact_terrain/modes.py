@@ -8,6 +8,8 @@ from stridetwin.estimators.contact_terrain.estimate import UNKNOWN
 
 RAMP_RAD = math.radians(2.5)
 """Ground that slopes more is a ramp: half of the gentlest ramp that one is built for, 5°."""
+TREAD_RAD = 2.0 * RAMP_RAD
+"""Beyond a riser it is one only where it slopes more than this: what lies there is mostly a tread."""
 RISER_M = 0.055
 """A footprint that is further above (or below) what slopes explain is on a stair: between a kerb, 40 mm, and 70 mm."""
 SURE = 0.70
@@ -17,8 +19,8 @@ SURE = 0.70
 def step_modes(slope: float, slope_sd: float, beyond: float, beyond_sd: float) -> dict[str, float]:
     """Probability of each mode.
 
-    A foot on sloping ground is on a ramp, whatever lies between the footprints; on level ground it is on a stair where
-    the height between them is more than the slopes of both explain, and else on the level.
+    Ground that slopes is a ramp; level ground is a stair where the height between the footprints is more than the
+    slopes of both explain, and else level. A foot that tilts a little beyond a riser stands on a tread.
 
     Args:
         slope: Of the ground under the foot, rad.
@@ -26,10 +28,15 @@ def step_modes(slope: float, slope_sd: float, beyond: float, beyond_sd: float) -
         beyond: Height over the footprint before beyond what the slopes explain, m, negative below.
         beyond_sd: m.
     """
-    up, down = _above(slope, RAMP_RAD, slope_sd), _above(-slope, RAMP_RAD, slope_sd)
-    flat = 1.0 - up - down
     high, low = _above(beyond, RISER_M, beyond_sd), _above(-beyond, RISER_M, beyond_sd)
-    return {"LG": flat * (1.0 - high - low), "SA": flat * high, "SD": flat * low, "RA": up, "RD": down}
+    plane = 1.0 - high - low
+    up, down = _above(slope, RAMP_RAD, slope_sd), _above(-slope, RAMP_RAD, slope_sd)
+    steep_up, steep_down = _above(slope, TREAD_RAD, slope_sd), _above(-slope, TREAD_RAD, slope_sd)
+    tread = 1.0 - steep_up - steep_down
+    return {
+        "LG": plane * (1.0 - up - down), "SA": tread * high, "SD": tread * low,
+        "RA": plane * up + (high + low) * steep_up, "RD": plane * down + (high + low) * steep_down,
+    }  # fmt: skip
 
 
 def most_likely(probabilities: dict[str, float]) -> tuple[str, float]:
@@ -42,6 +49,11 @@ def beyond_slopes(height: float, distance: float, slope: float, slope_before: fl
     """Height that ground between two footprints cannot explain, sloping as under the one or the other, m."""
     reach = (0.0, distance * math.tan(slope), distance * math.tan(slope_before))
     return height - min(max(height, min(reach)), max(reach))
+
+
+def sloping(slope: float, sd: float) -> float:
+    """Probability that the ground slopes like a ramp, up or down: slope and its standard deviation, rad."""
+    return _above(slope, RAMP_RAD, sd) + _above(-slope, RAMP_RAD, sd)
 
 
 def _above(value: float, limit: float, sd: float) -> float:

@@ -15,7 +15,7 @@ from stridetwin.estimators.contact_terrain.footfall import BOUNCE_S, OFF_N, ON_N
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import at_stop, leg_angles, links
 from stridetwin.estimators.contact_terrain.load import CellLoads
-from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, step_modes
+from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.estimators.contact_terrain.offsets import (
     CLIMB_SHARE,
     SLOPE_SD,
@@ -44,6 +44,8 @@ LANDING_RADPS = 0.7
 STOP_MARGIN = math.radians(2.0)
 STRAINED_SLOPE_SD, STRAINED_SD = math.radians(8.0), 0.015
 """rad and m, what an ankle at its stop may do to a foot's attitude and place."""
+SLOPING_SD = 0.002
+"""m by which holders and cuffs give otherwise on a slope than on the level, in the same way at every step."""
 STEADY, GIVE = 0.0015, 5.0
 """m by which the vector between two feet that stand varies, and what a frame that lets it vary more may be off by."""
 
@@ -222,13 +224,15 @@ class StrideTwin:
         fall = self._falls[self._newest]
         self._belief = belief = self._offsets.judge(self._figures(), start=fall.step == 0)
         x, y, height, slope, before = belief.values
-        sd = np.sqrt(np.diag(belief.covariance))
+        covariance = belief.covariance.copy()
+        covariance[2, 2] += (SLOPING_SD * sloping(slope, math.sqrt(covariance[3, 3]))) ** 2
+        sd = np.sqrt(np.diag(covariance))
         beyond = beyond_slopes(height, math.hypot(x, y), slope, before)
         mode, probability = most_likely(step_modes(slope, sd[3], beyond, sd[2]))
         return StepEstimate(
             t_ns=t_ns, step=fall.step, foot=SIDES[self._newest], slope=float(slope), elevation=float(height),
             slope_sd=float(sd[3]), elevation_sd=float(sd[2]), normal=_normal(fall.R_world_sole(), slope),
-            p_sole_in_world=self._p_before + belief.values[:3], covariance=belief.covariance[:3, :3],
+            p_sole_in_world=self._p_before + belief.values[:3], covariance=covariance[:3, :3],
             mode=mode, probability=float(probability),
         )  # fmt: skip
 

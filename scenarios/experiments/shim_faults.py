@@ -33,6 +33,8 @@ WALKS = ("shim_stairs", "shim_ramp_6")
 SEEDS = range(1000, 1007)
 AT_S = 6.0
 """When a fault begins that is not there from the start: in the approach to stair or ramp."""
+LADEN_MPS = 1.0
+"""How fast people walk with all four modules; without them 1.2 m/s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +122,8 @@ def _shuffling(config: TwinConfig) -> TwinConfig:
 
 
 def _with_modules(config: TwinConfig) -> TwinConfig:
-    return replace(config, exo=Exo(mode=1, drive="assist"))
+    """Whoever carries 6 kg more on hips and thighs walks more slowly."""
+    return replace(config, exo=Exo(mode=1, drive="assist"), gait=replace(config.gait, speed_mps=LADEN_MPS))
 
 
 _HEEL, _TOE = "heel", "toe"

@@ -14,7 +14,7 @@ from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
-from stridetwin.sim.dynamics.drive import PERIOD_S, Drive
+from stridetwin.sim.dynamics.drive import DRIVER_S, Drive
 from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import Sensed, StepReplan
@@ -25,7 +25,7 @@ from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.streams.samples import Array
 
-STEP_S = 0.001
+STEP_S = DRIVER_S
 _SETTLE_S = 0.2  # on its soles, before the walk begins
 _FALLEN_M = 0.25  # the pelvis this far below its plan
 
@@ -60,7 +60,7 @@ def simulate(
     data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
     pushed = data.xfrc_applied[model.body("pelvis").id]
     torque, shift = np.zeros(model.nv), StepReplan.none()
-    drive, motors = Drive(model, exo), np.zeros(model.nv)
+    drive = Drive(model, exo)
     touching = np.zeros((len(SIDES), PER_FOOT), dtype=bool)
     fell_at = None
     for step in range(-round(_SETTLE_S / STEP_S), n):
@@ -69,8 +69,7 @@ def simulate(
             coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
             data.subtree_com[1],
         )  # fmt: skip
-        if step % round(PERIOD_S / STEP_S) == 0:
-            motors = drive.torques(data)
+        motors = drive.torques(data)
         known += motors
         i = min(max(step, 0) // every, len(plan.t) - 1)
         if step % every == 0:

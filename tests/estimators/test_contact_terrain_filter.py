@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
 from stridetwin.estimators.contact_terrain.geometry import DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.load import CellLoads
-from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, step_modes
+from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.scenarios.steps import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
@@ -201,6 +201,8 @@ def test_an_unknown_method_is_refused(walk):
         (5.0, 0.05, "RA"),
         (-5.0, -0.05, "RD"),
         (0.0, 0.04, "LG"),
+        (-3.5, -0.18, "SD"),  # a tread on which the foot's frame leans
+        (8.0, 0.30, "RA"),
     ],
 )
 def test_modes_follow_from_geometry(slope, height, mode):
@@ -209,3 +211,8 @@ def test_modes_follow_from_geometry(slope, height, mode):
     assert sum(probabilities.values()) == pytest.approx(1.0)
     assert most_likely(probabilities)[0] == mode
     assert most_likely(step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005))[0] == "unknown"
+
+
+@pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
+def test_ground_slopes_from_half_the_gentlest_ramp_on(slope, share):
+    assert sloping(np.radians(slope), np.radians(0.3)) == pytest.approx(share, abs=1e-6)
