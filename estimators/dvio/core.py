@@ -262,8 +262,9 @@ class Core:
     def _measure(self) -> None:
         """Counts landmarks as measured whose depth the motion has told."""
         marks = self.window.landmarks
-        sure = marks.inverse_depth**2 * self._work.sightings.own > _SURE**2
-        marks.measured[(marks.host != NO_HOST) & (self._alive > 0) & sure & (marks.seen.sum(axis=1) > 2)] = 1
+        l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
+        sure = marks.inverse_depth[l] ** 2 * self._work.sightings.own[l] > _SURE**2
+        marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
 
     def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(N,) which points one pose of the camera explains, where the foreseen one explains few."""

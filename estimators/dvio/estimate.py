@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.live import Live
 from stridetwin.streams.samples import Array
 
@@ -41,15 +40,12 @@ class DvioEstimate:
     @classmethod
     def of(cls, live: Live, health: str) -> DvioEstimate:
         """What a propagated state says, copied."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = live.R, live.p
-        to_world = np.eye(6)
-        to_world[3:, 3:] = live.R
+        T_world_imu, covariance = kernel.told(live)
         return cls(
             t_ns=int(live.t_ns[0]),
-            T_world_imu=T,
+            T_world_imu=T_world_imu,
             v_imu_in_world=live.v.copy(),
-            covariance=to_world @ live.covariance[:6, :6] @ to_world.T,
+            covariance=covariance,
             gyro_bias=live.bias[:3].copy(),
             accel_bias=live.bias[3:].copy(),
             health=health,

@@ -75,6 +75,11 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
         return live.sound(state)
 
     @njit(cache=True, error_model="numpy")
+    def told(state):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return live.told(state)
+
+    @njit(cache=True, error_model="numpy")
     def minimise(window, terms, work, steps, enough):  # type: ignore[no-untyped-def]
         assert sources >= 0
         return solver.minimise(window, terms, work, steps, enough)
@@ -115,9 +120,9 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
         patches.cut(grey, ids, points, kept)
 
     @njit(cache=True, error_model="numpy")
-    def align(grey, kept, ids, warps, far, alike, points, good):  # type: ignore[no-untyped-def]
+    def align(grey, kept, ids, warps, far, alike, settled, points, good):  # type: ignore[no-untyped-def]
         assert sources >= 0
-        patches.align(grey, kept, ids, warps, far, alike, points, good)
+        patches.align(grey, kept, ids, warps, far, alike, settled, points, good)
 
     @njit(cache=True, error_model="numpy")
     def read_slope(depth, points, least, most, rough, slope):  # type: ignore[no-untyped-def]
@@ -126,11 +131,11 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
 
     return (
         integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
-        cut, align, read_slope, sound,
+        cut, align, read_slope, sound, told,
     )  # fmt: skip
 
 
 (
     integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
-    cut, align, read_slope, sound,
+    cut, align, read_slope, sound, told,
 ) = _compiled(zlib.crc32(b"".join(Path(str(m.__file__)).read_bytes() for m in _SOURCES)))  # fmt: skip

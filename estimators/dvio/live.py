@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import carried, mul, skew
+from stridetwin.estimators.dvio.algebra import carried, mul, put, skew
 from stridetwin.estimators.dvio.memory import FRAME, ImuNoise, Increment
 from stridetwin.estimators.dvio.preintegration import integrate
 from stridetwin.streams.samples import Array
@@ -73,26 +73,28 @@ def carry(
     integrate(z, t_ns, samples, doubt, count, live.t_ns[0], end_ns, live.bias, noise)
     dt = z.dt[0]
     R = live.R.copy()
-    F = np.eye(FRAME)
+    F, G = np.eye(FRAME), np.zeros((9, 9))
     for i in range(3):
         F[i, 6 + i] = dt
-    F[0:3, 3:6] = -mul(R, skew(z.alpha))
-    F[3:6, 3:6] = z.gamma.T
-    F[6:9, 3:6] = -mul(R, skew(z.beta))
-    F[0:3, 9:15] = mul(R, np.ascontiguousarray(z.by_bias[0:3]))
-    F[3:6, 9:15] = z.by_bias[3:6]
-    F[6:9, 9:15] = mul(R, np.ascontiguousarray(z.by_bias[6:9]))
-    P = carried(F, live.covariance)
-    G = np.zeros((9, 9))
-    G[0:3, 0:3] = R
-    for i in range(3):
         G[3 + i, 3 + i] = 1.0
-    G[6:9, 6:9] = R
-    P[:9, :9] += carried(G, z.covariance)
+    put(F, 0, 3, mul(R, skew(z.alpha)), -1.0)
+    put(F, 3, 3, z.gamma.T, 1.0)
+    put(F, 6, 3, mul(R, skew(z.beta)), -1.0)
+    put(F, 0, 9, mul(R, z.by_bias[0:3]), 1.0)
+    put(F, 3, 9, z.by_bias[3:6], 1.0)
+    put(F, 6, 9, mul(R, z.by_bias[6:9]), 1.0)
+    put(G, 0, 0, R, 1.0)
+    put(G, 6, 6, R, 1.0)
+    P, Q = carried(F, live.covariance), carried(G, z.covariance)
+    for i in range(FRAME):
+        for j in range(FRAME):
+            live.covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
+    for i in range(9):
+        for j in range(9):
+            live.covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
     for i in range(3):
-        P[9 + i, 9 + i] += noise.rate_walk**2 * dt
-        P[12 + i, 12 + i] += noise.force_walk**2 * dt
-    live.covariance[:] = 0.5 * (P + P.T)
+        live.covariance[9 + i, 9 + i] += noise.rate_walk**2 * dt
+        live.covariance[12 + i, 12 + i] += noise.force_walk**2 * dt
     for i in range(3):
         live.p[i] += live.v[i] * dt
         for j in range(3):
@@ -100,7 +102,7 @@ def carry(
             live.v[i] += R[i, j] * z.beta[j]
     live.p[2] -= 0.5 * gravity * dt * dt
     live.v[2] -= gravity * dt
-    live.R[:] = mul(R, z.gamma)
+    put(live.R, 0, 0, mul(R, z.gamma), 1.0)
     live.t_ns[0] = end_ns
 
 
@@ -112,3 +114,16 @@ def sound(live: Live) -> bool:
     if not (math.isfinite(total) and fast < _FASTEST**2):
         return False
     return bool(np.abs(live.bias[:3]).max() < _MOST_GYRO_BIAS and np.abs(live.bias[3:]).max() < _MOST_ACCEL_BIAS)
+
+
+@njit(error_model="numpy")
+def told(live: Live) -> tuple[Array, Array]:
+    """(4, 4) world <- IMU, and (6, 6) covariance of its position (m) and rotation (rad), both in world axes."""
+    T, to_world = np.zeros((4, 4)), np.zeros((6, 6))
+    put(T, 0, 0, live.R, 1.0)
+    put(to_world, 3, 3, live.R, 1.0)
+    T[3, 3] = 1.0
+    for i in range(3):
+        T[i, 3] = live.p[i]
+        to_world[i, i] = 1.0
+    return T, carried(to_world, live.covariance[:6, :6])

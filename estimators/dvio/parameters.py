@@ -77,7 +77,7 @@ class DvioParameters:
     keyframes: int = 9
     landmarks: int = 90
     landmark_slots: int = 256
-    steps: int = 2
+    steps: int = 1
     keyframe_steps: int = 3
     enough: float = 1e-3
     keyframe_parallax_px: float = 18.0
@@ -182,6 +182,7 @@ _PUBLISHED: dict[str, Any] = {
     "depth_scale_sd": 0.0,
     "focal_sd": 0.0,
     "anchored": False,
+    "steps": 2,
 }
 METHODS: dict[str, DvioParameters] = {
     "stridetwin": DvioParameters(),

@@ -19,7 +19,6 @@ from stridetwin.streams.samples import Array
 REACH = 6  # px; half of a patch
 PIXELS = (2 * REACH + 1) ** 2
 _STEPS = 8
-_SETTLED_PX = 0.01
 _SLOPE_REACH, _SLOPE_STRIDE = 8, 2  # px
 
 
@@ -129,6 +128,7 @@ def align(
     warps: Array,
     far: float,
     alike: float,
+    settled: float,
     points: NDArray[np.float32],
     good: NDArray[np.bool_],
 ) -> None:
@@ -141,6 +141,7 @@ def align(
         warps: (N, 2, 2) from the patch's pixels to the picture's.
         far: Largest move, px.
         alike: Least correlation of what is seen with the patch.
+        settled: A move as small ends the search, px.
         points: (N, 2) px, changed.
         good: (N,) changed: False where a point cannot be aligned; those that are False are left out.
     """
@@ -177,7 +178,7 @@ def align(
             if math.hypot(x - x0, y - y0) > far:
                 likeness = 0.0
                 break
-            if math.hypot(mx, my) < _SETTLED_PX:
+            if math.hypot(mx, my) < settled:
                 break
         if likeness >= alike:
             points[l, 0], points[l, 1] = x, y

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import carried, exponential, mul, right_jacobian, skew
+from stridetwin.estimators.dvio.algebra import carried, exponential, mul, put, right_jacobian, skew
 from stridetwin.estimators.dvio.memory import ImuNoise, Increment
 from stridetwin.streams.samples import Array
 
@@ -39,38 +39,47 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
         rate_density: Noise, rad/s/√Hz.
         force_density: Noise, m/s²/√Hz.
     """
-    phi = (rate - z.bias[:3]) * dt
-    a = force - z.bias[3:]
-    X, G = skew(phi), z.gamma.copy()
-    X2 = mul(X, X)
-    eye = np.eye(3)
-    to_v = eye + X / 2.0 + X2 / 6.0  # mean of the rotation over the stretch, and its mean weighted with time to go
-    to_p = eye / 2.0 + X / 6.0 + X2 / 24.0
-    A, of_a = skew(a), np.ascontiguousarray(a.reshape(3, 1))
-    turned = mul(X, of_a)[:, 0]
-    XA = mul(X, A) + skew(turned)
-    v_by_phi, p_by_phi = -(A / 2.0 + XA / 6.0), -(A / 6.0 + XA / 24.0)
-    dv, dp = mul(to_v, of_a)[:, 0] * dt, mul(to_p, of_a)[:, 0] * (dt * dt)
-    F = np.eye(9)
-    F[0:3, 3:6] = -mul(G, skew(dp))
+    phi, a = np.empty(3), np.empty((3, 1))
+    for i in range(3):
+        phi[i], a[i, 0] = (rate[i] - z.bias[i]) * dt, force[i] - z.bias[3 + i]
+    X, A, G = skew(phi), skew(a[:, 0]), z.gamma.copy()
+    X2, turned = mul(X, X), mul(X, a)
+    XA, Xa = mul(X, A), skew(turned[:, 0])
+    # mean of the rotation over the stretch, and its mean weighted with time to go
+    to_v, to_p, v_by_phi, p_by_phi = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            one = 1.0 if i == j else 0.0
+            both = XA[i, j] + Xa[i, j]
+            to_v[i, j] = one + X[i, j] / 2.0 + X2[i, j] / 6.0
+            to_p[i, j] = one / 2.0 + X[i, j] / 6.0 + X2[i, j] / 24.0
+            v_by_phi[i, j] = -(A[i, j] / 2.0 + both / 6.0)
+            p_by_phi[i, j] = -(A[i, j] / 6.0 + both / 24.0)
+    dv, dp = mul(to_v, a)[:, 0], mul(to_p, a)[:, 0]
+    for i in range(3):
+        dv[i] *= dt
+        dp[i] *= dt * dt
+    F, B, turn = np.eye(9), np.zeros((9, 6)), exponential(phi)
+    put(F, 0, 3, mul(G, skew(dp)), -1.0)
+    put(F, 3, 3, turn.T, 1.0)
+    put(F, 6, 3, mul(G, skew(dv)), -1.0)
     for i in range(3):
         F[i, 6 + i] = dt
-    turn = exponential(phi)
-    F[3:6, 3:6] = turn.T
-    F[6:9, 3:6] = -mul(G, skew(dv))
-    B = np.zeros((9, 6))
-    B[0:3, 0:3] = mul(G, p_by_phi) * (-dt * dt * dt)
-    B[0:3, 3:6] = mul(G, to_p) * (-dt * dt)
-    B[3:6, 0:3] = right_jacobian(phi) * -dt
-    B[6:9, 0:3] = mul(G, v_by_phi) * (-dt * dt)
-    B[6:9, 3:6] = mul(G, to_v) * -dt
-    z.by_bias[:] = mul(F, z.by_bias) + B
+    put(B, 0, 0, mul(G, p_by_phi), -dt * dt * dt)
+    put(B, 0, 3, mul(G, to_p), -dt * dt)
+    put(B, 3, 0, right_jacobian(phi), -dt)
+    put(B, 6, 0, mul(G, v_by_phi), -dt * dt)
+    put(B, 6, 3, mul(G, to_v), -dt)
     # White noise of density s is a bias of standard deviation s / √dt over the stretch.
-    P = carried(F, z.covariance)
-    scaled = B.copy()
-    scaled[:, :3] *= rate_density / np.sqrt(dt)
-    scaled[:, 3:] *= force_density / np.sqrt(dt)
-    z.covariance[:] = P + mul(scaled, np.ascontiguousarray(scaled.T))
+    by_rate, by_force = rate_density / np.sqrt(dt), force_density / np.sqrt(dt)
+    P, by_bias = carried(F, z.covariance), mul(F, z.by_bias)
+    for i in range(9):
+        for j in range(6):
+            z.by_bias[i, j] = by_bias[i, j] + B[i, j]
+        for j in range(9):
+            rates = B[i, 0] * B[j, 0] + B[i, 1] * B[j, 1] + B[i, 2] * B[j, 2]
+            forces = B[i, 3] * B[j, 3] + B[i, 4] * B[j, 4] + B[i, 5] * B[j, 5]
+            z.covariance[i, j] = P[i, j] + by_rate * by_rate * rates + by_force * by_force * forces
     for i in range(3):
         moved = z.beta[i] * dt
         for j in range(3):
@@ -79,7 +88,7 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
     for i in range(3):
         for j in range(3):
             z.beta[i] += G[i, j] * dv[j]
-    z.gamma[:] = mul(G, turn)
+    put(z.gamma, 0, 0, mul(G, turn), 1.0)
     z.dt[0] += dt
 
 
@@ -114,8 +123,9 @@ def integrate(
     while at < end_ns and i < count:
         until = min(t_ns[i], end_ns)
         dt = (until - at) * 1e-9
-        turn = samples[i, :3] - bias[:3]
-        share = noise.rate_share**2 * (turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+        share = 0.0
+        for k in range(3):
+            share += (noise.rate_share * (samples[i, k] - bias[k])) ** 2
         rate_density, force_density = np.sqrt(noise.rate**2 + share), noise.force
         if doubt[i]:
             # A value off by a constant over the stretch, as a density.

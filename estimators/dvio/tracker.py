@@ -20,7 +20,8 @@ _CELLS = (10, 8)
 _APART_PX = 16.0
 _MARGIN_PX = 10
 _SCALES = 2  # of patches: full and half the resolution
-_NEAR_PX, _NEAR_ALIKE = 8.0, 0.6  # largest move and least correlation at half the resolution
+_SETTLED_PX = 0.01
+_NEAR_PX, _NEARLY_PX, _NEAR_ALIKE = 8.0, 0.1, 0.6  # at half the resolution: largest move, least one, correlation
 _FAST = (14, 5)  # thresholds, tried in turn
 Points = NDArray[np.float32]
 
@@ -138,7 +139,9 @@ class Tracker:
             (N, 2) px, and (N,) which of them are there.
         """
         half, found = points / np.float32(2.0), np.ones(len(points), bool)
-        kernel.align(self._smoothed()[1], self._patches[1], slots, warps, _NEAR_PX / 2.0, _NEAR_ALIKE, half, found)
+        kernel.align(
+            self._smoothed()[1], self._patches[1], slots, warps, _NEAR_PX / 2.0, _NEAR_ALIKE, _NEARLY_PX, half, found
+        )
         points = np.where(found[:, None], np.float32(2.0) * half, points)
         return self.settle(slots, points, warps, np.ones(len(points), bool), far, alike)
 
@@ -147,7 +150,7 @@ class Tracker:
     ) -> tuple[Points, NDArray[np.bool_]]:
         """As `align`, but only at the whole resolution, of those points that are `good`, (N,)."""
         points, good = points.copy(), good.copy()
-        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, far, alike, points, good)
+        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, far, alike, _SETTLED_PX, points, good)
         return points, good
 
     def _smoothed(self) -> list[NDArray[np.uint8]]:
