@@ -67,7 +67,7 @@ def test_is_deterministic(sway):
 
 
 def test_stands_still():
-    wall = Wall(still, 12.0, seed=4)
+    wall = Wall(still, 60.0, seed=4)
     _, made = followed(wall)
     assert errors(wall, made).max() < 0.004
     assert np.linalg.norm(made[-1].v_imu_in_world) < 0.01
