@@ -47,7 +47,7 @@ class DvioParameters:
         cull_sd: Sightings further off are removed, standard deviations.
         apart_sd: A point that is told so far from the depth that it should have is not followed, standard deviations.
         gate_px: A point that is seen further from where motion and depth have it is not followed.
-        anchored: Whether a point is aligned with the patch of its host after it was followed.
+        anchored: Whether a point is aligned with the patch of its host, where it is foreseen or was followed to.
         anchor_px: Largest move of this.
         anchor_likeness: Least correlation with the patch.
         forward_backward_px: Largest distance of a point followed there and back.
