@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from benchmarks.command import answer, command, show_summary
 from benchmarks.foot_ins_speed import peak_mib
+from benchmarks.repeated import again
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain, Exoskeleton
 from stridetwin.scenarios.exo_geometry import geometry
 from stridetwin.scenarios.experiments.shim_table5 import SENSORS, walked
@@ -23,19 +24,11 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Sample
 
 
-def again(samples: Sequence[Sample], times: int) -> Iterator[tuple[int, Sample]]:
-    """Which repetition, and its samples, each walk 10 ms after the one before."""
-    span_ns = samples[-1].t_ns - samples[0].t_ns + 10_000_000
-    for turn in range(times):
-        for sample in samples:
-            yield turn, replace(sample, t_ns=sample.t_ns + turn * span_ns)
-
-
 def figures(exo: Exoskeleton, method: str, samples: Sequence[Sample], times: int) -> dict[str, float]:
     """Time and growth of memory over so many repetitions."""
     estimator, spent_s, before = ContactTerrain(exo, method), 0.0, 0.0
     instants = len({s.t_ns for s in samples}) * times
-    for turn, sample in again(samples, times):
+    for turn, sample in again(lambda: samples, times, samples[-1].t_ns - samples[0].t_ns + 10_000_000):
         if turn == 1 and not before:
             before = peak_mib()
         start = time.process_time()

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +17,7 @@ from typing import Any
 
 from benchmarks.command import answer, command, show_summary
 from benchmarks.foot_ins_speed import peak_mib
+from benchmarks.repeated import again
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.scenarios.experiments.walks import CAMERAS, IMUS, SHOES, SONARS
 from stridetwin.scenarios.runner import record
@@ -29,20 +29,12 @@ from stridetwin.streams.samples import Image, Imu, Range
 TOPICS = (*IMUS, *CAMERAS, *SONARS)
 
 
-def again(walk: Recording, times: int) -> Iterator[tuple[int, Imu | Image | Range]]:
-    """Which repetition, and its samples, each walk right after the one before."""
-    span_ns = round(walk.duration * 1e9)
-    for turn in range(times):
-        for sample in walk.samples(TOPICS):
-            if isinstance(sample, Imu | Image | Range):
-                yield turn, replace(sample, t_ns=sample.t_ns + turn * span_ns)
-
-
 def figures(walk: Recording, times: int) -> dict[str, float]:
     """Speed and growth of memory over so many repetitions."""
     estimator, spent_s, seen, pictures, before = FootToFoot(walk.rig), 0.0, 0, 0, 0.0
     begin = time.process_time()
-    for turn, sample in again(walk, times):
+    for turn, sample in again(lambda: walk.samples(TOPICS), times, round(walk.duration * 1e9)):
+        assert isinstance(sample, Imu | Image | Range)
         if turn == 1 and not before:
             before = peak_mib()
         start = time.process_time()

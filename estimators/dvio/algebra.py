@@ -45,24 +45,23 @@ def put(M: Array, row: int, column: int, block: Array, times: float) -> None:
 
 
 @njit(error_model="numpy")
+def sparse_mul(F: Array, P: Array) -> Array:
+    """(n, m) product of (n, k) and (k, m); what F has of zeros costs nothing."""
+    n, k, m = F.shape[0], F.shape[1], P.shape[1]
+    C = np.zeros((n, m))
+    for i in range(n):
+        for j in range(k):
+            f = F[i, j]
+            if f != 0.0:
+                for l in range(m):
+                    C[i, l] += f * P[j, l]
+    return C
+
+
+@njit(error_model="numpy")
 def carried(F: Array, P: Array) -> Array:
-    """(n, n) F P Fᵀ of a symmetric P; what F has of zeros costs nothing."""
-    n = len(F)
-    half = np.zeros((n, n))
-    for i in range(n):
-        for j in range(n):
-            f = F[i, j]
-            if f != 0.0:
-                for k in range(n):
-                    half[i, k] += f * P[j, k]
-    half, whole = np.ascontiguousarray(half.T), np.zeros((n, n))
-    for i in range(n):
-        for j in range(n):
-            f = F[i, j]
-            if f != 0.0:
-                for k in range(n):
-                    whole[i, k] += f * half[j, k]
-    return whole
+    """(n, n) F P Fᵀ of a symmetric P."""
+    return sparse_mul(F, np.ascontiguousarray(sparse_mul(F, P).T))
 
 
 @njit(error_model="numpy")

@@ -28,6 +28,7 @@ from stridetwin.estimators.dvio.memory import (
     Increment,
     Window,
 )
+from stridetwin.estimators.dvio.preintegration import increment_at
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.streams.samples import Array
 
@@ -100,10 +101,7 @@ def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Arra
 @njit(error_model="numpy")
 def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> float:
     """Adds the IMU factor (9) from frame k to the next, with the walk of its biases; returns its cost."""
-    frames, zs = window.frames, window.increments
-    z = Increment(
-        zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
-    )
+    frames, z = window.frames, increment_at(window.increments, k)
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     motion(frames, z, k, terms, r, J, terms.first_estimates)
     WJ = mul(z.weight, J)

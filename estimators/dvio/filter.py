@@ -15,7 +15,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu
 
 MOUNTS = ("head", "chest")
-_HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
+HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
 _SAME_S = 0.012  # colour and depth this near are of one moment
 _BLIND_S = 3.0  # without a picture; the window then begins anew at what the IMU leads to
 _FEW = 10  # sightings of a picture
@@ -55,8 +55,8 @@ class Dvio:
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
-        self._pictures: deque[Image] = deque(maxlen=_HELD)
-        self._depths: deque[Depth] = deque(maxlen=_HELD)
+        self._pictures: deque[Image] = deque(maxlen=HELD)
+        self._depths: deque[Depth] = deque(maxlen=HELD)
         self._last_ns: dict[str, int] = {}
         self._begun_ns: int | None = None
         self._health = ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,41 +9,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.dvio import (
-    algebra,
-    factors,
-    landmarks,
-    live,
-    marginal,
-    memory,
-    patches,
-    pixels,
-    preintegration,
-    sights,
-    solver,
-    terms,
-    views,
-)
-
-_SOURCES = (
-    algebra,
-    factors,
-    landmarks,
-    live,
-    marginal,
-    memory,
-    patches,
-    pixels,
-    preintegration,
-    sights,
-    solver,
-    terms,
-    views,
-)
+from stridetwin.estimators.digest import digest_of_sources
+from stridetwin.estimators.dvio import live, marginal, patches, pixels, preintegration, sights, solver
 
 
 def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
-    """What Python calls; only these outermost functions are cached, see `foot_ins.kernel`.
+    """What Python calls; only these outermost functions are cached.
 
     Args:
         sources: Digest, ≥ 0.
@@ -58,9 +28,7 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
     @njit(cache=True, error_model="numpy")
     def integrate_into(zs, k, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
         assert sources >= 0
-        z = preintegration.Increment(
-            zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
-        )
+        z = preintegration.increment_at(zs, k)
         preintegration.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
         z.weight[:] = np.linalg.inv(z.covariance)
 
@@ -138,4 +106,4 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
 (
     integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
     cut, align, read_slope, sound, told,
-) = _compiled(zlib.crc32(b"".join(Path(str(m.__file__)).read_bytes() for m in _SOURCES)))  # fmt: skip
+) = _compiled(digest_of_sources(Path(__file__).parent))  # fmt: skip

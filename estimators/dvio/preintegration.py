@@ -16,6 +16,14 @@ from stridetwin.streams.samples import Array
 
 
 @njit(error_model="numpy")
+def increment_at(zs: Increment, k: int) -> Increment:
+    """The k-th of an array of increments."""
+    return Increment(
+        zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
+    )
+
+
+@njit(error_model="numpy")
 def clear(z: Increment, bias: Array) -> None:
     """Makes an increment that of no time, with the biases (6,) of gyroscope and accelerometer that it is taken at."""
     z.dt[0] = 0.0

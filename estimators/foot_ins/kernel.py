@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.digest import digest_of_sources
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
 from stridetwin.estimators.foot_ins.detector import motion, push, standing_speed
@@ -130,16 +130,8 @@ def note_pose_covariance(memory: Memory, covariance: Array) -> None:
             covariance[3 + i, 3 + j] = P[o + D_ATTITUDE + i, o + D_ATTITUDE + j]
 
 
-def digest_of_sources(*folders: Path) -> int:
-    """Checksum, ≥ 0, of every Python file that lies in the folders."""
-    return zlib.crc32(b"".join(f.read_bytes() for folder in folders for f in sorted(folder.glob("*.py"))))
-
-
 def _compiled(sources: int) -> Callable[..., None]:
     """The loop over samples, compiled; cached under the digest of all that is compiled into it.
-
-    numba's cache looks at the file of the cached function alone, and would go on with what that function
-    took in from other files, however much those have changed since. So only the outermost one is cached.
 
     Args:
         sources: Digest, ≥ 0.

@@ -28,7 +28,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.foot_ins.kernel import digest_of_sources, note_pose_covariance, step
+from stridetwin.estimators.digest import digest_of_sources
+from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
 from stridetwin.estimators.foot_ins.memory import IGNORED, NOMINAL, STATES, T_LAST, Memory, blank
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import inject

@@ -10,9 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators import foot_ins
+from stridetwin.estimators.digest import digest_of_sources
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.clipping import hides
-from stridetwin.estimators.foot_ins.kernel import digest_of_sources, note_pose_covariance, possible, step
+from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, possible, step
 from stridetwin.estimators.foot_ins.memory import ATTITUDE, IGNORED, VELOCITY, Memory
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_to_foot.memory import IMU, RELATIVE, SIGHTING, Events, Pair, inject_all
