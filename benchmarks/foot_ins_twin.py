@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command, show_summary
-from stridetwin.scenarios.evaluate import foot_filter
+from stridetwin.scenarios.estimates import foot_filter
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath

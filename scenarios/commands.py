@@ -193,7 +193,7 @@ def check_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`estimate`."""
-    from stridetwin.scenarios.evaluate import estimate_feet, estimate_foot, foot_filter
+    from stridetwin.scenarios.estimates import estimate_feet, estimate_foot, foot_filter
     from stridetwin.scenarios.imu_table import TABLES
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
@@ -233,7 +233,7 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 
 def _estimate_steps(arguments: Namespace, progress: Progress) -> Outcome:
-    from stridetwin.scenarios.evaluate import estimate_steps
+    from stridetwin.scenarios.estimates import estimate_steps
     from stridetwin.scenarios.steps import write_steps
 
     if arguments.foot:
@@ -285,7 +285,8 @@ def _for_foot(file: Path, foot: str) -> Path:
 def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.scenarios.baseline import regressions
-    from stridetwin.scenarios.evaluate import Estimate, estimates, evaluate, summary
+    from stridetwin.scenarios.estimates import estimates
+    from stridetwin.scenarios.evaluate import Estimate, evaluate, summary
     from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
     from stridetwin.streams.tum import read_tum
 
@@ -301,8 +302,8 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
         steps = not named and feeds_steps(recording)
         if not made and not steps:
             raise StrideTwinError(
-                f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu, or with an "
-                "exoskeleton's AHRS, encoders and insoles"
+                f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu, with an "
+                "exoskeleton's AHRS, encoders and insoles, or with an RGB-D camera with IMU on head or chest"
             )
         scores.append({r.estimate.name: r.scores for r in evaluate(recording, made, arguments.align)})
         if steps:
@@ -320,7 +321,8 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def view_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`view`."""
-    from stridetwin.scenarios.evaluate import estimates, evaluate, true_frames
+    from stridetwin.scenarios.estimates import estimates
+    from stridetwin.scenarios.evaluate import evaluate, true_frames
     from stridetwin.scenarios.rerun_file import rerun_installed, write_rerun
     from stridetwin.streams.files import whole_file
 

@@ -1,26 +1,16 @@
-"""Runs the estimators that a recording feeds and scores them against the recording's truth."""
+"""Scores estimated paths against the truth of their recording."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
-from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate, read_exoskeleton
-from stridetwin.estimators.foot_ins import FootIns, FootInsPath, FootInsSmoother
-from stridetwin.estimators.foot_to_foot import FootToFoot, follow
 from stridetwin.scenarios.alignment import Rigid
-from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import ImuCalibration
-from stridetwin.streams.samples import Block, Imu
 from stridetwin.streams.trajectory import Trajectory
-
-FEET = {"l": "left", "r": "right"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,93 +41,6 @@ class Result:
     estimate: Estimate
     comparison: Comparison
     scores: Scores
-
-
-def foot_filter(lag_s: float | None = None, calibration: ImuCalibration | None = None) -> FootIns | FootInsSmoother:
-    """The one-foot filter, or its smoother where there is a lag (s)."""
-    return FootIns(calibration) if lag_s is None else FootInsSmoother(lag_s, calibration)
-
-
-def estimate_foot(recording: Recording, foot: str, lag_s: float | None = None) -> Estimate:
-    """The foot-mounted inertial system of one foot.
-
-    Args:
-        recording: Needs `/foot_{foot}/imu` and its calibration.
-        foot: `l` or `r`.
-        lag_s: See `foot_filter`.
-
-    Raises:
-        StrideTwinError: The topic or the calibration is missing, or the data would spoil the estimate.
-    """
-    frame = f"foot_{foot}/imu"
-    block: Block[Imu] = recording.block(f"/{frame}")
-    estimator = foot_filter(lag_s, recording.rig.imu(f"/{frame}"))
-    path = estimator.run(block)
-    nis = {} if math.isnan(estimator.nis) else {"standing": estimator.nis}
-    return _estimate(recording, "foot_ins", foot, path, nis)
-
-
-def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Estimate]:
-    """Both feet together, with what their cameras and sonars say of each other, where there are any.
-
-    Args:
-        recording: Needs the IMUs of both feet and their calibration.
-        method: See `FootToFoot`.
-
-    Raises:
-        StrideTwinError: As `estimate_foot`.
-    """
-    rig = recording.rig
-    mounts = {c.topic: c.mount for c in rig.cameras.values()}
-    mounts |= {s.topic: s.mount for s in rig.others.values() if s.kind == "range"}
-    aids = [t for t, mount in mounts.items() if mount.body in ("foot_l", "foot_r") and t in recording.topics]
-    imus = [f"/foot_{foot}/imu" for foot in FEET]
-    estimator = FootToFoot(rig, method=method)
-    paths = follow(estimator, recording.samples([*imus, *aids]))
-    world = "foot_to_foot" if method == "stridetwin" else f"foot_to_foot_{method}"
-    common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
-    found = []
-    for foot, path in paths.items():
-        standing = estimator.nis.get(f"standing_{foot}")
-        nis = common if standing is None else {"standing": standing, **common}
-        found.append(_estimate(recording, world, foot, path, nis, world))
-    return found
-
-
-def estimate_steps(
-    recording: Recording, method: str = "stridetwin", exoskeleton: Path | None = None
-) -> list[StepEstimate]:
-    """Slope, elevation and class of each step of someone in an exoskeleton.
-
-    Args:
-        recording: Needs AHRS, encoders and insoles.
-        method: See `ContactTerrain`.
-        exoskeleton: File of its geometry; None takes what the recording tells.
-
-    Raises:
-        StrideTwinError: A topic or the geometry is missing.
-    """
-    exo = of_recording(recording) if exoskeleton is None else read_exoskeleton(exoskeleton)
-    if missing := [topic for topic in exo.topics if topic not in recording.topics]:
-        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}; contact_terrain needs all of them")
-    return ContactTerrain(exo, method).run(recording.samples(list(exo.topics)))
-
-
-def _estimate(
-    recording: Recording, name: str, foot: str, path: FootInsPath, nis: Mapping[str, float], world: str = ""
-) -> Estimate:
-    frame = f"foot_{foot}/imu"
-    if not path.aligned.any():
-        raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
-    ready = int(path.trajectory.t_ns[path.aligned.argmax()])
-    return Estimate(name=f"{name}_{foot}", frame=frame, path=path.trajectory, ready_ns=ready, nis=nis, world=world)
-
-
-def estimates(recording: Recording) -> list[Estimate]:
-    """Every estimate that the recording feeds."""
-    there = [foot for foot in FEET if f"/foot_{foot}/imu" in recording.topics]
-    alone = [estimate_foot(recording, foot) for foot in there]
-    return [*alone, *estimate_feet(recording)] if len(there) == len(FEET) else alone
 
 
 def true_path(recording: Recording, frame: str) -> TruePath:

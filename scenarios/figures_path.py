@@ -6,39 +6,41 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stridetwin.scenarios.evaluate import FEET, Result
+from stridetwin.scenarios.estimates import FEET
+from stridetwin.scenarios.evaluate import Result
 from stridetwin.scenarios.ground import Layout
 from stridetwin.scenarios.scoring import CHI2_3_95
 from stridetwin.scenarios.svg import Plot, Range, data_range, wide_and_narrow
 from stridetwin.streams.samples import Array, Block, Footprint
 
 INK = "#0f1c2e"
-COLORS = {"l": "#0b6bcb", "r": "#d9480f"}
+COLORS = {"l": "#0b6bcb", "r": "#d9480f", "camera": "#5f3dc4"}
 _TOGETHER = {"l": "#0a7d7d", "r": "#a3327a"}
-_SHADES = {"l": "#9cc4ee", "r": "#f3b898"}
+_SHADES = {"l": "#9cc4ee", "r": "#f3b898", "camera": "#c5b6f0"}
 GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
 _FOOT_M, _HALF_FOOT_M = 0.26, 0.045
 
 _Lines = tuple[tuple[Array, Array], tuple[Array, Array]]  # (horizontal, vertical) of the truth, of the estimate
 
 
-def foot_of(name: str) -> str:
-    """`l` or `r`, from the name of an estimator or a frame of that foot."""
-    return name.split("/")[0][-1]
+def part_of(name: str) -> str:
+    """Of the wearer, whose path an estimator of that name tells: foot `l` or `r`, or the `camera`."""
+    foot = name[-2:].lstrip("_")
+    return foot if foot in FEET else "camera"
 
 
 def label_of(name: str) -> str:
-    """How a figure calls an estimate: `left`, or `left, feet together`."""
-    words = FEET[foot_of(name)]
+    """How a figure calls an estimate: `left`, `left, feet together`, or `camera`."""
+    words = FEET.get(part_of(name), "camera")
     return f"{words}, feet together" if name.startswith("foot_to_foot") else words
 
 
 def _colour(name: str) -> str:
-    return (_TOGETHER if name.startswith("foot_to_foot") else COLORS)[foot_of(name)]
+    return (_TOGETHER if name.startswith("foot_to_foot") else COLORS)[part_of(name)]
 
 
 def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
-    """Heights along the way: terrain, true and estimated paths of the feet."""
+    """Heights along the way: terrain, true and estimated paths."""
     lines = [_along(layout, result) for result in results]
     every_s = np.concatenate([s for line in lines for s, _ in line])
     every_z = np.concatenate([z for line in lines for _, z in line])
@@ -64,7 +66,7 @@ def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
 
 
 def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Block[Footprint] | None) -> str:
-    """The walk from above: ground, footprints, true and estimated paths of the feet; true to scale where it turns."""
+    """The walk from above: ground, footprints, true and estimated paths; true to scale where it turns."""
     prints = [] if footprints is None else [_outline(p) for p in footprints]
     lines = [_from_above(result) for result in results]
     every_x = [x for line in lines for x, _ in line] + [p[:, 0] for p in prints]
@@ -105,14 +107,14 @@ def error_over_time(results: Sequence[Result]) -> str:
             y_label="error, mm",
         )
         for result, error, bound in zip(results, errors, bounds):
-            foot, t = foot_of(result.estimate.name), _seconds(result)
+            part, t = part_of(result.estimate.name), _seconds(result)
             together = result.estimate.name.startswith("foot_to_foot")
             if bound is not None:
                 shown = np.where(1000 * bound <= plot.y[1], 1000 * bound, np.nan)
                 plot.line(
                     t,
                     shown,
-                    _SHADES[foot],
+                    _SHADES[part],
                     dash="4 3",
                     label=f"{label_of(result.estimate.name)}, own 95 %" if width > 600 and not together else "",
                 )

@@ -48,6 +48,15 @@ def mount_of(recording: Recording) -> str:
     raise RecordingError(f"{recording.path}: feeds no dvio; valid: a recording with {wanted}")
 
 
+def feeds_odometry(recording: Recording) -> bool:
+    """Whether the recording has a camera with an IMU on head or chest, and depth or a second picture beside it."""
+    return any(
+        {f"/{m}/color", f"/{m}/imu"} <= set(recording.topics)
+        and not {f"/{m}/depth", f"/{m}/color_right"}.isdisjoint(recording.topics)
+        for m in MOUNTS
+    )
+
+
 def estimate_odometry(
     recording: Recording, method: str = "stridetwin", progress: Callable[[str, float], None] | None = None
 ) -> Estimate:

@@ -10,9 +10,10 @@ from string import Template
 
 import numpy as np
 
+from stridetwin.scenarios.estimates import FEET
 from stridetwin.scenarios.evaluate import Result
 from stridetwin.scenarios.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
-from stridetwin.scenarios.figures_path import error_over_time, foot_of, label_of, plan_view, side_view
+from stridetwin.scenarios.figures_path import error_over_time, label_of, part_of, plan_view, side_view
 from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
 from stridetwin.scenarios.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.scenarios.film import Film, data_uri, jpeg_uri
@@ -25,7 +26,7 @@ from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.recording import Recording
 
 _CARDS = (
-    ("end_error_pct", "End error", "%", 1.0, 2, "of the distance that the foot travelled"),
+    ("end_error_pct", "End error", "%", 1.0, 2, "of the distance that foot or camera travelled"),
     ("end_error_m", "End error, absolute", "cm", 100.0, 1, "position and yaw agree at the start"),
     ("end_height_error_m", "Height error at the end", "cm", 100.0, 1, "positive: the estimate is too high"),
     ("ape_rmse_m", "Position error, RMS", "cm", 100.0, 1, "over the whole walk"),
@@ -153,23 +154,26 @@ def section(title: str, lead: str, body: str, css: str = "card") -> str:
 
 
 def _score_cards(results: Sequence[Result]) -> str:
-    def foot_value(result: Result, key: str, unit: str, scale: float, digits: int) -> str:
-        foot = foot_of(result.estimate.name)
+    def value_of(result: Result, key: str, unit: str, scale: float, digits: int) -> str:
+        part = part_of(result.estimate.name)
         value = _number(result.scores[key] * scale, digits)
         words = label_of(result.estimate.name)
-        return f'<div><b>{value}<small>{unit}</small></b><span class="{foot}">{words}</span></div>'
+        return f'<div><b>{value}<small>{unit}</small></b><span class="{part}">{words}</span></div>'
 
     cards = []
     for key, title, unit, scale, digits, words in _CARDS:
-        feet = "".join(foot_value(r, key, unit, scale, digits) for r in results if key in r.scores)
-        if feet:
-            values = f'<div class="feet">{feet}</div>'
+        told = "".join(value_of(r, key, unit, scale, digits) for r in results if key in r.scores)
+        if told:
+            values = f'<div class="told">{told}</div>'
             cards.append(f'<div class="card"><h3>{title}</h3>{values}<p>{words}</p></div>')
-    lead = (
+    parts = {part_of(r.estimate.name) for r in results}
+    lead = [
         "Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else. Feet together: both IMUs in "
-        "one filter, with what shoe cameras and sonars tell of each other. Scored against the twin's truth."
-    )
-    return section("How well the estimate did", lead, "".join(cards), "cards") if cards else ""
+        "one filter, with what shoe cameras and sonars tell of each other."
+    ] * bool(parts & FEET.keys())
+    lead += ["Camera: visual-inertial odometry of the RGB-D camera with IMU."] * ("camera" in parts)
+    lead += ["Scored against the twin's truth."]
+    return section("How well the estimate did", " ".join(lead), "".join(cards), "cards") if cards else ""
 
 
 def _film(film: Film | None) -> str:
@@ -209,14 +213,16 @@ def _paths(story: Story) -> str:
     topic = "/truth/footprints"
     footprints = story.recording.block(topic) if topic in story.recording.topics else None
     layout = from_metadata(story.recording.metadata)
+    feet = [r for r in story.results if part_of(r.estimate.name) in FEET]
+    camera = [r for r in story.results if r not in feet]
     figures = (
-        side_view(layout, story.results),
+        *(side_view(layout, results) for results in (feet, camera) if results),
         plan_view(layout, story.results, footprints),
         error_over_time(story.results),
     )
     lead = (
-        "Paths of the two foot IMUs: black is true, dashed is estimated. Heights are stretched, and so are sides where "
-        "the way is straight."
+        "Paths of the IMUs on feet and camera: black is true, dashed is estimated. Heights are stretched, and so are "
+        "sides where the way is straight."
     )
     return section("Where it went", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
 

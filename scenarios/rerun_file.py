@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from stridetwin.scenarios.evaluate import Result, true_frames
-from stridetwin.scenarios.figures_path import foot_of
+from stridetwin.scenarios.figures_path import part_of
 from stridetwin.scenarios.figures_streams import curves_of, scalar_topics
 from stridetwin.scenarios.ground import Layout, from_metadata
 from stridetwin.scenarios.pictures import camera_topics, pictures_of, shown
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array
 
-_COLORS = {"l": (11, 107, 203), "r": (217, 72, 15), "truth": (70, 84, 104)}
+_COLORS = {"l": (11, 107, 203), "r": (217, 72, 15), "camera": (95, 61, 196), "truth": (70, 84, 104)}
 _GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
 _PICTURES_HZ, _CURVES_HZ, _POSES_HZ, _PICTURE_WIDTH = 5.0, 50.0, 30.0, 320
 
@@ -73,10 +73,10 @@ def _terrain(rr: Any, stream: Any, layout: Layout | None) -> None:
 
 def _paths(rr: Any, stream: Any, recording: Recording, results: Sequence[Result]) -> None:
     for result in results:
-        foot, step = foot_of(result.estimate.name), 2
+        part, step = part_of(result.estimate.name), 2
         for kind, path, color in (
             ("truth", result.comparison.truth, _COLORS["truth"]),
-            ("estimate", result.comparison.estimate, _COLORS[foot]),
+            ("estimate", result.comparison.estimate, _COLORS[part]),
         ):
             line = rr.LineStrips3D([path.p_frame_in_world[::step]], colors=[color], radii=[0.004])
             stream.log(f"world/{result.estimate.name}/{kind}", line, static=True)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios import exo_geometry, ground, injected
-from stridetwin.scenarios.evaluate import estimates, evaluate
+from stridetwin.scenarios.estimates import estimates
+from stridetwin.scenarios.evaluate import evaluate
 from stridetwin.scenarios.files import json_text, staged
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.scenarios.scoring import Scores

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
-from stridetwin.scenarios.evaluate import estimate_steps
+from stridetwin.scenarios.estimates import estimate_steps
 from stridetwin.scenarios.exo_geometry import of_recording, tells_geometry
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps

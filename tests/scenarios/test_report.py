@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from stridetwin.scenarios.evaluate import estimates, evaluate
+from stridetwin.scenarios.estimates import estimates
+from stridetwin.scenarios.evaluate import evaluate
 from stridetwin.scenarios.figures_gait import level_strides
 from stridetwin.scenarios.norms import level_norm, reference, speed_group
 from stridetwin.scenarios.pictures import colour_of_depth
