@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stridetwin.scenarios.baseline import regressions
-from stridetwin.scenarios.commands import score_table
+from stridetwin.scenarios.commands.score import score_table
 from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
 from stridetwin.scenarios.step_scores import step_scores
 from stridetwin.scenarios.steps import ScoredStep

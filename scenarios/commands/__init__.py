@@ -1,0 +1,24 @@
+"""What each command does. Heavy parts are imported where they are needed, so that help comes at once."""
+
+from stridetwin.scenarios.commands.estimate import ESTIMATORS, estimate_command
+from stridetwin.scenarios.commands.experiment import experiment_command
+from stridetwin.scenarios.commands.listing import list_command
+from stridetwin.scenarios.commands.outcome import Outcome
+from stridetwin.scenarios.commands.recording import check_command, export_command, import_command, view_command
+from stridetwin.scenarios.commands.score import score_command
+from stridetwin.scenarios.commands.walk import generate_command, run_command
+
+__all__ = [
+    "ESTIMATORS",
+    "Outcome",
+    "check_command",
+    "estimate_command",
+    "experiment_command",
+    "export_command",
+    "generate_command",
+    "import_command",
+    "list_command",
+    "run_command",
+    "score_command",
+    "view_command",
+]

@@ -1,0 +1,25 @@
+"""`experiment`: the table of a paper."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+
+from stridetwin.scenarios.commands.outcome import Outcome, Progress
+
+
+def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`experiment`."""
+    from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
+
+    asked = Asked(
+        folder=arguments.output or Path("runs") / arguments.experiment,
+        workers=arguments.workers,
+        first=arguments.seed,
+        subset=arguments.subset,
+        physics=arguments.physics,
+        resume=arguments.resume,
+        keep=arguments.keep,
+    )
+    result = run_experiment(arguments.experiment, asked, progress)
+    return Outcome(data=result, lines=named(arguments.experiment).table(result))

@@ -1,0 +1,52 @@
+"""`list`: what there is to choose from."""
+
+from __future__ import annotations
+
+import textwrap
+from argparse import Namespace
+from dataclasses import asdict
+
+from stridetwin.scenarios.commands.estimate import ESTIMATORS
+from stridetwin.scenarios.commands.outcome import Outcome, Progress
+
+
+def list_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`list`."""
+    from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+    from stridetwin.scenarios.fault_fields import KINDS
+    from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
+    from stridetwin.sim.parts.library import kind_of, library, part
+    from stridetwin.sim.people import PEOPLE
+
+    parts = {name: part(name) for name in library()}
+    scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
+    data = {
+        "scenarios": scenarios,
+        "sensors": list(SENSORS),
+        "estimators": ESTIMATORS,
+        "experiments": EXPERIMENT_NAMES,
+        "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
+        "faults": sorted(KINDS),
+        "physics": list(PHYSICS),
+        "people": {name: asdict(person) for name, person in PEOPLE.items()},
+    }
+    lines = ["Scenarios", *(f"  {n:<16} {words}" for n, words in scenarios.items()), "", "Estimators"]
+    lines += [
+        *(f"  {n:<16} {words}" for n, words in ESTIMATORS.items()),
+        "",
+        "Experiments",
+        *(f"  {n:<16} {words}" for n, words in EXPERIMENT_NAMES.items()),
+        "",
+        "Sensors",
+        f"  {', '.join(SENSORS)}",
+        "",
+        "Parts (each has an ideal twin: its name with -ideal)",
+        *(f"  {n:<16} {kind_of(p):<11} {p.description}" for n, p in parts.items()),
+        "",
+        "Faults",
+        *textwrap.wrap(", ".join(sorted(KINDS)), 110, initial_indent="  ", subsequent_indent="  "),
+        "",
+        "People",
+        *(f"  {n:<16} {p.sex}, {p.height_m:.3g} m, {p.mass_kg:.3g} kg" for n, p in PEOPLE.items()),
+    ]
+    return Outcome(data=data, lines=lines)

@@ -1,0 +1,90 @@
+"""`check`, `import`, `export` and `view`: what one does with a recording."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from argparse import Namespace
+
+from stridetwin.scenarios.commands.outcome import Outcome, Progress
+from stridetwin.scenarios.commands.source import imported, opened
+from stridetwin.streams.errors import StrideTwinError
+
+
+def export_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`export`."""
+    from stridetwin.scenarios.export import export
+
+    recording = opened(arguments.source, arguments.lenient)
+    progress("export", 0.0)
+    rows = export(
+        recording,
+        arguments.format,
+        arguments.output,
+        frame=arguments.frame,
+        camera=arguments.camera,
+        storage=arguments.storage,
+        stereo_baseline_m=arguments.stereo_baseline,
+    )
+    data = {"file": str(arguments.output), "format": arguments.format, "rows": sum(rows.values()), "parts": rows}
+    return Outcome(data=data, lines=[f"{arguments.output}: {n} rows of {name}" for name, n in rows.items()])
+
+
+def import_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`import`."""
+    from stridetwin.streams.formats.recorded import write_recording
+
+    recording = imported(arguments)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    write_recording(recording, arguments.output, lambda share: progress("import", share))
+    topics = {t: {"kind": i.kind.__name__, "samples": i.count} for t, i in sorted(recording.topics.items())}
+    data = {
+        "recording": str(arguments.output),
+        "kind": recording.metadata.get("imported_from", "stridetwin"),
+        "duration_s": recording.duration,
+        "topics": topics,
+        "unread": recording.unread,
+        "warnings": recording.warnings,
+        "problems": [str(p) for p in recording.problems],
+    }
+    lines = [f"{arguments.output}: {recording.duration:.1f} s of {data['kind']}"]
+    lines += [f"  {t:<34} {i['kind']:<14} {i['samples']:>8}" for t, i in topics.items()]
+    unread = {t: kind for t, kind in sorted(recording.unread.items()) if not t.endswith("/camera_info")}
+    lines += [f"  {t:<34} not read: {kind}" for t, kind in unread.items()]
+    lines += [f"  left out: {p}" for p in recording.problems]
+    return Outcome(data=data, lines=lines)
+
+
+def check_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`check`."""
+    from stridetwin.scenarios.check import check_recording, check_table
+
+    progress("check", 0.0)
+    arguments.lenient = True  # a check tells all that is wrong, not the first of it
+    recording = imported(arguments, tell=False)
+    found = check_recording(recording, lambda share: progress("check", share))
+    return Outcome(data=found.data, lines=check_table(found), code=1 if found.spoilt else 0)
+
+
+def view_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`view`."""
+    from stridetwin.scenarios.estimates import estimates
+    from stridetwin.scenarios.evaluate import evaluate, true_frames
+    from stridetwin.scenarios.rerun_file import rerun_installed, write_rerun
+    from stridetwin.streams.files import whole_file
+
+    if not rerun_installed():
+        raise StrideTwinError("rerun is not installed; the viewer needs it: pip install 'stridetwin[view]'")
+    recording = opened(arguments.source, arguments.lenient)
+    progress("rerun", 0.0)
+    known = true_frames(recording.topics)
+    results = evaluate(recording, [e for e in estimates(recording) if e.frame in known])
+    target = arguments.output or arguments.source.with_suffix(".rrd")
+    with whole_file(target) as file:
+        write_rerun(file, recording, results)
+    display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if display:
+        subprocess.Popen([sys.executable, "-m", "rerun", str(target)])
+    words = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"
+    return Outcome(data={"file": str(target), "opened": display}, lines=[f"{target}: {words}"])

@@ -1,0 +1,62 @@
+"""`run` and `generate`: walks of the twin."""
+
+from __future__ import annotations
+
+import shlex
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stridetwin.scenarios.commands.outcome import Outcome, Progress
+from stridetwin.scenarios.commands.score import score_table
+
+if TYPE_CHECKING:
+    from stridetwin.scenarios.scenario_file import Scenario
+
+
+def run_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`run`."""
+    from stridetwin.scenarios.runner import run_scenario
+
+    scenario = _scenario(arguments)
+    folder = arguments.output or Path("runs") / scenario.config.name
+    run = run_scenario(
+        scenario, arguments.seed, folder, _how_to_repeat(arguments), progress, pictures=not arguments.no_film
+    )
+    data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
+    report = (run.folder / "report.html").absolute().as_uri()
+    return Outcome(data=data, lines=[*score_table(run.scores), "", f"report  {report}", f"files   {folder}/"])
+
+
+def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`generate`."""
+    from stridetwin.scenarios.runner import make_twin, record
+
+    scenario = _scenario(arguments)
+    twin = make_twin(scenario, arguments.seed)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    record(twin, arguments.output, progress)
+    data = {"recording": str(arguments.output), "duration_s": twin.duration_s, "seed": arguments.seed}
+    return Outcome(data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"])
+
+
+def _scenario(arguments: Namespace) -> Scenario:
+    from stridetwin.scenarios.runner import without_cameras
+    from stridetwin.scenarios.scenario_file import PHYSICS, load_scenario
+    from stridetwin.streams.errors import ConfigError
+
+    scenario = load_scenario(arguments.scenario)
+    if arguments.physics is not None:
+        if arguments.physics not in PHYSICS:
+            raise ConfigError("command line", "--physics", arguments.physics, ", ".join(PHYSICS))
+        scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))
+    return without_cameras(scenario) if arguments.no_cameras else scenario
+
+
+def _how_to_repeat(arguments: Namespace) -> str:
+    words = ["stridetwin", "run", arguments.scenario, "--seed", str(arguments.seed)]
+    words += ["--physics", arguments.physics] if arguments.physics else []
+    words += ["--no-cameras"] if arguments.no_cameras else []
+    words += ["--no-film"] if arguments.no_film else []
+    return shlex.join(words)
