@@ -22,15 +22,24 @@ sensors: [head_imu, head_camera]
 """
 
 
-def test_a_walk_with_rendered_pictures_is_followed_to_its_end(tmp_path, capsys):
-    scenario, folder, path = tmp_path / "walk.yaml", tmp_path / "walk", tmp_path / "path.txt"
-    scenario.write_text(WALK)
-    assert main(["run", str(scenario), "--seed", "3", "--no-film", "-o", str(folder)]) == 0
-    recording = folder / "recording.mcap"
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("odometry")
+    (folder / "walk.yaml").write_text(WALK)
+    assert main(["run", str(folder / "walk.yaml"), "--seed", "3", "--no-film", "-o", str(folder / "walk")]) == 0
+    return folder / "walk"
+
+
+def over_truth(path, walked):
+    truth = TruePath.of(Recording(walked / "recording.mcap").block("/truth/head/imu/odometry"))
+    return compare(read_tum(path), truth, "yaw")
+
+
+def test_a_walk_with_rendered_pictures_is_followed_to_its_end(walked, tmp_path, capsys):
+    recording, path = walked / "recording.mcap", tmp_path / "path.txt"
     assert main(["estimate", "dvio", str(recording), "-o", str(path)]) == 0
-    assert path.read_bytes() == (folder / "dvio.txt").read_bytes()
-    truth = TruePath.of(Recording(recording).block("/truth/head/imu/odometry"))
-    fitted = compare(read_tum(path), truth, "yaw")
+    assert path.read_bytes() == (walked / "dvio.txt").read_bytes()
+    fitted = over_truth(path, walked)
     assert fitted.distance_m[-1] > 2.0
     assert fitted.coverage > 0.8
     assert np.linalg.norm(fitted.error_m, axis=1).max() < 0.05
@@ -38,9 +47,21 @@ def test_a_walk_with_rendered_pictures_is_followed_to_its_end(tmp_path, capsys):
     assert main(["score", str(recording), "--align", "yaw", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["estimators"]["dvio"]["ape_rmse_m"]
     assert told == pytest.approx(np.sqrt((fitted.error_m**2).sum(axis=1).mean()), rel=1e-3)
-    report = (folder / "report.html").read_text()
+    report = (walked / "report.html").read_text()
     assert 'class="camera"' in report
     assert "visual-inertial odometry" in report
+
+
+@pytest.mark.parametrize(
+    "form", [["tum", "--camera", "/head/color"], ["rosbag2"], ["euroc", "--stereo-baseline", "0.095"]]
+)
+def test_folders_and_bags_of_others_lead_to_the_same_path(walked, tmp_path, form):
+    folder, path = tmp_path / form[0], tmp_path / "path.txt"
+    assert main(["export", str(walked / "recording.mcap"), "--format", *form, "-o", str(folder)]) == 0
+    assert main(["estimate", "dvio", str(folder), "-o", str(path)]) == 0
+    fitted = over_truth(path, walked)
+    assert fitted.coverage > 0.8
+    assert np.linalg.norm(fitted.error_m, axis=1).max() < 0.05
 
 
 def test_what_goes_with_one_foot_is_refused(tmp_path, capsys):
