@@ -68,12 +68,12 @@ class Core:
             max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd),
             max(imu.accelerometer_bias_sd, parameters.accel_bias_sd),
         ]
-        self._bias_sd = np.repeat(turn_on, 3)
+        self.bias_sd = np.repeat(turn_on, 3)
         self.inertial = Inertial(imu)
         self.lens = Lens(camera)
         self.terms = parameters.terms(self.lens.focal_px, self.noise)
         slots = parameters.landmark_slots
-        self._tracker = Tracker(self.lens.shape, parameters.forward_backward_px, parameters.corner_least, slots)
+        self.tracker = Tracker(self.lens.shape, parameters.forward_backward_px, parameters.corner_least, slots)
         self._frames = parameters.keyframes + 2
         self._work = blank_work(self._frames, slots)
         self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s)
@@ -118,26 +118,28 @@ class Core:
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
         w.prior.H[n : n + FRAME, n : n + FRAME] = np.linalg.inv(covariance)
         self.live.covariance[:] = covariance
-        self._tracker.forget()
-        self._tracker.take(picture.grey)
+        self.tracker.forget()
+        self.tracker.take(picture.grey)
         self._find(picture, 0)
         self._anchor(picture, 0)
         self._newest_is_key = True
         self.seen = int(self._alive.sum())
 
-    def start_covariance(self, tilt_sd: float, speed_sd: float) -> Array:
-        """(15, 15) of a state at the origin of the world.
+    def start_covariance(self, place: Array, heading_sd: float, tilt_sd: float, speed_sd: float) -> Array:
+        """(15, 15) of a state of which only the biases' own spread is known.
 
         Args:
+            place: (3, 3) m².
+            heading_sd: rad.
             tilt_sd: Of the vertical, rad.
             speed_sd: m/s.
         """
         P = np.zeros((FRAME, FRAME))
         R = self.live.R
-        P[:3, :3] = np.eye(3) * 1e-8
-        P[3:6, 3:6] = R.T @ np.diag([tilt_sd**2, tilt_sd**2, 1e-8]) @ R
+        P[:3, :3] = place
+        P[3:6, 3:6] = R.T @ np.diag([tilt_sd**2, tilt_sd**2, heading_sd**2]) @ R
         P[6:9, 6:9] = np.eye(3) * speed_sd**2
-        P[range(9, 15), range(9, 15)] = self._bias_sd**2
+        P[range(9, 15), range(9, 15)] = self.bias_sd**2
         return P
 
     def take(self, picture: Picture, still: bool) -> None:
@@ -225,13 +227,13 @@ class Core:
         was = self._pixels[ids]
         shift = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids, :2])
         foreseen_at, warps = was + shift, warp[ids]
-        self._tracker.take(picture.grey)
+        self.tracker.take(picture.grey)
         there, good = foreseen_at, np.zeros(len(ids), bool)
         if p.anchored:
-            there, good = self._tracker.align(ids, foreseen_at, warps, p.anchor_px, p.anchor_likeness)
+            there, good = self.tracker.align(ids, foreseen_at, warps, p.anchor_px, p.anchor_likeness)
         elsewhere = good.sum() < _FORESEEN * len(ids)
         if elsewhere:
-            there, good = self._tracker.follow(was, foreseen_at)
+            there, good = self.tracker.follow(was, foreseen_at)
         # What moves by itself is elsewhere than the wearer's own motion and the point's depth have it.
         off = np.linalg.norm(there - foreseen_at, axis=1)
         speed_sd = float(np.sqrt(np.trace(self.live.covariance[6:9, 6:9])))
@@ -244,9 +246,9 @@ class Core:
             fits = self._agree(ids, there, good)
         good &= fits
         if p.anchored and elsewhere:
-            there, good = self._tracker.settle(ids, there, warps, good, p.anchor_px, p.anchor_likeness)
+            there, good = self.tracker.settle(ids, there, warps, good, p.anchor_px, p.anchor_likeness)
         ids, there, was = ids[good], there[good], was[good]
-        told = self._depth(picture, there)
+        told = self.depth(picture, there)
         # So is what is at another depth, or hidden by something that came before it.
         apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - told) > p.apart_sd * p.inverse_depth_sd
         here = ~(apart & (told > 0) & (marks.measured[ids] > 0))
@@ -286,7 +288,8 @@ class Core:
             agree[np.flatnonzero(use)[inliers[:, 0]]] = True
         return agree
 
-    def _depth(self, picture: Picture, points: NDArray[np.float32]) -> Array:
+    def depth(self, picture: Picture, points: NDArray[np.float32]) -> Array:
+        """(N,) inverse depths as told at (N, 2) px, 1/m; 0 where none can be trusted."""
         told = np.zeros(len(points))
         p = self.parameters
         if picture.depth is not None and p.uses_depth and len(points):
@@ -298,9 +301,9 @@ class Core:
         marks, p = self.window.landmarks, self.parameters
         free = np.flatnonzero(marks.host == NO_HOST)
         taken = self._pixels[self._alive > 0]
-        points = self._tracker.find(taken, min(p.landmarks - len(taken), len(free)))
+        points = self.tracker.find(taken, min(p.landmarks - len(taken), len(free)))
         ids = free[: len(points)]
-        told = self._depth(picture, points)
+        told = self.depth(picture, points)
         marks.host[ids] = slot
         marks.seen[ids] = 0
         marks.seen[ids, slot] = 1
@@ -319,7 +322,7 @@ class Core:
             return
         ids = np.flatnonzero((marks.host == slot) & (self._alive > 0))
         points = self._pixels[ids]
-        self._tracker.anchor(ids, points)
+        self.tracker.anchor(ids, points)
         slope = np.zeros((len(ids), 2))
         if picture.depth is not None and p.uses_depth and len(ids):
             kernel.read_slope(picture.depth, points, p.depth_min, p.depth_max, p.inverse_depth_sd, slope)

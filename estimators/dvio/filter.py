@@ -7,9 +7,11 @@ from collections import deque
 import cv2
 import numpy as np
 
+from stridetwin.estimators.dvio.alignment import Alignment
 from stridetwin.estimators.dvio.core import Core, Picture
 from stridetwin.estimators.dvio.estimate import COASTING, LOST, TRACKING, DvioEstimate
 from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.estimators.dvio.starter import Starter
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu
@@ -23,15 +25,16 @@ _SLOW = 0.5  # m/s; who starts without standing moves about so fast
 _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)  # of position, attitude, velocity and biases
 _LOST_WALK = 1.0  # m/√s; how the wearer goes on meanwhile
 _MOVING_TILT, _RESTING_TILT = 0.15, 0.03  # rad
+_START_SD = 1e-4  # m, rad; the world begins at the first place and heading
 
 
 class Dvio:
     """Visual-inertial odometry with depth of a camera on head or chest: causal, of constant memory, deterministic.
 
     After Zhao et al. 2023, §II-C, and beyond it, see `DvioParameters`. It starts at once where the sensor rests, and
-    otherwise from the mean of the force. A picture is used once the IMU has reached its time and its depth is there, or
-    does not come. A sample that is not finite, of another size than told, or not later than the last one of its topic
-    is ignored.
+    in motion as soon as vision and IMU align (`starter`), after about half a second. A picture is used once the IMU has
+    reached its time and its depth is there, or does not come. A sample that is not finite, of another size than told,
+    or not later than the last one of its topic is ignored.
 
     Args:
         rig: Calibration.
@@ -55,6 +58,7 @@ class Dvio:
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
+        self._starter = Starter(self._core)
         self._pictures: deque[Image] = deque(maxlen=HELD)
         self._depths: deque[Depth] = deque(maxlen=HELD)
         self._last_ns: dict[str, int] = {}
@@ -158,42 +162,62 @@ class Dvio:
             self._lose()
 
     def _begin(self, picture: Picture) -> None:
-        """Starts at a picture, at rest or, after a while, in motion."""
+        """Starts at a picture: at rest at once, in motion as soon as vision and IMU align, or else as it can."""
         core, p = self._core, self._parameters
         t_ns = core.imu_time(picture.t_ns)
-        if not core.inertial.reaches_back(t_ns - round(p.still_s * 1e9)):
+        if not core.inertial.reaches_back(t_ns):
             return
         if self._begun_ns is None:
             self._begun_ns = t_ns
-        still = core.inertial.still(t_ns, p)
-        if not still and (t_ns - self._begun_ns) * 1e-9 < p.start_s:
+        resting = core.inertial.still(t_ns, p)
+        if not resting and (found := self._starter.take(picture)) is not None:
+            covariance = self._by_alignment(found)
+        elif resting or (t_ns - self._begun_ns) * 1e-9 >= p.align_s:
+            force = core.inertial.since(t_ns - round((p.still_s if resting else p.start_s) * 1e9), t_ns)
+            if not len(force):
+                return
+            covariance = self._by_force(force.mean(axis=0), resting)
+        else:
             return
-        span = p.still_s if still else p.start_s
-        mean = core.inertial.since(t_ns - round(span * 1e9), t_ns).mean(axis=0)
-        live, again = core.live, self._health == LOST
-        live.t_ns[0] = t_ns
-        live.R[:] = _upright(mean[3:], live.R if again else None)
-        live.v[:] = 0.0
-        if still:
-            live.bias[:3] = mean[:3]
-        covariance = core.start_covariance(
-            _RESTING_TILT if still else _MOVING_TILT, p.still_speed_sd if still else _SLOW
-        )
-        if again:
-            # How little is known of place and heading stays; the vertical is found anew.
-            covariance[:3, :3] = live.covariance[:3, :3]
-            up = live.R.T @ np.array([0.0, 0.0, 1.0])
-            covariance[3:6, 3:6] += np.outer(up, up) * float(up @ live.covariance[3:6, 3:6] @ up)
+        core.live.t_ns[0] = t_ns
         core.start(picture, covariance)
-        if core.seen < _FEW:
-            return
-        self._begun_ns, self._health = None, TRACKING
+        self._starter.forget()
+        if core.seen >= _FEW:
+            self._begun_ns, self._health = None, TRACKING
+
+    def _by_force(self, mean: Array, resting: bool) -> Array:
+        """(15, 15) covariance of a state whose vertical is that of the mean rate and force (6,), now in `live`."""
+        live, p = self._core.live, self._parameters
+        place, heading_sd = self._kept()
+        live.R[:] = _upright(mean[3:], live.R if self._health == LOST else None)
+        live.v[:] = 0.0
+        if resting:
+            live.bias[:3] = mean[:3]
+        tilt_sd, speed_sd = (_RESTING_TILT, p.still_speed_sd) if resting else (_MOVING_TILT, _SLOW)
+        return self._core.start_covariance(place, heading_sd, tilt_sd, speed_sd)
+
+    def _by_alignment(self, found: Alignment) -> Array:
+        """(15, 15) covariance of the state that vision and IMU agree on, now in `live`."""
+        live = self._core.live
+        place, heading_sd = self._kept()
+        live.R[:] = _upright(found.up, live.R if self._health == LOST else None)
+        live.v[:], live.bias[:] = live.R @ found.v, found.bias
+        return found.state_covariance(live.R, place, heading_sd)
+
+    def _kept(self) -> tuple[Array, float]:
+        """(3, 3) m² of the place and rad of the heading: how little is known of them after a failure stays."""
+        live = self._core.live
+        if self._health != LOST:
+            return _START_SD**2 * np.eye(3), _START_SD
+        up = live.R.T @ np.array([0.0, 0.0, 1.0])
+        return live.covariance[:3, :3].copy(), float(np.sqrt(up @ live.covariance[3:6, 3:6] @ up))
 
     def _lose(self) -> None:
         """Holds the last sound pose, little known, until a new start."""
         live = self._core.live
         self._health, self._begun_ns = LOST, None
         self._pictures.clear()
+        self._starter.forget()
         live.p[:], live.R[:], live.v[:], live.bias[:] = self._sound_p, self._sound_R, 0.0, 0.0
         live.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
 

@@ -69,7 +69,8 @@ class DvioParameters:
         still_rate_sd: Largest scatter of the rate of a sensor that stands, rad/s.
         still_force_sd: Largest scatter of its force, m/s².
         still_speed_sd: Speed of a sensor that stands, m/s.
-        start_s: Longest wait for a start at rest.
+        align_s: In motion, longest wait for pictures to align with the IMU; then the mean force is taken as up.
+        start_s: Span of that mean.
         max_gap_s: A longer gap of the IMU makes a new start.
         wait_s: Longest wait for the depth picture of a colour picture.
     """
@@ -121,6 +122,7 @@ class DvioParameters:
     still_rate_sd: float = 0.02
     still_force_sd: float = 0.15
     still_speed_sd: float = 0.01
+    align_s: float = 3.0
     start_s: float = 1.0
     max_gap_s: float = 0.5
     wait_s: float = 0.05

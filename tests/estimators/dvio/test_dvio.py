@@ -96,14 +96,52 @@ def test_published_methods_follow_too(sway, method):
     assert errors(wall, made).max() < 0.10
 
 
-def test_starts_in_motion():
-    wall = Wall(lambda t: swaying(t + 3.0), 6.0, seed=7)
-    _, made = followed(wall)
-    R, _ = wall.pose(made[-1].t_ns * 1e-9)
-    tilt = np.arccos(np.clip(R.T[:, 2] @ made[-1].T_world_imu[:3, :3].T[:, 2], -1, 1))
-    assert tilt < np.radians(2.0)
-    late = [e for e in made if e.t_ns > made[0].t_ns + 2_000_000_000]
-    assert np.ptp(errors(wall, late)) < 0.08
+def moving(seconds, seed=7, begin_s=3.0):
+    """A wall before a head that sways from the first sample on."""
+    return Wall(lambda t: swaying(t + begin_s), seconds, seed=seed)
+
+
+def tilt_and_speed_errors(wall, e):
+    """rad and m/s, which no heading changes."""
+    t, h = e.t_ns * 1e-9, 1e-4
+    R, _ = wall.pose(t)
+    told = e.T_world_imu[:3, :3]
+    v = (wall.pose(t + h)[1] - wall.pose(t - h)[1]) / (2 * h)
+    tilt = np.arccos(np.clip(R[2] @ told[2], -1, 1))
+    return tilt, np.linalg.norm(R.T @ v - told.T @ e.v_imu_in_world)
+
+
+@pytest.mark.parametrize("method", ["stridetwin", "dvio", "vins_mono"])
+@pytest.mark.parametrize("begin_s", [3.0, 4.1])
+def test_starts_in_motion(method, begin_s):
+    wall = moving(4.0, begin_s=begin_s)
+    odometry = Dvio(rig(), parameters=METHODS[method])
+    made = [e for s in wall.samples() if (e := odometry.update(s)) is not None]
+    assert made[0].t_ns < 1_200_000_000
+    tilt, speed = tilt_and_speed_errors(wall, made[0])
+    assert tilt < np.radians(1.5)
+    assert speed < (0.10 if method == "vins_mono" else 0.05)
+    tilt, speed = tilt_and_speed_errors(wall, made[-1])
+    assert tilt < np.radians(1.5)
+    assert speed < (0.20 if method == "vins_mono" else 0.05)
+    assert errors(wall, made).max() < (0.30 if method == "vins_mono" else 0.05)
+
+
+def test_a_start_in_motion_is_deterministic():
+    samples = list(moving(0.8).samples())
+    a, b = (followed(None, samples)[1][0] for _ in range(2))
+    assert a.t_ns == b.t_ns
+    assert np.array_equal(a.T_world_imu, b.T_world_imu)
+    assert np.array_equal(a.covariance, b.covariance)
+
+
+def test_starts_in_motion_as_well_as_it_can_where_the_pictures_do_not_fit():
+    wall, elsewhere = moving(4.0), Wall(lambda t: swaying(9.0 + 1.7 * t), 4.0, seed=8)
+    pictures = {(type(s), s.t_ns): s for s in elsewhere.samples() if not isinstance(s, Imu)}
+    _, made = followed(wall, [pictures.get((type(s), s.t_ns), s) for s in wall.samples()])
+    assert 2_900_000_000 < made[0].t_ns < 3_400_000_000
+    assert made[0].covariance[3:5, 3:5].max() > 0.1**2
+    assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
 
 
 def spoiled(samples, change):
@@ -164,6 +202,10 @@ def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
     first = next(e for e in made if e.t_ns > 4_600_000_000 and e.health == "tracking")
     assert np.linalg.norm(first.T_world_imu[:3, 3] - before.T_world_imu[:3, 3]) < 1.0
     assert first.covariance[0, 0] > 100 * before.covariance[0, 0]
+    assert first.t_ns < 5_700_000_000
+    tilt, speed = tilt_and_speed_errors(wall, first)
+    assert tilt < np.radians(1.5)
+    assert speed < 0.05
     assert all(np.isfinite(e.T_world_imu).all() for e in made)
 
 

@@ -1,0 +1,167 @@
+"""Structure from motion and its alignment with the IMU, on walks of known state."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.alignment import Beliefs, aligned, gyro_bias
+from stridetwin.estimators.dvio.memory import Increment, blank_increment
+from stridetwin.estimators.dvio.structure import Sightings, structure_of_bearings, structure_with_depth
+from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+PERIOD_NS, PICTURES, BETWEEN, POINTS = 5_000_000, 8, 20, 80
+SIGHT_SD, TOLD_SD = 8e-4, 0.014
+BIAS_SD, MOUNT_SD, OFFSET_SD, SCALE_SD = np.repeat([0.02, 0.1], 3), np.repeat([2e-3, 5e-3], 3), 5e-3, 1e-2
+
+
+class Walk(NamedTuple):
+    """What is told of some pictures of a walk, and the truth about the newest."""
+
+    sightings: Sightings
+    increments: Increment
+    rates: np.ndarray
+    beliefs: Beliefs
+    up: np.ndarray
+    v: np.ndarray
+    bias: np.ndarray
+    way_m: float
+
+    def aligned(self, structure):
+        later = Increment(*(a[structure.first :] for a in self.increments))
+        return aligned(structure, later, self.rates[structure.first :], self.beliefs)
+
+    def error(self, found):
+        tilt = found.tilt_axes.T @ np.cross(self.up, found.up)
+        return np.concatenate([tilt, self.v - found.v, self.bias - found.bias])
+
+
+def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_SD) -> Walk:
+    """A head that bobs and turns as in walking; without noise also the calibration is as told."""
+    rng = np.random.default_rng(seed)
+    n = BETWEEN * (PICTURES - 1) + 1
+    t_ns = PERIOD_NS * np.arange(n, dtype=np.int64)
+    s, phase = t_ns[:, None] * 1e-9, rng.uniform(0, 2 * np.pi, 6)
+    rate = np.array([0.4, 0.3, 0.5]) * np.sin(2 * np.pi * np.array([1.8, 1.1, 0.6]) * s + phase[:3])
+    pushed = np.array([1.5, 0.8, 3.0]) * np.sin(2 * np.pi * np.array([1.8, 0.9, 1.8]) * s + phase[3:])
+    first = Rotation.from_rotvec(0.3 * rng.normal(size=3)) * Rotation.from_euler("x", -90, degrees=True)
+    about = [first]
+    for k in range(1, n):
+        about.append(about[-1] * Rotation.from_rotvec(rate[k] * PERIOD_NS * 1e-9))
+    force = np.array([about[max(k - 1, 0)].inv().apply(pushed[k] - GRAVITY) for k in range(n)])
+    true, doubt, v_first = np.hstack([rate, force]), np.zeros(n, np.uint8), rng.normal([0.0, 1.0, 0.0], [0.4, 0.2, 0.2])
+    at_picture, z, R_first = t_ns[::BETWEEN], blank_increment(), first.as_matrix()
+    R, p, v = np.zeros((PICTURES, 3, 3)), np.zeros((PICTURES, 3)), np.zeros((PICTURES, 3))
+    for k, end in enumerate(at_picture):
+        kernel.integrate(z, t_ns, true, doubt, n, 0, int(end), np.zeros(6), NOISE)
+        dt = z.dt[0]
+        R[k], v[k] = R_first @ z.gamma, v_first + GRAVITY * dt + R_first @ z.beta
+        p[k] = v_first * dt + 0.5 * GRAVITY * dt**2 + R_first @ z.alpha
+    bias = BIAS_SD * rng.normal(size=6)
+    white = np.repeat([NOISE.rate, NOISE.force], 3) / np.sqrt(PERIOD_NS * 1e-9)
+    told, increments = true + bias + noisy * white * rng.normal(size=true.shape), blank_increment(PICTURES - 1)
+    for k in range(PICTURES - 1):
+        ends = int(at_picture[k]), int(at_picture[k + 1])
+        kernel.integrate_into(increments, k, t_ns, told, doubt, n, *ends, np.zeros(6), NOISE)
+    off = noisy * rng.normal(size=8)
+    R_ic = T_IMU_CAMERA[:3, :3] @ Rotation.from_rotvec(off[3:6] * MOUNT_SD[3:]).as_matrix()
+    R_seen = R @ Rotation.from_rotvec(rate[::BETWEEN] * off[6] * OFFSET_SD).as_matrix()
+    cameras, places = (
+        R_seen @ R_ic,
+        p + v * off[6] * OFFSET_SD + R_seen @ (T_IMU_CAMERA[:3, 3] + off[:3] * MOUNT_SD[:3]),
+    )
+    rays = np.concatenate([rng.uniform(-0.6, 0.6, (POINTS, 2)), np.ones((POINTS, 1))], axis=1)
+    middle = PICTURES // 2
+    points = (rays * rng.uniform(1.5, 5.0, (POINTS, 1))) @ cameras[middle].T + places[middle]
+    q = np.matmul(points[None] - places[:, None], cameras)
+    at, inverse = q[..., :2] / q[..., 2:], np.exp(off[7] * SCALE_SD) / q[..., 2]
+    seen = (q[..., 2] > 0.3) & (np.abs(at) < 0.75).all(axis=-1)
+    sightings = Sightings(
+        seen=seen,
+        at=at + noisy * SIGHT_SD * rng.normal(size=at.shape),
+        told=np.where(seen & depth, inverse + noisy * TOLD_SD * rng.normal(size=inverse.shape), 0.0),
+        sd=SIGHT_SD,
+        told_sd=TOLD_SD,
+    )
+    beliefs = Beliefs(
+        T_imu_camera=T_IMU_CAMERA, bias=np.zeros(6), bias_sd=believed_sd, mount_sd=noisy * MOUNT_SD,
+        offset_sd=noisy * OFFSET_SD, scale_sd=noisy * SCALE_SD, gravity=9.81,
+    )  # fmt: skip
+    last, way_m = R[-1].T, float(np.linalg.norm(places[0] - places[-1]))
+    return Walk(sightings, increments, told[::BETWEEN, :3], beliefs, last[:, 2], last @ v[-1], bias, way_m)
+
+
+METHODS = {"depth": structure_with_depth, "bearings": structure_of_bearings}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("seed", range(4))
+def test_finds_all_where_nothing_is_uncertain(method, seed):
+    # Nothing is believed of the biases beforehand: the turning tells that of the accelerometer from gravity.
+    walk = walked(seed, noisy=False, depth=method == "depth", believed_sd=np.repeat([0.1, 10.0], 3))
+    structure = METHODS[method](walk.sightings)
+    assert structure.misfit < 1e-6
+    found = walk.aligned(structure)
+    assert gyro_bias(structure, walk.increments, walk.beliefs) == pytest.approx(walk.bias[:3], abs=1e-3)
+    assert found.bias[:3] == pytest.approx(walk.bias[:3], abs=1e-3)
+    assert found.up == pytest.approx(walk.up, abs=5e-3)
+    assert found.v == pytest.approx(walk.v, abs=5e-3)
+    assert found.scale == pytest.approx(1.0 if method == "depth" else walk.way_m, rel=5e-3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_covariance_is_that_of_the_errors(method):
+    squares, tilts, speeds = [], [], []
+    for seed in range(40):
+        walk = walked(seed, noisy=True, depth=method == "depth")
+        structure = METHODS[method](walk.sightings)
+        if structure is None or (found := walk.aligned(structure)) is None:
+            continue
+        e, P = walk.error(found), found.covariance[:11, :11]
+        assert np.linalg.eigvalsh(P).min() > 0
+        squares.append(e @ np.linalg.solve(P, e))
+        tilts.append(np.linalg.norm(e[:2]))
+        speeds.append(np.linalg.norm(e[2:5]))
+    assert len(squares) >= 36
+    assert 8.0 < np.mean(squares) < 14.5  # 11 ± 3 standard deviations of a mean of 36, and what is not linear
+    assert np.median(tilts) < 0.02  # the accelerometer's bias: 0.1 m/s² on either axis
+    assert np.median(speeds) < 0.03
+
+
+def test_what_passes_by_is_left_out():
+    walk = walked(3, noisy=True, depth=True)
+    by = np.zeros(POINTS, bool)
+    by[:25] = True
+    at = walk.sightings.at.copy()
+    at[:, by] += 0.05 * np.arange(PICTURES)[:, None, None]
+    found = walk.aligned(structure_with_depth(Sightings(**{**vars(walk.sightings), "at": at})))
+    assert np.linalg.norm(found.v - walk.v) < 0.05
+    assert np.linalg.norm(np.cross(found.up, walk.up)) < 0.04
+
+
+def test_says_nothing_of_too_few_points():
+    s = walked(0, noisy=True, depth=True).sightings
+    for many in (0, 1, 8):
+        few = Sightings(seen=s.seen[:, :many], at=s.at[:, :many], told=s.told[:, :many], sd=s.sd, told_sd=s.told_sd)
+        assert structure_with_depth(few) is None
+        assert structure_of_bearings(few) is None
+
+
+def test_state_covariance_turns_with_the_heading():
+    walk = walked(1, noisy=True, depth=True)
+    found = walk.aligned(structure_with_depth(walk.sightings))
+    x = np.cross(found.up, [0.0, 1.0, 0.0]) / np.linalg.norm(np.cross(found.up, [0.0, 1.0, 0.0]))
+    R = np.stack([x, np.cross(found.up, x), found.up])
+    P = found.state_covariance(R, 0.25 * np.eye(3), 0.3)
+    assert np.allclose(P, P.T)
+    assert found.up @ P[3:6, 3:6] @ found.up == pytest.approx(0.09)
+    v = R @ found.v
+    sideways = np.array([-v[1], v[0], 0.0])
+    # a heading that is off by an angle turns the velocity by it
+    assert sideways @ P[6:9, 3:6] @ found.up == pytest.approx(0.09 * sideways @ sideways, rel=0.05)
+    assert P[:3, :3] == pytest.approx(0.25 * np.eye(3))
