@@ -9,20 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.feet import Footing
 from stridetwin.estimators.dvio.inertial import Inertial
 from stridetwin.estimators.dvio.live import Live, blank_live
 from stridetwin.estimators.dvio.marginal import shift
 from stridetwin.estimators.dvio.memory import (
     CALIBRATION,
     D_SCALE,
+    D_VELOCITY,
     FRAME,
     NO_HOST,
+    PLANES,
     Window,
     blank_increment,
     blank_window,
 )
 from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.estimators.dvio.planes import free_slot
 from stridetwin.estimators.dvio.solver import blank_work
+from stridetwin.estimators.dvio.surfaces import sample_pixels
 from stridetwin.estimators.dvio.tracker import Lens, Tracker
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
@@ -33,6 +38,7 @@ _SURE = 8.0  # standard deviations of an inverse depth that counts as measured b
 _STILL_PX = 0.25  # a picture; points move so little where the camera stands
 _FORESEEN = 0.5  # share of points; where fewer are where they were foreseen, all are searched for
 _FEW = 8  # points; with fewer the IMU is alone
+FEW_SIGHTINGS = 10  # of a picture; with fewer it tells little
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,12 +81,16 @@ class Core:
         slots = parameters.landmark_slots
         self.tracker = Tracker(self.lens.shape, parameters.forward_backward_px, parameters.corner_least, slots)
         self._frames = parameters.keyframes + 2
-        self._work = blank_work(self._frames, slots)
-        self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s)
+        planes = PLANES if parameters.planes and parameters.uses_depth else 0
+        self._work = blank_work(self._frames, slots, planes)
+        self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s, planes)
         self.live: Live = blank_live()
         self._room = blank_increment()
         self._alive = np.zeros(slots, np.uint8)
         self._pixels = np.zeros((slots, 2), np.float32)
+        at = sample_pixels(self.lens.shape)
+        self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
+        self._told_planes = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3)), np.zeros(PLANES, np.int64)
         self._newest_is_key = False
         self.seen = 0
 
@@ -99,6 +109,7 @@ class Core:
         f, c = w.frames, w.calibration
         self._alive[:] = 0
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
+        w.planes.used[:], w.planes.held[:], w.planes.seen[:] = 0, 0, 0
         f.held[:], f.count[0] = 0, 1
         self._place(0, picture.t_ns, self.live)
         f.held[0] = 1
@@ -116,7 +127,8 @@ class Core:
         n = CALIBRATION
         w.prior.H[range(n), range(n)] = np.maximum(sd, _TAKEN_AS_TOLD) ** -2
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
-        w.prior.H[n : n + FRAME, n : n + FRAME] = np.linalg.inv(covariance)
+        own = slice(w.shared, w.shared + FRAME)
+        w.prior.H[own, own] = np.linalg.inv(covariance)
         self.live.covariance[:] = covariance
         self.tracker.forget()
         self.tracker.take(picture.grey)
@@ -142,19 +154,29 @@ class Core:
         P[range(9, 15), range(9, 15)] = self.bias_sd**2
         return P
 
-    def take(self, picture: Picture, still: bool) -> None:
-        """Takes the next picture; the IMU has been heard up to its time."""
+    def take(self, picture: Picture, still: bool, footing: Footing | None = None) -> None:
+        """Takes the next picture; the IMU has been heard up to its time.
+
+        Args:
+            picture: The next.
+            still: Whether the IMU seems to rest.
+            footing: What the feet tell of that time, for where the camera sees little.
+        """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1
         slot = before + 1 if self._newest_is_key else before
         t_ns = self.imu_time(picture.t_ns)
         x = self.inertial
         foreseen = self._foreseen(before, t_ns)
-        still &= self._follow(picture, foreseen, before, slot) < _STILL_PX
+        moved = self._follow(picture, foreseen, before, slot)
+        few = self._alive.sum() < FEW_SIGHTINGS
+        still &= moved < _STILL_PX or (few and footing is not None and footing.resting)
         f.count[0] = slot + 1
         self._place(slot, picture.t_ns, foreseen)
         f.held[slot] = 0
         f.still_sd[slot] = p.still_speed_sd if still and p.standing else np.inf
+        if p.feet:
+            self._tell_speed(slot, footing.v_in_world if few and footing is not None else None)
         kernel.integrate_into(
             w.increments, slot - 1, x.t_ns, x.samples, x.doubt, x.count,
             f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1], self.noise,
@@ -162,13 +184,14 @@ class Core:
         key = self._is_key(slot)
         kernel.minimise(w, self.terms, self._work, p.keyframe_steps if key else p.steps, p.enough)
         self._measure()
-        o = CALIBRATION + FRAME * slot
+        o = w.shared + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
         inverse = np.linalg.inv(np.tril(L))
         self.live.covariance[:] = inverse.T @ inverse
         self.seen = kernel.cull(w, self.terms, self._work, p.cull_sd, self._alive)
         if key:
             self._find(picture, slot)
+            self._see_planes(picture)
             if slot >= p.keyframes:
                 kernel.forget_oldest(w, self.terms, self._work, self._alive)
                 shift(w)
@@ -207,6 +230,23 @@ class Core:
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
         f.still_sd[slot] = np.inf
 
+    def _tell_speed(self, slot: int, v: Array | None) -> None:
+        """What is told of the velocity (3,) of the newest frame, m/s, or nothing, as a prior of that frame."""
+        f, prior, first = self.window.frames, self.window.prior, self.window.shared + FRAME * slot
+        own = slice(first, first + FRAME)
+        # Another frame may have had this slot.
+        prior.H[own], prior.H[:, own], prior.b[own] = 0.0, 0.0, 0.0
+        if v is None:
+            return
+        f.held[slot] = 1
+        f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
+        f.bias_first[slot], f.moved[slot] = f.bias[slot], 0.0
+        weight = self.parameters.feet_speed_sd**-2
+        for i in range(3):
+            at = own.start + D_VELOCITY + i
+            prior.H[at, at] = weight
+            prior.b[at] = weight * (v[i] - f.v[slot, i])
+
     def _foreseen(self, before: int, t_ns: int) -> Live:
         f, x = self.window.frames, self.inertial
         state = blank_live()
@@ -222,6 +262,7 @@ class Core:
         expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
         kernel.foresee(w, foreseen.R, foreseen.p, before, expected, start, warp, known)
         marks.seen[:, slot] = 0
+        w.planes.seen[:, slot] = 0
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
         self._alive[:] = 0
         was = self._pixels[ids]
@@ -314,6 +355,21 @@ class Core:
         marks.inverse_depth[ids] = np.where(told > 0, told / scale, _UNKNOWN_INVERSE_DEPTH)
         self._alive[ids] = 1
         self._pixels[ids] = points
+
+    def _see_planes(self, picture: Picture) -> None:
+        """Planes in the depth picture of the newest frame: sightings of known ones, or new ones."""
+        p, w = self.parameters, self.window
+        if not len(w.planes.used) or picture.depth is None:
+            return
+        told, weights, new = self._told_planes
+        count = kernel.read_planes(
+            picture.depth, self._rays, p.depth_min, p.plane_depth_max, p.inverse_depth_sd, p.plane_doubt, told, weights
+        )
+        strangers = kernel.match_planes(w, self.terms, self._work.factor, told, weights, count, new)
+        for i in new[:strangers]:
+            k = free_slot(w)
+            if k is not None:
+                kernel.found_plane(w, k, told[i], weights[i])
 
     def _anchor(self, picture: Picture, slot: int) -> None:
         """Keeps what the landmarks that the slot hosts look like."""

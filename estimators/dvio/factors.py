@@ -24,6 +24,7 @@ from stridetwin.estimators.dvio.memory import (
     D_POSITION,
     D_VELOCITY,
     FRAME,
+    PLANE,
     Frames,
     Increment,
     Window,
@@ -105,7 +106,7 @@ def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> floa
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     motion(frames, z, k, terms, r, J, terms.first_estimates)
     WJ = mul(z.weight, J)
-    o = CALIBRATION + FRAME * k
+    o = window.shared + FRAME * k
     cost = 0.0
     for i in range(9):
         wr = 0.0
@@ -136,13 +137,14 @@ def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> floa
 
 
 @njit(error_model="numpy")
-def add_standing(frames: Frames, k: int, H: Array, b: Array) -> float:
+def add_standing(window: Window, k: int, H: Array, b: Array) -> float:
     """Adds the zero velocity of a frame that is known to stand; returns its cost."""
+    frames = window.frames
     if not math.isfinite(frames.still_sd[k]):
         return 0.0
     w, cost = 1.0 / frames.still_sd[k] ** 2, 0.0
     for i in range(3):
-        at = CALIBRATION + FRAME * k + D_VELOCITY + i
+        at = window.shared + FRAME * k + D_VELOCITY + i
         H[at, at] += w
         b[at] -= w * frames.v[k, i]
         cost += 0.5 * w * frames.v[k, i] ** 2
@@ -170,8 +172,12 @@ def errors(window: Window, size: int) -> Array:
     """(size,) how far the states are from their first estimates; 0 of those that the prior does not speak of."""
     d = np.zeros(size)
     d[:CALIBRATION] = window.calibration.moved
+    for k in range(len(window.planes.used)):
+        if window.planes.used[k] and window.planes.held[k]:
+            o = CALIBRATION + PLANE * k
+            d[o : o + PLANE] = window.planes.moved[k]
     for k in range(window.frames.count[0]):
-        o = CALIBRATION + FRAME * k
+        o = window.shared + FRAME * k
         if window.frames.held[k] and o < size:
             d[o : o + FRAME] = window.frames.moved[k]
     return d

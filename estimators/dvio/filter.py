@@ -7,20 +7,21 @@ from collections import deque
 import cv2
 import numpy as np
 
+from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
 from stridetwin.estimators.dvio.alignment import Alignment
-from stridetwin.estimators.dvio.core import Core, Picture
+from stridetwin.estimators.dvio.core import FEW_SIGHTINGS, Core, Picture
 from stridetwin.estimators.dvio.estimate import COASTING, LOST, TRACKING, DvioEstimate
+from stridetwin.estimators.dvio.feet import Feet
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.starter import Starter
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Depth, Image, Imu
+from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 
 MOUNTS = ("head", "chest")
 HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
 _SAME_S = 0.012  # colour and depth this near are of one moment
 _BLIND_S = 3.0  # without a picture; the window then begins anew at what the IMU leads to
-_FEW = 10  # sightings of a picture
 _SLOW = 0.5  # m/s; who starts without standing moves about so fast
 _LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)  # of position, attitude, velocity and biases
 _LOST_WALK = 1.0  # m/√s; how the wearer goes on meanwhile
@@ -40,13 +41,21 @@ class Dvio:
         rig: Calibration.
         mount: `head` or `chest`.
         parameters: Ours by default; `METHODS` has the published ones.
+        exoskeleton: Whose legs tell the speed, where the parameters have `feet`; its samples are then taken too.
 
     Raises:
-        ConfigError: An unknown mount.
+        ConfigError: An unknown mount, or feet without an exoskeleton.
         StrideTwinError: The rig has no camera or IMU there.
     """
 
-    def __init__(self, rig: Rig, *, mount: str = "head", parameters: DvioParameters | None = None) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        *,
+        mount: str = "head",
+        parameters: DvioParameters | None = None,
+        exoskeleton: Exoskeleton | None = None,
+    ) -> None:
         if mount not in MOUNTS:
             raise ConfigError("Dvio", "mount", mount, " or ".join(MOUNTS))
         self._color, self._depth, self._imu = (f"/{mount}/{s}" for s in ("color", "depth", "imu"))
@@ -55,6 +64,11 @@ class Dvio:
         camera, imu = rig.cameras[self._color], rig.imu(self._imu)
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
         self._parameters = parameters or DvioParameters()
+        self._feet: Feet | None = None
+        if self._parameters.feet:
+            if exoskeleton is None:
+                raise ConfigError("Dvio", "feet", True, "false, or give the exoskeleton whose legs tell the speed")
+            self._feet = Feet.of(exoskeleton)
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
@@ -66,7 +80,7 @@ class Dvio:
         self._health = ""
         self._sound_p, self._sound_R = np.zeros(3), np.eye(3)
 
-    def update(self, sample: Imu | Image | Depth) -> DvioEstimate | None:
+    def update(self, sample: Sample) -> DvioEstimate | None:
         """Takes one sample; returns the new estimate after one of the IMU.
 
         None where the sample is ignored, is a picture (it waits for the IMU), or comes before the start.
@@ -76,6 +90,9 @@ class Dvio:
         """
         if isinstance(sample, Imu) and sample.topic == self._imu:
             return self._sense(sample)
+        if self._feet is not None and sample.topic in self._feet.topics:
+            self._feet.take(sample)
+            return None
         queue: deque[Image] | deque[Depth]
         if isinstance(sample, Image) and sample.topic == self._color:
             fine, queue = sample.pixels.shape[:2] == self._shape, self._pictures
@@ -156,8 +173,12 @@ class Dvio:
                 core.carry(t_ns)
                 core.start(picture, core.live.covariance.copy())
             return
-        core.take(picture, core.inertial.still(t_ns, self._parameters))
-        self._health = TRACKING if core.seen >= _FEW else COASTING
+        feet = self._feet
+        footing = feet.at(t_ns) if feet is not None else None
+        core.take(picture, core.inertial.still(t_ns, self._parameters), footing)
+        self._health = TRACKING if core.seen >= FEW_SIGHTINGS else COASTING
+        if feet is not None and self._health == TRACKING:
+            feet.compare(int(core.live.t_ns[0]), core.live.v)
         if not core.sound:
             self._lose()
 
@@ -182,7 +203,7 @@ class Dvio:
         core.live.t_ns[0] = t_ns
         core.start(picture, covariance)
         self._starter.forget()
-        if core.seen >= _FEW:
+        if core.seen >= FEW_SIGHTINGS:
             self._begun_ns, self._health = None, TRACKING
 
     def _by_force(self, mean: Array, resting: bool) -> Array:
@@ -216,6 +237,8 @@ class Dvio:
         """Holds the last sound pose, little known, until a new start."""
         live = self._core.live
         self._health, self._begun_ns = LOST, None
+        if self._feet is not None:
+            self._feet.forget()
         self._pictures.clear()
         self._starter.forget()
         live.p[:], live.R[:], live.v[:], live.bias[:] = self._sound_p, self._sound_R, 0.0, 0.0

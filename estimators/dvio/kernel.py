@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.digest import digest_of_sources
-from stridetwin.estimators.dvio import live, marginal, patches, pixels, preintegration, sights, solver
+from stridetwin.estimators.dvio import live, marginal, patches, pixels, planes, preintegration, sights, solver, surfaces
 
 
 def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
@@ -97,13 +97,28 @@ def _compiled(sources: int) -> tuple[Callable[..., Any], ...]:
         assert sources >= 0
         patches.read_slope(depth, points, least, most, rough, slope)
 
+    @njit(cache=True, error_model="numpy")
+    def read_planes(depth, rays, least, most, sd, doubt, told, weights):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return surfaces.read_planes(depth, rays, least, most, sd, doubt, told, weights)
+
+    @njit(cache=True, error_model="numpy")
+    def match_planes(window, terms, L, told, weights, count, new):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        return planes.match_planes(window, terms, L, told, weights, count, new)
+
+    @njit(cache=True, error_model="numpy")
+    def found_plane(window, k, told, weight):  # type: ignore[no-untyped-def]
+        assert sources >= 0
+        planes.found_plane(window, k, told, weight)
+
     return (
         integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
-        cut, align, read_slope, sound, told,
+        cut, align, read_slope, sound, told, read_planes, match_planes, found_plane,
     )  # fmt: skip
 
 
 (
     integrate, integrate_into, carry, minimise, forget_oldest, foresee, cull, parallax, pick, read_depth,
-    cut, align, read_slope, sound, told,
+    cut, align, read_slope, sound, told, read_planes, match_planes, found_plane,
 ) = _compiled(digest_of_sources(Path(__file__).parent))  # fmt: skip

@@ -232,20 +232,20 @@ def add_sightings(
                 _eliminate(s, l, host, window.landmarks.seen[l], last)
         _gather(s, host, last)
     for i in range(m):
-        row = H[state(i)]
-        b[state(i)] += s.b[i]
+        row = H[state(i, window.shared)]
+        b[state(i, window.shared)] += s.b[i]
         for e in range(CALIBRATION):
             row[e] += s.H[i, e]
         for k in range(last + 1):
-            o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k
+            o, q = window.shared + FRAME * k, CALIBRATION + POSE * k
             for e in range(POSE):
                 row[o + e] += s.H[i, q + e]
     return cost
 
 
 @njit(error_model="numpy")
-def state(i: int) -> int:
+def state(i: int, shared: int) -> int:
     """Which of all states the i-th of calibration and poses is."""
     if i < CALIBRATION:
         return i
-    return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
+    return shared + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing, errors
 from stridetwin.estimators.dvio.landmarks import add_sightings
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, NO_HOST, Window
+from stridetwin.estimators.dvio.memory import FRAME, NO_HOST, Window
+from stridetwin.estimators.dvio.planes import add_planes, hold_planes
 from stridetwin.estimators.dvio.solver import LEAST_INVERSE_DEPTH, Work
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.estimators.dvio.views import ray, seen_at, view
@@ -20,7 +21,7 @@ def hold(window: Window, H: Array, last: int) -> None:
     """From now on the prior H speaks of frames up to `last`: their Jacobians stay where they are first taken."""
     f = window.frames
     for k in range(1, last + 1):
-        o = CALIBRATION + FRAME * k
+        o = window.shared + FRAME * k
         if not f.held[k] and H[o, o] > 0.0:
             f.held[k] = 1
             f.R_first[k], f.p_first[k], f.v_first[k], f.bias_first[k] = f.R[k], f.p[k], f.v[k], f.bias[k]
@@ -28,15 +29,16 @@ def hold(window: Window, H: Array, last: int) -> None:
 
 
 @njit(error_model="numpy")
-def without_oldest(H: Array, b: Array, size: int) -> None:
+def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
     """Eliminates the oldest frame from H d = b, of which the lower triangle counts; its rows become free.
 
     Args:
         H: (N, N), symmetric on return.
         b: (N,).
+        shared: How many states are of no frame.
         size: Of the states.
     """
-    o, m = CALIBRATION, CALIBRATION + FRAME
+    o, m = shared, shared + FRAME
     for i in range(size):
         for j in range(i):
             H[j, i] = H[i, j]
@@ -117,27 +119,30 @@ def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.ui
         alive: (L,) 1 where a landmark is followed.
     """
     n = window.frames.count[0]
-    size = CALIBRATION + FRAME * n
+    shared = window.shared
+    size = shared + FRAME * n
     work.H[:size, :size] = 0.0
     work.b[:size] = 0.0
     view(window, terms, work.views)
     add_prior(window, size, work.H, work.b)
-    add_standing(window.frames, 0, work.H, work.b)
+    add_standing(window, 0, work.H, work.b)
     add_motion(window, 0, terms, work.H, work.b)
+    add_planes(window, terms, 0, work.H, work.b)
     host_depth = terms.host_depth and terms.host_depth_in_prior
     add_sightings(window, terms, work.views, work.sightings, 1, n - 2, host_depth, work.H, work.b)
-    without_oldest(work.H, work.b, size)
+    without_oldest(work.H, work.b, shared, size)
     hold(window, work.H, n - 2)
+    hold_planes(window, work.H)
     d = errors(window, size)
-    d[CALIBRATION : CALIBRATION + FRAME] = 0.0
+    d[shared : shared + FRAME] = 0.0
     prior = window.prior
     prior.H[:] = 0.0
     prior.b[:] = 0.0
     for i in range(size - FRAME):
-        a = i if i < CALIBRATION else i + FRAME
+        a = i if i < shared else i + FRAME
         s = work.b[a]
         for j in range(size - FRAME):
-            c = j if j < CALIBRATION else j + FRAME
+            c = j if j < shared else j + FRAME
             prior.H[i, j] = work.H[a, c]
             s += work.H[a, c] * d[c]
         prior.b[i] = s
@@ -150,9 +155,11 @@ def shift(window: Window) -> None:
     n = int(frames.count[0])
     for a in (*frames[1:], *window.increments):
         a[: n - 1] = a[1:n]
-    for a in (marks.seen, marks.at, marks.told):
+    planes = window.planes
+    for a in (marks.seen, marks.at, marks.told, planes.seen, planes.told, planes.weight):
         a[:, : n - 1] = a[:, 1:n]
     marks.seen[:, n - 1] = 0
+    planes.seen[:, n - 1] = 0
     marks.host[marks.host > 0] -= 1
     frames.held[n - 1] = 0
     frames.count[0] = n - 1

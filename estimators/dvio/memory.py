@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
 
-# Error state: that of the calibration first, then of each frame from the oldest to the newest. Rotations have their
-# error on the right, R_true = R Exp(e).
+# Error state: that of the calibration first, then of the planes, then of each frame from the oldest to the newest.
+# Rotations have their error on the right, R_true = R Exp(e).
 D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_LENS = 0, 3, 6, 7, 8
 CALIBRATION = 10
 D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
 FRAME = 15
+PLANE, PLANES = 3, 6  # states of a plane, and how many planes are known at most
 NO_HOST = -1
 
 
@@ -124,6 +125,36 @@ class Landmarks(NamedTuple):
     told: Array
 
 
+class Planes(NamedTuple):
+    """Planes of the world, seen in depth pictures: K slots.
+
+    Attributes:
+        used: (K,) 1 where there is one.
+        normal: (K, 3) unit vector, away from those who see it.
+        distance: (K,) of the plane from the origin along it, m.
+        held: (K,) 1 where the prior speaks of it, and Jacobians are taken at its first estimate.
+        normal_first: (K, 3) that estimate.
+        distance_first: (K,).
+        moved: (K, 3) how far it is from its first estimate: along the normal's two tangents, and the distance.
+        seen: (K, F) 1 where the frame saw it.
+        told: (K, F, 3) as which inverse depths, 1/m: their value at (x, y) is the product with (x, y, 1).
+        weight: (K, F, 3, 3) inverse of the covariance of that.
+        seen_ns: (K,) when it was seen last.
+    """
+
+    used: NDArray[np.uint8]
+    normal: Array
+    distance: Array
+    held: NDArray[np.uint8]
+    normal_first: Array
+    distance_first: Array
+    moved: Array
+    seen: NDArray[np.uint8]
+    told: Array
+    weight: Array
+    seen_ns: NDArray[np.int64]
+
+
 class Calibration(NamedTuple):
     """What the window estimates of the sensors.
 
@@ -163,15 +194,19 @@ class Window(NamedTuple):
         frames: States.
         increments: Of the IMU from each frame to the next, each array with a leading axis F.
         landmarks: Points.
+        planes: Floors and walls.
         calibration: Of the sensors.
-        prior: Of calibration and frames.
+        prior: Of calibration, planes and frames.
+        shared: States that are of no frame.
     """
 
     frames: Frames
     increments: Increment
     landmarks: Landmarks
+    planes: Planes
     calibration: Calibration
     prior: Prior
+    shared: int
 
 
 def blank_increment(slots: int | None = None) -> Increment:
@@ -191,7 +226,7 @@ def blank_increment(slots: int | None = None) -> Increment:
     )
 
 
-def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float) -> Window:
+def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float, planes: int = 0) -> Window:
     """An empty window.
 
     Args:
@@ -199,8 +234,10 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
         landmarks: Slots of landmarks.
         T_imu_camera: (4, 4) camera to IMU.
         offset_s: t_imu = t_cam + offset.
+        planes: How many it can know; each has states, known or not.
     """
-    F, L = frames, landmarks
+    F, L, K = frames, landmarks, planes
+    shared = CALIBRATION + PLANE * K
     eyes = np.zeros((F, 3, 3))
     eyes[:] = np.eye(3)
     return Window(
@@ -231,6 +268,19 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
             at=np.zeros((L, F, 2)),
             told=np.zeros((L, F)),
         ),
+        planes=Planes(
+            used=np.zeros(K, np.uint8),
+            normal=np.zeros((K, 3)),
+            distance=np.zeros(K),
+            held=np.zeros(K, np.uint8),
+            normal_first=np.zeros((K, 3)),
+            distance_first=np.zeros(K),
+            moved=np.zeros((K, PLANE)),
+            seen=np.zeros((K, F), np.uint8),
+            told=np.zeros((K, F, 3)),
+            weight=np.zeros((K, F, 3, 3)),
+            seen_ns=np.zeros(K, np.int64),
+        ),
         calibration=Calibration(
             R=np.ascontiguousarray(T_imu_camera[:3, :3], dtype=float).copy(),
             p=np.ascontiguousarray(T_imu_camera[:3, 3], dtype=float).copy(),
@@ -239,5 +289,6 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
             lens=np.zeros(2),
             moved=np.zeros(CALIBRATION),
         ),
-        prior=Prior(H=np.zeros((CALIBRATION + FRAME * F,) * 2), b=np.zeros(CALIBRATION + FRAME * F)),
+        prior=Prior(H=np.zeros((shared + FRAME * F,) * 2), b=np.zeros(shared + FRAME * F)),
+        shared=shared,
     )

@@ -72,6 +72,13 @@ class DvioParameters:
         align_s: In motion, longest wait for pictures to align with the IMU; then the mean force is taken as up.
         start_s: Span of that mean.
         max_gap_s: A longer gap of the IMU makes a new start.
+        planes: Whether floors and walls that the depth picture shows are states too.
+        plane_depth_max: Farthest depth that counts for them, m; below the sensor's range.
+        plane_doubt: Error of a plane in one picture beyond the noise of its depths: of its direction, rad, and of its
+            distance, as a share.
+        plane_limit: As `sight_limit`.
+        feet: Whether the legs of an exoskeleton tell the speed, where the camera sees little.
+        feet_speed_sd: Of the speed of the camera about that of the trunk, m/s.
         wait_s: Longest wait for the depth picture of a colour picture.
     """
 
@@ -108,7 +115,7 @@ class DvioParameters:
     extrinsic_position_sd: float = 2e-3
     extrinsic_rotation_sd: float = 5e-3
     time_offset_sd: float = 5e-3
-    depth_scale_sd: float = 1e-2
+    depth_scale_sd: float = 6e-3
     focal_sd: float = 2e-3
     gravity: float = 9.81
     imu_noise_factor: float = 5.6
@@ -125,6 +132,12 @@ class DvioParameters:
     align_s: float = 3.0
     start_s: float = 1.0
     max_gap_s: float = 0.5
+    planes: bool = False
+    plane_depth_max: float = 5.0
+    plane_doubt: float = 3e-3
+    plane_limit: float = 2.5
+    feet: bool = False
+    feet_speed_sd: float = 0.2
     wait_s: float = 0.05
 
     def __post_init__(self) -> None:
@@ -133,7 +146,7 @@ class DvioParameters:
             raise ConfigError("DvioParameters", "host_depth", self.host_depth, ", ".join(HOST_DEPTHS))
         numbers = {f.name: v for f in fields(self) if not isinstance(v := getattr(self, f.name), bool | str)}
         told = {"extrinsic_position_sd", "extrinsic_rotation_sd", "time_offset_sd", "depth_scale_sd", "focal_sd"}
-        check_numbers("DvioParameters", numbers, may_be_zero=told | {"rate_share"})
+        check_numbers("DvioParameters", numbers, may_be_zero=told | {"rate_share", "plane_doubt"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
 
@@ -164,6 +177,7 @@ class DvioParameters:
             depth_weight=self.inverse_depth_sd**-2,
             again_weight=self.inverse_depth_again_sd**-2,
             depth_limit=self.depth_limit,
+            plane_limit=self.plane_limit,
             host_depth=self.host_depth == "factor",
             depth_fixed=self.host_depth == "fixed",
             projection_depth=self.projection_depth,

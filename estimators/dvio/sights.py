@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio.algebra import mul, rotate, rotate_back
 from stridetwin.estimators.dvio.memory import NO_HOST, Calibration, Window
+from stridetwin.estimators.dvio.planes import cull_planes
 from stridetwin.estimators.dvio.solver import Work
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.estimators.dvio.views import at_exposure, ray, seen_at, view
@@ -90,6 +91,7 @@ def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[n
     Returns:
         How many sightings of the newest frame remain.
     """
+    cull_planes(window, terms)
     view(window, terms, work.views)
     n, marks = window.frames.count[0], window.landmarks
     scale, left = window.calibration.scale[0], 0

@@ -10,7 +10,8 @@ from numba import njit
 from stridetwin.estimators.dvio.algebra import REORDERED, exponential, mul
 from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing
 from stridetwin.estimators.dvio.landmarks import POSE, Sightings, add_sightings, blank_sightings, state, usable
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Window
+from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, PLANE, Window
+from stridetwin.estimators.dvio.planes import add_planes, move_planes
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.estimators.dvio.views import Views, blank_views, view
 from stridetwin.streams.samples import Array
@@ -32,6 +33,7 @@ class Work(NamedTuple):
         saved: (F, 21 + 15) states before a step, and how far they had moved.
         saved_calibration: (26,).
         saved_depth: (L,).
+        saved_planes: (K, 7).
     """
 
     H: Array
@@ -43,11 +45,12 @@ class Work(NamedTuple):
     saved: Array
     saved_calibration: Array
     saved_depth: Array
+    saved_planes: Array
 
 
-def blank_work(frames: int, landmarks: int) -> Work:
-    """Room for F frames and L landmarks."""
-    n = CALIBRATION + FRAME * frames
+def blank_work(frames: int, landmarks: int, planes: int = 0) -> Work:
+    """Room for F frames, L landmarks and K planes."""
+    n = CALIBRATION + PLANE * planes + FRAME * frames
     return Work(
         H=np.zeros((n, n)),
         b=np.zeros(n),
@@ -58,6 +61,7 @@ def blank_work(frames: int, landmarks: int) -> Work:
         saved=np.zeros((frames, 36)),
         saved_calibration=np.zeros(26),
         saved_depth=np.zeros(landmarks),
+        saved_planes=np.zeros((planes, 7)),
     )
 
 
@@ -65,15 +69,16 @@ def blank_work(frames: int, landmarks: int) -> Work:
 def linearise(window: Window, terms: Terms, work: Work) -> float:
     """Normal equations of all factors, landmarks eliminated; returns the cost."""
     n = window.frames.count[0]
-    size = CALIBRATION + FRAME * n
+    size = window.shared + FRAME * n
     work.H[:size, :size] = 0.0
     work.b[:size] = 0.0
     view(window, terms, work.views)
     cost = add_prior(window, size, work.H, work.b)
     for k in range(n):
-        cost += add_standing(window.frames, k, work.H, work.b)
+        cost += add_standing(window, k, work.H, work.b)
         if k + 1 < n:
             cost += add_motion(window, k, terms, work.H, work.b)
+    cost += add_planes(window, terms, n - 1, work.H, work.b)
     return cost + add_sightings(window, terms, work.views, work.sightings, n, n - 1, terms.host_depth, work.H, work.b)
 
 
@@ -145,8 +150,9 @@ def move(window: Window, work: Work) -> None:
     c.scale[0] += d[7]
     c.lens[:] += d[8:10]
     c.moved[:] += d[:CALIBRATION]
+    move_planes(window, d)
     for k in range(frames.count[0]):
-        o = CALIBRATION + FRAME * k
+        o = window.shared + FRAME * k
         e = d[o : o + FRAME]
         if frames.held[k]:
             m = frames.moved[k]
@@ -163,7 +169,7 @@ def move(window: Window, work: Work) -> None:
     seen, marks = work.sightings, window.landmarks
     by_pose = np.empty(CALIBRATION + POSE * frames.count[0])
     for i in range(len(by_pose)):
-        by_pose[i] = d[state(i)]
+        by_pose[i] = d[state(i, window.shared)]
     for l in range(len(marks.host)):
         if usable(window, l, frames.count[0] - 1):
             s = seen.b_own[l]
@@ -185,6 +191,13 @@ def _copy(window: Window, work: Work, back: bool) -> None:
         s[:9], s[9:12], s[12], s[13] = c.R.ravel(), c.p, c.offset[0], c.scale[0]
         s[14:16], s[16:26] = c.lens, c.moved
         work.saved_depth[:] = window.landmarks.inverse_depth
+    planes = window.planes
+    for k in range(len(planes.used)):
+        s = work.saved_planes[k]
+        if back:
+            planes.normal[k], planes.distance[k], planes.moved[k] = s[:3], s[3], s[4:]
+        else:
+            s[:3], s[3], s[4:] = planes.normal[k], planes.distance[k], planes.moved[k]
     for k in range(frames.count[0]):
         s = work.saved[k]
         if back:
@@ -209,7 +222,7 @@ def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float
     Returns:
         The cost before the last step that was taken.
     """
-    size = CALIBRATION + FRAME * window.frames.count[0]
+    size = window.shared + FRAME * window.frames.count[0]
     damping, cost = _FIRST_DAMPING, linearise(window, terms, work)
     for i in range(steps):
         if not solve(work, size, damping):

@@ -15,6 +15,7 @@ class Terms(NamedTuple):
         depth_weight: 1 / variance of an inverse depth that the host is told, m².
         again_weight: The same of one that another frame is told.
         depth_limit: As `sight_limit`.
+        plane_limit: As `sight_limit`, of planes.
         host_depth: (11) is there.
         depth_fixed: A landmark keeps the depth that the host was told.
         projection_depth: (12) is there.
@@ -30,6 +31,7 @@ class Terms(NamedTuple):
     depth_weight: float
     again_weight: float
     depth_limit: float
+    plane_limit: float
     host_depth: bool
     depth_fixed: bool
     projection_depth: bool

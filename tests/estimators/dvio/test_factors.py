@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from stridetwin.estimators.dvio import factors
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Increment
 from stridetwin.estimators.dvio.views import SIGHT, blank_views, ray, seen_at, sight, view
-from tests.estimators.dvio.scenes import TERMS, moved, seen_window
+from tests.estimators.dvio.scenes import SHARED, TERMS, moved, seen_window
 
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
@@ -37,11 +37,11 @@ def test_the_jacobian_of_a_sighting_is_its_slope(seed):
         view(other, TERMS, v)
         return np.array(seen_at(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[:3])
 
-    size = CALIBRATION + FRAME * 3
+    size = SHARED + FRAME * 3
     columns = [
         *range(CALIBRATION),
-        *(CALIBRATION + i for i in range(6)),
-        *(CALIBRATION + 2 * FRAME + i for i in range(6)),
+        *(SHARED + i for i in range(6)),
+        *(SHARED + 2 * FRAME + i for i in range(6)),
     ]
     for j, column in enumerate(columns):
         e = np.zeros(size)
@@ -67,7 +67,7 @@ def test_the_jacobian_of_the_motion_is_its_slope(seed):
 
     def residual(error):
         other = copy.deepcopy(window)
-        moved(other, np.concatenate([np.zeros(CALIBRATION), error, np.zeros(FRAME)]))
+        moved(other, np.concatenate([np.zeros(SHARED), error, np.zeros(FRAME)]))
         out, room = np.zeros(9), np.zeros((9, 2 * FRAME))
         factors.motion(other.frames, z, 0, TERMS, out, room, False)
         return out

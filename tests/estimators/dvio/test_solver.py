@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.marginal import shift
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Window
+from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, PLANES, Window
 from stridetwin.estimators.dvio.solver import blank_work
-from tests.estimators.dvio.scenes import NOISE, TERMS, moved, seen_window
+from tests.estimators.dvio.scenes import NOISE, SHARED, TERMS, moved, see_corner, seen_window
 
 PERIOD_NS = 5_000_000
 SLOTS, POINTS = 5, 12
@@ -37,10 +37,12 @@ def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
         )
     marks.at[:] += 1e-3 * rng.normal(size=marks.at.shape)
     marks.told[:] += 4e-3 * rng.normal(size=marks.told.shape) * (marks.told > 0)
+    see_corner(w)
+    w.planes.told[:] *= 1 + 0.02 * rng.normal(size=w.planes.told.shape)
     # Jacobians are those of no change of the time offset; held, all of them are exact.
     sd = np.concatenate([np.full(3, 2e-3), np.full(3, 5e-3), [1e-8, 1e-2], np.full(2, 2e-3)])
     w.prior.H[range(CALIBRATION), range(CALIBRATION)] = sd**-2
-    own = range(CALIBRATION, CALIBRATION + FRAME)
+    own = range(SHARED, SHARED + FRAME)
     w.prior.H[own, own] = np.repeat([1e-3, 1e-2, 0.1, 0.01, 0.05], 3) ** -2.0
     hold_first(w)
     return w
@@ -83,25 +85,31 @@ def residuals(w: Window, terms, depths: np.ndarray) -> np.ndarray:
             q = c.R.T @ (R[k].T @ (world - p[k]) - c.p)
             out.append((q[:2] / q[2] - marks.at[l, k] * (1 + c.lens)) * terms.sight_weight**0.5)
             out.append([(c.scale[0] / q[2] - marks.told[l, k]) * terms.again_weight**0.5])
+    for i, j in np.argwhere(w.planes.seen):
+        normal = w.planes.normal[i]
+        m = (R[j] @ c.R).T @ normal / (w.planes.distance[i] - normal @ (R[j] @ c.p + p[j]))
+        off = c.scale[0] * np.array([*(1 + c.lens), 1.0]) * m - w.planes.told[i, j]
+        out.append(np.linalg.cholesky(w.planes.weight[i, j]).T @ off)
     return np.concatenate(out)
 
 
 def test_finds_the_minimum_that_a_batch_solution_finds():
     rng = np.random.default_rng(3)
     start = noisy_window(rng)
-    terms = TERMS._replace(sight_limit=1e3, depth_limit=1e3)
-    n = CALIBRATION + FRAME * 3
+    terms = TERMS._replace(sight_limit=1e3, depth_limit=1e3, plane_limit=1e3)
+    n = SHARED + FRAME * 3
     prior = np.sqrt(np.diag(start.prior.H)[:n])
 
+    w = copy.deepcopy(start)
+    kernel.minimise(w, terms, blank_work(SLOTS, POINTS, PLANES), 25, 0.0)
+
     def cost(x: np.ndarray) -> np.ndarray:
-        w = copy.deepcopy(start)
-        moved(w, x[:n])
-        return np.concatenate([prior * x[:n], residuals(w, terms, x[n:])])
+        other = copy.deepcopy(start)
+        moved(other, x[:n])
+        return np.concatenate([prior * x[:n], residuals(other, terms, x[n:])])
 
     x0 = np.concatenate([np.zeros(n), start.landmarks.inverse_depth])
     best = least_squares(cost, x0, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    w = copy.deepcopy(start)
-    kernel.minimise(w, terms, blank_work(SLOTS, POINTS), 25, 0.0)
     found = copy.deepcopy(start)
     moved(found, best.x[:n])
     assert w.frames.p[:3] == pytest.approx(found.frames.p[:3], abs=2e-6)
@@ -109,6 +117,8 @@ def test_finds_the_minimum_that_a_batch_solution_finds():
     assert w.frames.v[:3] == pytest.approx(found.frames.v[:3], abs=1e-5)
     assert w.frames.bias[:3] == pytest.approx(found.frames.bias[:3], abs=1e-5)
     assert w.calibration.scale == pytest.approx(found.calibration.scale, abs=1e-6)
+    assert w.planes.normal == pytest.approx(found.planes.normal, abs=2e-6)
+    assert w.planes.distance == pytest.approx(found.planes.distance, abs=5e-6)
     assert w.landmarks.inverse_depth == pytest.approx(best.x[n:], abs=1e-6)
 
 
@@ -117,7 +127,7 @@ def test_the_prior_stands_for_what_was_marginalised():
     rng = np.random.default_rng(4)
     w = noisy_window(rng, frames=4)
     w.landmarks.seen[:, 3] = 0  # the newest frame's sightings would change hands
-    terms, work = TERMS._replace(sight_limit=1e3, depth_limit=1e3), blank_work(SLOTS, POINTS)
+    terms, work = TERMS._replace(sight_limit=1e3, depth_limit=1e3, plane_limit=1e3), blank_work(SLOTS, POINTS, PLANES)
     kernel.minimise(w, terms, work, 25, 0.0)
     whole = copy.deepcopy(w)
     kernel.forget_oldest(w, terms, work, np.zeros(POINTS, np.uint8))
@@ -127,5 +137,5 @@ def test_the_prior_stands_for_what_was_marginalised():
     kernel.minimise(w, terms, work, 5, 0.0)
     assert w.frames.p[:3] == pytest.approx(before, abs=1e-6)
     assert before == pytest.approx(whole.frames.p[1:4])
-    H = w.prior.H[: CALIBRATION + 2 * FRAME, : CALIBRATION + 2 * FRAME]
+    H = w.prior.H[: SHARED + 2 * FRAME, : SHARED + 2 * FRAME]
     assert np.linalg.eigvalsh(H).min() > -1e-6 * np.linalg.eigvalsh(H).max()

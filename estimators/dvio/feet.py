@@ -1,0 +1,100 @@
+"""What feet on the ground tell of the motion of a worn camera: a velocity, loose but without drift."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
+from stridetwin.estimators.contact_terrain.speed import LegSpeed, LegSpeeds
+from stridetwin.streams.samples import Array, Sample
+
+_NEAR_S = 0.06  # a velocity this near in time is of the same moment
+_MEMORY_S = 10.0  # over which headings are compared; that of an AHRS drifts
+_ENOUGH = 1.0  # m²/s; about a second of walking
+_ALIKE = 0.9  # mean cosine between the two directions
+_KEPT = 64
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footing:
+    """What the feet tell at one moment.
+
+    Attributes:
+        v_in_world: (3,) m/s, of the trunk in the odometry's world; None where its heading is not known there.
+        resting: Whether both feet rest on the ground.
+    """
+
+    v_in_world: Array | None
+    resting: bool
+
+
+class Speeds(Protocol):
+    """What makes velocities of samples."""
+
+    def update(self, sample: Sample) -> LegSpeed | None:
+        """Takes a sample in order of time; None where it tells no new velocity."""
+
+
+class Feet:
+    """Velocities from the legs, turned into the world of the odometry.
+
+    The AHRS have a heading of their own. It is found by comparing directions of motion while the odometry sees well.
+
+    Args:
+        topics: Streams that it takes.
+        speeds: What makes velocities of their samples.
+    """
+
+    def __init__(self, topics: Iterable[str], speeds: Speeds) -> None:
+        self.topics = frozenset(topics)
+        self._speeds = speeds
+        self._told: deque[LegSpeed] = deque(maxlen=_KEPT)
+        self.forget()
+
+    @classmethod
+    def of(cls, exo: Exoskeleton) -> Feet:
+        """Those of an exoskeleton."""
+        return cls(exo.topics, LegSpeeds(exo))
+
+    def forget(self) -> None:
+        """The odometry's world has another heading from now on."""
+        self._turn, self._weight, self._last_ns = 0j, 0.0, 0
+
+    def take(self, sample: Sample) -> None:
+        """Takes a sample of the exoskeleton."""
+        if (told := self._speeds.update(sample)) is not None:
+            self._told.append(told)
+
+    def compare(self, t_ns: int, v: Array) -> None:
+        """Takes the odometry's own velocity (3,), m/s, of a time at which it saw well."""
+        leg = self._at(t_ns)
+        if leg is None:
+            return
+        seconds = min((t_ns - self._last_ns) * 1e-9, 0.1)
+        keep = np.exp(-seconds / _MEMORY_S)
+        a, b = complex(*leg.v_back_in_world[:2]), complex(*v[:2])
+        self._turn = keep * self._turn + seconds * b * a.conjugate()
+        self._weight = keep * self._weight + seconds * abs(a) * abs(b)
+        self._last_ns = t_ns
+
+    def at(self, t_ns: int) -> Footing | None:
+        """What the feet tell at a time; None where they tell nothing."""
+        leg = self._at(t_ns)
+        if leg is None:
+            return None
+        v = None
+        if self._weight > _ENOUGH and abs(self._turn) > _ALIKE * self._weight:
+            c = self._turn / abs(self._turn) * complex(*leg.v_back_in_world[:2])
+            v = np.array([c.real, c.imag, leg.v_back_in_world[2]])
+        return Footing(v_in_world=v, resting=leg.resting)
+
+    def _at(self, t_ns: int) -> LegSpeed | None:
+        if not self._told:
+            return None
+        leg = min(self._told, key=lambda s: abs(s.t_ns - t_ns))
+        return leg if abs(leg.t_ns - t_ns) * 1e-9 < _NEAR_S else None

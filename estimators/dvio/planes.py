@@ -1,0 +1,371 @@
+"""Planes that outlast the window: floors and walls as states, seen as inverse depths that are linear in the picture.
+
+A plane n · X = d of the world is π · (x, y, 1) of inverse depth in a camera, π = n_c / (d − n · p_c). It is a state
+from the first keyframe that sees it until its slot is needed: what leaves the window leaves its knowledge of the plane
+in the prior. So a floor holds tilt and height, and a wall the heading, as long as they are seen, with no drift between.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.dvio.algebra import mul, rotate, rotate_back
+from stridetwin.estimators.dvio.memory import (
+    CALIBRATION,
+    D_ATTITUDE_IC,
+    D_LENS,
+    D_OFFSET,
+    D_POSITION_IC,
+    D_SCALE,
+    FRAME,
+    PLANE,
+    Window,
+)
+from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.dvio.views import at_exposure, huber
+from stridetwin.streams.samples import Array
+
+# A sighting's Jacobian has columns of the calibration, of the plane, and of the seer's pose.
+_PLANE, _SEER, COLUMNS = CALIBRATION, CALIBRATION + PLANE, CALIBRATION + PLANE + 6
+_LEAST_DISTANCE = 0.05  # m; of a camera from a plane that it sees
+_TURNED, _OFF = 0.1, 0.15  # rad, m; what is further from a plane is not it, however little is known
+_STRANGE = 16.3  # squared difference over its covariance: 0.1 % of a plane's own sightings differ more
+
+
+class Room(NamedTuple):
+    """Room for a sighting.
+
+    Attributes:
+        r: (3,) residual.
+        J: (3, 19) its Jacobian.
+    """
+
+    r: Array
+    J: Array
+
+
+@njit(error_model="numpy")
+def _dot(a: Array, b: Array) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(error_model="numpy")
+def tangent(n: Array) -> Array:
+    """(2, 3) unit vectors across a unit vector, and across each other."""
+    k = 0
+    for i in range(1, 3):
+        if abs(n[i]) < abs(n[k]):
+            k = i
+    T = np.zeros((2, 3))
+    T[0, k] = 1.0
+    for i in range(3):
+        T[0, i] -= n[k] * n[i]
+    size = math.sqrt(_dot(T[0], T[0]))
+    for i in range(3):
+        T[0, i] /= size
+    for i in range(3):
+        T[1, i] = n[i - 2] * T[0, i - 1] - n[i - 1] * T[0, i - 2]
+    return T
+
+
+@njit(error_model="numpy")
+def turned(n: Array, a: float, b: float) -> Array:
+    """(3,) unit vector n, moved by a and b along its `tangent`."""
+    T = tangent(n)
+    m = np.empty(3)
+    for i in range(3):
+        m[i] = n[i] + a * T[0, i] + b * T[1, i]
+    return m / math.sqrt(_dot(m, m))
+
+
+@njit(error_model="numpy")
+def _in_camera(window: Window, n: Array, d: float, R: Array, p: Array) -> tuple[Array, Array, float]:
+    """A plane's normal in the axes of IMU and camera of a pose, and the camera's distance from it."""
+    a = rotate_back(R, n)
+    c = window.calibration
+    away = d - _dot(n, p) - _dot(a, c.p)
+    return a, rotate_back(c.R, a), away
+
+
+@njit(error_model="numpy")
+def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room: Room) -> bool:
+    """Residual of a plane seen by a frame, s L π − π_told, and its Jacobian; s scales depth, L the focal lengths.
+
+    Args:
+        window: States.
+        terms: Whether Jacobians are taken at first estimates.
+        k: Slot of the plane.
+        j: Slot of the frame.
+        told: (3,) 1/m.
+        room: Out.
+
+    Returns:
+        False where the camera is not before the plane.
+    """
+    f, c, planes, J = window.frames, window.calibration, window.planes, room.J
+    lens = (1.0 + c.lens[0], 1.0 + c.lens[1], 1.0)
+    R, p = at_exposure(f, j, c.offset[0])
+    _, m, away = _in_camera(window, planes.normal[k], planes.distance[k], R, p)
+    if away < _LEAST_DISTANCE:
+        return False
+    for i in range(3):
+        room.r[i] = c.scale[0] * lens[i] * m[i] / away - told[i]
+    n, d = planes.normal[k], planes.distance[k]
+    if terms.first_estimates and planes.held[k]:
+        n, d = planes.normal_first[k], planes.distance_first[k]
+    if terms.first_estimates and f.held[j]:
+        R, p = f.R_first[j], f.p_first[j]
+    a, m, away = _in_camera(window, n, d, R, p)
+    if away < _LEAST_DISTANCE:
+        return False
+    T = tangent(n)
+    # of the distance: by plane, place and attitude
+    by_away = np.zeros(COLUMNS)
+    for i in range(2):
+        by_away[_PLANE + i] = -_dot(T[i], p) - _dot(rotate_back(R, T[i]), c.p)
+    by_away[_PLANE + 2] = 1.0
+    for i in range(3):
+        by_away[D_POSITION_IC + i] = -a[i]
+        by_away[_SEER + i] = -n[i]
+        by_away[_SEER + 3 + i] = a[i - 2] * c.p[i - 1] - a[i - 1] * c.p[i - 2]
+    J[:] = 0.0
+    across = rotate_back(c.R, rotate_back(R, T[0])), rotate_back(c.R, rotate_back(R, T[1]))
+    for i in range(3):
+        g = c.scale[0] * lens[i] / away
+        for e in range(COLUMNS):
+            J[i, e] = -g * m[i] / away * by_away[e]
+        J[i, _PLANE] += g * across[0][i]
+        J[i, _PLANE + 1] += g * across[1][i]
+        # [m]x, and Rcᵀ [a]x
+        J[i, D_ATTITUDE_IC + (i + 1) % 3] -= g * m[(i + 2) % 3]
+        J[i, D_ATTITUDE_IC + (i + 2) % 3] += g * m[(i + 1) % 3]
+        for e in range(3):
+            J[i, _SEER + 3 + e] += g * (c.R[e - 2, i] * a[e - 1] - c.R[e - 1, i] * a[e - 2])
+        J[i, D_SCALE] = lens[i] * m[i] / away
+        if i < 2:
+            J[i, D_LENS + i] = c.scale[0] * m[i] / away
+        late = 0.0
+        for e in range(3):
+            late += J[i, _SEER + e] * f.v[j, e] + J[i, _SEER + 3 + e] * f.rate[j, e]
+        J[i, D_OFFSET] = late
+    return True
+
+
+@njit(error_model="numpy")
+def _column(i: int, k: int, j: int, shared: int) -> int:
+    """Which of all states a column of a sighting's Jacobian is of."""
+    if i < _PLANE:
+        return i
+    if i < _SEER:
+        return CALIBRATION + PLANE * k + i - _PLANE
+    return shared + FRAME * j + i - _SEER
+
+
+@njit(error_model="numpy")
+def _squared(weight: Array, r: Array) -> float:
+    s = 0.0
+    for i in range(3):
+        for j in range(3):
+            s += r[i] * weight[i, j] * r[j]
+    return s
+
+
+@njit(error_model="numpy")
+def add_planes(window: Window, terms: Terms, last: int, H: Array, b: Array) -> float:
+    """Adds the planes that frames up to `last` see; returns the cost."""
+    planes, shared, cost = window.planes, window.shared, 0.0
+    room = Room(np.empty(3), np.empty((3, COLUMNS)))
+    for k in range(len(planes.used)):
+        if not planes.used[k]:
+            continue
+        for j in range(last + 1):
+            if not planes.seen[k, j] or not plane_sight(window, terms, k, j, planes.told[k, j], room):
+                continue
+            W, r, J = planes.weight[k, j], room.r, room.J
+            c, w = huber(_squared(W, r), terms.plane_limit)
+            cost += c
+            WJ, Wr = mul(W, J), rotate(W, r)
+            for e in range(COLUMNS):
+                row = H[_column(e, k, j, shared)]
+                b[_column(e, k, j, shared)] -= w * (J[0, e] * Wr[0] + J[1, e] * Wr[1] + J[2, e] * Wr[2])
+                for i in range(e + 1):
+                    row[_column(i, k, j, shared)] += w * (J[0, e] * WJ[0, i] + J[1, e] * WJ[1, i] + J[2, e] * WJ[2, i])
+    return cost
+
+
+@njit(error_model="numpy")
+def cull_planes(window: Window, terms: Terms) -> None:
+    """Removes sightings of planes that do not fit what the window believes."""
+    planes = window.planes
+    room = Room(np.empty(3), np.empty((3, COLUMNS)))
+    for k in range(len(planes.used)):
+        for j in range(window.frames.count[0]):
+            if planes.used[k] and planes.seen[k, j]:
+                fits = plane_sight(window, terms, k, j, planes.told[k, j], room)
+                planes.seen[k, j] = fits and _squared(planes.weight[k, j], room.r) < _STRANGE
+
+
+@njit(error_model="numpy")
+def _strangeness(
+    window: Window, terms: Terms, L: Array, k: int, j: int, told: Array, cover: Array, room: Room
+) -> float:
+    """Squared difference of a told plane from a known one, over its covariance; inf where it is far off.
+
+    Args:
+        window: States.
+        terms: As of `plane_sight`.
+        L: Cholesky factor of the normal equations of all states.
+        k: Slot of the known plane.
+        j: Slot of the frame.
+        told: (3,) 1/m.
+        cover: (3, 3) covariance of what is told.
+        room: Room.
+    """
+    if not plane_sight(window, terms, k, j, told, room):
+        return math.inf
+    c = window.calibration
+    expected = told + room.r
+    size, known = math.sqrt(_dot(told, told)), math.sqrt(_dot(expected, expected))
+    if _dot(told, expected) < math.cos(_TURNED) * size * known or abs(1.0 / size - 1.0 / known) * c.scale[0] > _OFF:
+        return math.inf
+    shared = window.shared
+    n = shared + FRAME * (j + 1)
+    Y, S = np.zeros((n, 3)), cover.copy()
+    for e in range(COLUMNS):
+        for i in range(3):
+            Y[_column(e, k, j, shared), i] = room.J[i, e]
+    for a in range(n):
+        row = L[a]
+        for i in range(3):
+            s = Y[a, i]
+            for e in range(a):
+                s -= row[e] * Y[e, i]
+            Y[a, i] = s / row[a]
+    for a in range(n):
+        for i in range(3):
+            for e in range(3):
+                S[i, e] += Y[a, i] * Y[a, e]
+    return _squared(np.linalg.inv(S), room.r)  # type: ignore[arg-type]
+
+
+@njit(error_model="numpy")
+def match_planes(window: Window, terms: Terms, L: Array, told: Array, weights: Array, count: int, new: Array) -> int:
+    """Counts planes told in the newest frame as sightings of the known ones that they can be.
+
+    Args:
+        window: Its planes are changed in place.
+        terms: As of `plane_sight`.
+        L: Cholesky factor of the normal equations of all states.
+        told: (P, 3) 1/m.
+        weights: (P, 3, 3) inverse of the covariance of each.
+        count: How many there are.
+        new: (P,) out: which of them are of no known plane.
+
+    Returns:
+        How many are of none.
+    """
+    planes, j, strangers = window.planes, window.frames.count[0] - 1, 0
+    room = Room(np.empty(3), np.empty((3, COLUMNS)))
+    planes.seen[:, j] = 0
+    for i in range(count):
+        best, least, cover = -1, _STRANGE, np.linalg.inv(weights[i])
+        twice = False
+        for k in range(len(planes.used)):
+            if not planes.used[k]:
+                continue
+            chi = _strangeness(window, terms, L, k, j, told[i], cover, room)
+            if chi < least:
+                best, least, twice = k, chi, planes.seen[k, j] > 0
+        if best < 0:
+            new[strangers] = i
+            strangers += 1
+        elif not twice:
+            planes.seen[best, j] = 1
+            planes.told[best, j] = told[i]
+            planes.weight[best, j] = weights[i]
+            planes.seen_ns[best] = window.frames.t_ns[j]
+    return strangers
+
+
+@njit(error_model="numpy")
+def found_plane(window: Window, k: int, told: Array, weight: Array) -> None:
+    """A new plane in slot `k`, where the newest frame tells it; (3,) 1/m and (3, 3) inverse covariance."""
+    f, c, planes = window.frames, window.calibration, window.planes
+    j = f.count[0] - 1
+    R, p = at_exposure(f, j, c.offset[0])
+    m = np.empty(3)
+    for i in range(3):
+        m[i] = told[i] / (c.scale[0] * (1.0 + c.lens[i] if i < 2 else 1.0))
+    away = 1.0 / math.sqrt(_dot(m, m))
+    n = rotate(R, rotate(c.R, m * away))
+    p = p + rotate(R, c.p)
+    planes.used[k], planes.held[k] = 1, 0
+    planes.normal[k], planes.distance[k] = n, away + _dot(n, p)
+    planes.moved[k] = 0.0
+    planes.seen[k] = 0
+    planes.seen[k, j], planes.told[k, j], planes.weight[k, j] = 1, told, weight
+    planes.seen_ns[k] = f.t_ns[j]
+
+
+@njit(error_model="numpy")
+def move_planes(window: Window, step: Array) -> None:
+    """Takes a step (N,) of all states."""
+    planes = window.planes
+    for k in range(len(planes.used)):
+        if not planes.used[k]:
+            continue
+        e = step[CALIBRATION + PLANE * k : CALIBRATION + PLANE * (k + 1)]
+        if planes.held[k]:
+            m = planes.moved[k]
+            m += e
+            planes.normal[k] = turned(planes.normal_first[k], m[0], m[1])
+            planes.distance[k] = planes.distance_first[k] + m[2]
+        else:
+            planes.normal[k] = turned(planes.normal[k], e[0], e[1])
+            planes.distance[k] += e[2]
+
+
+@njit(error_model="numpy")
+def hold_planes(window: Window, H: Array) -> None:
+    """From now on the prior H speaks of the planes that it has; their Jacobians stay where they are first taken."""
+    planes = window.planes
+    for k in range(len(planes.used)):
+        o = CALIBRATION + PLANE * k
+        if planes.used[k] and not planes.held[k] and H[o, o] > 0.0:
+            planes.held[k] = 1
+            planes.normal_first[k], planes.distance_first[k] = planes.normal[k], planes.distance[k]
+            planes.moved[k] = 0.0
+
+
+def free_slot(window: Window) -> int | None:
+    """A slot for a new plane, if need be that of the one unseen for longest; None where the window sees all of them."""
+    planes, n = window.planes, int(window.frames.count[0])
+    unseen = ~planes.seen[:, :n].any(axis=1)
+    # A plane that the prior does not know and that no frame sees any more is nothing.
+    planes.used[unseen & (planes.held == 0)] = 0
+    free = np.flatnonzero(planes.used == 0)
+    if len(free):
+        return int(free[0])
+    gone = np.flatnonzero(unseen)
+    if not len(gone):
+        return None
+    k = int(gone[np.argmin(planes.seen_ns[gone])])
+    forget_plane(window, k)
+    return k
+
+
+def forget_plane(window: Window, k: int) -> None:
+    """Marginalises a plane that no frame of the window sees out of the prior."""
+    planes, H, b = window.planes, window.prior.H, window.prior.b
+    own = slice(CALIBRATION + PLANE * k, CALIBRATION + PLANE * (k + 1))
+    if planes.held[k]:
+        share = H[:, own] @ np.linalg.inv(H[own, own])
+        b -= share @ b[own]
+        H -= share @ H[own]
+    H[own], H[:, own], b[own] = 0.0, 0.0, 0.0
+    planes.used[k] = planes.held[k] = 0
+    planes.seen[k] = 0
