@@ -41,20 +41,20 @@ def mount_of(recording: Recording) -> str:
     Raises:
         RecordingError: It has none.
     """
-    for mount in MOUNTS:
-        if {f"/{mount}/color", f"/{mount}/imu"} <= set(recording.topics):
-            return mount
+    if mounts := _mounts(recording):
+        return mounts[0]
     wanted = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
     raise RecordingError(f"{recording.path}: feeds no dvio; valid: a recording with {wanted}")
 
 
 def feeds_odometry(recording: Recording) -> bool:
     """Whether the recording has a camera with an IMU on head or chest, and depth or a second picture beside it."""
-    return any(
-        {f"/{m}/color", f"/{m}/imu"} <= set(recording.topics)
-        and not {f"/{m}/depth", f"/{m}/color_right"}.isdisjoint(recording.topics)
-        for m in MOUNTS
-    )
+    return any(not {f"/{m}/depth", f"/{m}/color_right"}.isdisjoint(recording.topics) for m in _mounts(recording))
+
+
+def _mounts(recording: Recording) -> list[str]:
+    """Where the recording's cameras with IMU are worn."""
+    return [m for m in MOUNTS if {f"/{m}/color", f"/{m}/imu"} <= set(recording.topics)]
 
 
 def estimate_odometry(

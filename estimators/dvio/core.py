@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +26,7 @@ from stridetwin.estimators.dvio.memory import (
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.planes import free_slot
 from stridetwin.estimators.dvio.solver import blank_work
+from stridetwin.estimators.dvio.structure import perspective
 from stridetwin.estimators.dvio.surfaces import sample_pixels
 from stridetwin.estimators.dvio.tracker import Lens, Tracker
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
@@ -88,9 +88,10 @@ class Core:
         self._room = blank_increment()
         self._alive = np.zeros(slots, np.uint8)
         self._pixels = np.zeros((slots, 2), np.float32)
-        at = sample_pixels(self.lens.shape)
-        self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
-        self._told_planes = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3)), np.zeros(PLANES, np.int64)
+        if planes:
+            at = sample_pixels(self.lens.shape)
+            self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
+            self._told_planes = np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.zeros(planes, np.int64)
         self._newest_is_key = False
         self.seen = 0
 
@@ -112,9 +113,7 @@ class Core:
         w.planes.used[:], w.planes.held[:], w.planes.seen[:] = 0, 0, 0
         f.held[:], f.count[0] = 0, 1
         self._place(0, picture.t_ns, self.live)
-        f.held[0] = 1
-        f.R_first[0], f.p_first[0], f.v_first[0], f.bias_first[0] = f.R[0], f.p[0], f.v[0], f.bias[0]
-        f.moved[0] = 0.0
+        self._hold(0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
         sd = np.array(
             [p.extrinsic_position_sd] * 3
@@ -230,6 +229,13 @@ class Core:
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
         f.still_sd[slot] = np.inf
 
+    def _hold(self, slot: int) -> None:
+        """From now on the prior speaks of a frame: its Jacobians stay at what it is now."""
+        f = self.window.frames
+        f.held[slot] = 1
+        f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
+        f.bias_first[slot], f.moved[slot] = f.bias[slot], 0.0
+
     def _tell_speed(self, slot: int, v: Array | None) -> None:
         """What is told of the velocity (3,) of the newest frame, m/s, or nothing, as a prior of that frame."""
         f, prior, first = self.window.frames, self.window.prior, self.window.shared + FRAME * slot
@@ -238,9 +244,7 @@ class Core:
         prior.H[own], prior.H[:, own], prior.b[own] = 0.0, 0.0, 0.0
         if v is None:
             return
-        f.held[slot] = 1
-        f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
-        f.bias_first[slot], f.moved[slot] = f.bias[slot], 0.0
+        self._hold(slot)
         weight = self.parameters.feet_speed_sd**-2
         for i in range(3):
             at = own.start + D_VELOCITY + i
@@ -315,18 +319,12 @@ class Core:
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
         agree = np.zeros(len(ids), bool)
-        if use.sum() < _FEW:
-            return agree
         h = marks.host[ids]
         m = np.concatenate([marks.at[ids, h], np.ones((len(ids), 1))], axis=1) / marks.inverse_depth[ids][:, None]
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
         at = self.lens.normalised(there)
-        found, _, _, inliers = cv2.solvePnPRansac(
-            points[use], at[use], np.eye(3), None, iterationsCount=60,
-            reprojectionError=3.0 / self.lens.focal_px, flags=cv2.SOLVEPNP_AP3P,
-        )  # fmt: skip
-        if found and inliers is not None and len(inliers) >= _FEW:
-            agree[np.flatnonzero(use)[inliers[:, 0]]] = True
+        if (pose := perspective(points[use], at[use], 3.0 / self.lens.focal_px, _FEW)) is not None:
+            agree[use] = pose[2]
         return agree
 
     def depth(self, picture: Picture, points: NDArray[np.float32]) -> Array:

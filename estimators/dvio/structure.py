@@ -82,7 +82,7 @@ def structure_with_depth(s: Sightings) -> Structure | None:
     agree = s.seen.copy()
     while k > 0:
         shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.told[k - 1] > 0))
-        step = _perspective(_rays(s.at[k - 1, shared]) / s.told[k - 1, shared, None], s.at[k, shared], s.sd)
+        step = _step(_rays(s.at[k - 1, shared]) / s.told[k - 1, shared, None], s.at[k, shared], s.sd)
         if step is None:
             break
         M, t, fits = step  # camera k <- camera k - 1
@@ -136,7 +136,7 @@ def _around(s: Sightings, shared: NDArray[np.int64], M: Array, t: Array, first: 
     R, p = [M], [t]
     for k in range(1, K - 1):
         use = np.flatnonzero(sure & s.seen[k])
-        step = _perspective(points[use], s.at[k, use], s.sd)
+        step = _step(points[use], s.at[k, use], s.sd)
         if step is None:
             return None
         R.append(step[0].T)
@@ -147,18 +147,30 @@ def _around(s: Sightings, shared: NDArray[np.int64], M: Array, t: Array, first: 
     return _bundled(replace(s, seen=seen & sure, told=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
 
 
-def _perspective(points: Array, at: Array, sd: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """(3, 3) and (3,) camera <- points' axes by P3P, and which points agree; None where too few do."""
-    if len(points) < FEW:
+def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """(3, 3) and (3,) camera <- points' axes by P3P, and which points agree; None where too few do.
+
+    Args:
+        points: (N, 3) m.
+        at: (N, 2) where they are seen, on the plane at depth 1.
+        error: Of the sighting of a point that agrees, on that plane.
+        fewest: Points that must be there, and agree.
+    """
+    if len(points) < fewest:
         return None
     found, turn, shift, inliers = cv2.solvePnPRansac(
-        points, at, np.eye(3), None, iterationsCount=60, reprojectionError=8.0 * sd, flags=cv2.SOLVEPNP_AP3P
+        points, at, np.eye(3), None, iterationsCount=60, reprojectionError=error, flags=cv2.SOLVEPNP_AP3P
     )
-    if not found or inliers is None or len(inliers) < max(FEW, 0.5 * len(points)):
+    if not found or inliers is None or len(inliers) < fewest:
         return None
     fits = np.zeros(len(points), bool)
     fits[inliers[:, 0]] = True
     return np.asarray(cv2.Rodrigues(turn)[0], float), np.asarray(shift, float)[:, 0], fits
+
+
+def _step(points: Array, at: Array, sd: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """`perspective`, with which half of the points must agree."""
+    return perspective(points, at, 8.0 * sd, max(FEW, 0.5 * len(points)))
 
 
 def _placed(R: Array, p: Array, at: Array, told: Array) -> Array:
