@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate, read_exoskeleton
@@ -14,7 +14,7 @@ from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.scenarios.odometry import estimate_odometry, feeds_odometry
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
 from stridetwin.streams.samples import Block, Imu
 
 FEET = {"l": "left", "r": "right"}
@@ -55,12 +55,15 @@ def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Esti
         StrideTwinError: As `estimate_foot`.
     """
     rig = recording.rig
-    mounts = {c.topic: c.mount for c in rig.cameras.values()}
-    mounts |= {s.topic: s.mount for s in rig.others.values() if s.kind == "range"}
-    aids = [t for t, mount in mounts.items() if mount.body in ("foot_l", "foot_r") and t in recording.topics]
-    imus = [f"/foot_{foot}/imu" for foot in FEET]
+    cameras = _on_feet(recording, rig.cameras.values())
+    sonars = _on_feet(recording, (s for s in rig.others.values() if s.kind == "range"))
+    imus = {foot: f"/foot_{foot}/imu" for foot in FEET}
     estimator = FootToFoot(rig, method=method)
-    paths = follow(estimator, recording.samples([*imus, *aids]))
+    if cameras:
+        paths = follow(estimator, recording.samples([*imus.values(), *cameras, *sonars]))
+    else:  # nothing has to be looked for where the feet were believed to be by then: the same numbers, at once
+        blocks = {foot: recording.block(topic) for foot, topic in imus.items()}
+        paths = estimator.run(blocks, [s for topic in sonars for s in recording.block(topic)])
     world = "foot_to_foot" if method == "stridetwin" else f"foot_to_foot_{method}"
     common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
     found = []
@@ -88,6 +91,11 @@ def estimate_steps(
     if missing := [topic for topic in exo.topics if topic not in recording.topics]:
         raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}; contact_terrain needs all of them")
     return ContactTerrain(exo, method).run(recording.samples(list(exo.topics)))
+
+
+def _on_feet(recording: Recording, sensors: Iterable[CameraCalibration | OtherSensor]) -> list[str]:
+    """Topics of those of the sensors that the feet carry and the recording holds."""
+    return [s.topic for s in sensors if s.mount.body in ("foot_l", "foot_r") and s.topic in recording.topics]
 
 
 def _estimate(

@@ -34,7 +34,7 @@ def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uin
     """A picture's pixels as a JPEG of some quality, or (None) as a PNG, which keeps every one."""
     pixels = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), np.uint8)
     if quality is None:
-        _, data = cv2.imencode(".png", pixels, (cv2.IMWRITE_PNG_COMPRESSION, 1))
+        _, data = cv2.imencode(".png", pixels)
     else:
         _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
     return np.asarray(data, np.uint8).ravel()

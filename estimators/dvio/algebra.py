@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 # Sums may be taken in any order, so that they run on vector units; NaN and infinity keep their meaning.
@@ -14,7 +15,7 @@ REORDERED = {"reassoc", "contract", "nsz"}
 _SMALL = 1e-5  # rad; below it series serve
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def skew(v: Array) -> Array:
     """(3, 3) matrix whose product with a vector is v × that vector."""
     M = np.zeros((3, 3))
@@ -23,7 +24,7 @@ def skew(v: Array) -> Array:
     return M
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def mul(A: Array, B: Array) -> Array:
     """(n, m) product of (n, k) and (k, m); quicker than BLAS where they are small."""
     n, k, m = A.shape[0], A.shape[1], B.shape[1]
@@ -36,7 +37,7 @@ def mul(A: Array, B: Array) -> Array:
     return C
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def put(M: Array, row: int, column: int, block: Array, times: float) -> None:
     """Writes a block, times a number, into a matrix; quicker than a slice."""
     for i in range(block.shape[0]):
@@ -44,7 +45,7 @@ def put(M: Array, row: int, column: int, block: Array, times: float) -> None:
             M[row + i, column + j] = times * block[i, j]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def sparse_mul(F: Array, P: Array) -> Array:
     """(n, m) product of (n, k) and (k, m); what F has of zeros costs nothing."""
     n, k, m = F.shape[0], F.shape[1], P.shape[1]
@@ -58,13 +59,13 @@ def sparse_mul(F: Array, P: Array) -> Array:
     return C
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def carried(F: Array, P: Array) -> Array:
     """(n, n) F P Fᵀ of a symmetric P."""
     return sparse_mul(F, np.ascontiguousarray(sparse_mul(F, P).T))
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def rotate(R: Array, v: Array) -> Array:
     """(3,) R v."""
     w = np.empty(3)
@@ -73,7 +74,7 @@ def rotate(R: Array, v: Array) -> Array:
     return w
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def rotate_back(R: Array, v: Array) -> Array:
     """(3,) Rᵀ v."""
     w = np.empty(3)
@@ -82,7 +83,7 @@ def rotate_back(R: Array, v: Array) -> Array:
     return w
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _series(v: Array, a: float, b: float, c: float) -> Array:
     """(3, 3) a 1 + b [v]x + c [v]x²."""
     x, y, z = v
@@ -95,7 +96,7 @@ def _series(v: Array, a: float, b: float, c: float) -> Array:
     return M
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def exponential(v: Array) -> Array:
     """(3, 3) rotation by the vector v, rad."""
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -105,7 +106,7 @@ def exponential(v: Array) -> Array:
     return _series(v, 1.0, math.sin(t) / t, (1.0 - math.cos(t)) / t2)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def logarithm(R: Array) -> Array:
     """(3,) rotation vector of a rotation matrix, rad, of length ≤ π."""
     v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
@@ -126,7 +127,7 @@ def logarithm(R: Array) -> Array:
     return a * (math.pi / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]))
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def right_jacobian(v: Array) -> Array:
     """(3, 3) Jr with Exp(v + d) = Exp(v) Exp(Jr d) to the first order."""
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -136,7 +137,7 @@ def right_jacobian(v: Array) -> Array:
     return _series(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def right_jacobian_inverse(v: Array) -> Array:
     """(3, 3) inverse of `right_jacobian`, for |v| < 2π."""
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import (
     REORDERED,
     exponential,
@@ -34,7 +35,7 @@ from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.streams.samples import Array
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Array, first: bool) -> None:
     """IMU residual (7) from frame k to the next and its Jacobian.
 
@@ -99,7 +100,7 @@ def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Arra
             J[6 + i, D_GYRO_BIAS + j] = -z.by_bias[6 + i, j]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> float:
     """Adds the IMU factor (9) from frame k to the next, with the walk of its biases; returns its cost."""
     frames, z = window.frames, increment_at(window.increments, k)
@@ -136,7 +137,7 @@ def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> floa
     return cost
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def add_standing(window: Window, k: int, H: Array, b: Array) -> float:
     """Adds the zero velocity of a frame that is known to stand; returns its cost."""
     frames = window.frames
@@ -151,7 +152,7 @@ def add_standing(window: Window, k: int, H: Array, b: Array) -> float:
     return cost
 
 
-@njit(fastmath=REORDERED, error_model="numpy")
+@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def add_prior(window: Window, size: int, H: Array, b: Array) -> float:
     """Adds the prior (6) of the first `size` states; returns its cost, up to a constant."""
     d = errors(window, size)
@@ -167,7 +168,7 @@ def add_prior(window: Window, size: int, H: Array, b: Array) -> float:
     return cost
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def errors(window: Window, size: int) -> Array:
     """(size,) how far the states are from their first estimates; 0 of those that the prior does not speak of."""
     d = np.zeros(size)

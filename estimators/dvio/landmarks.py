@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import REORDERED
 from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Window
 from stridetwin.estimators.dvio.terms import Terms
@@ -57,7 +58,7 @@ def blank_sightings(frames: int, landmarks: int) -> Sightings:
     )  # fmt: skip
 
 
-@njit(fastmath=REORDERED, error_model="numpy")
+@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last: int, host_depth: bool) -> float:
     """Adds the sightings (10) and told depths (13), (14) of a landmark; returns their cost.
 
@@ -135,7 +136,7 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
     return cost
 
 
-@njit(fastmath=REORDERED, error_model="numpy")
+@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _eliminate(s: Sightings, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
     """Takes a landmark out of the normal equations (Schur complement).
 
@@ -160,7 +161,7 @@ def _eliminate(s: Sightings, l: int, host: int, seen: NDArray[np.uint8], last: i
                 row[e] -= f * cross[e]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _gather(s: Sightings, host: int, last: int) -> None:
     """Adds the sums of one host's landmarks to the normal equations."""
     first = CALIBRATION + POSE * host
@@ -185,7 +186,7 @@ def _gather(s: Sightings, host: int, last: int) -> None:
                     row[second + e] += pair[a, SEER + e]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def usable(window: Window, l: int, last: int) -> bool:
     """Whether a landmark has a host and is seen by another frame."""
     if window.landmarks.host[l] == NO_HOST or window.landmarks.host[l] > last:
@@ -196,7 +197,7 @@ def usable(window: Window, l: int, last: int) -> bool:
     return others > 0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def add_sightings(
     window: Window,
     terms: Terms,
@@ -243,7 +244,7 @@ def add_sightings(
     return cost
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def state(i: int, shared: int) -> int:
     """Which of all states the i-th of calibration and poses is."""
     if i < CALIBRATION:

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import carried, mul, put, skew
 from stridetwin.estimators.dvio.memory import FRAME, ImuNoise, Increment
 from stridetwin.estimators.dvio.preintegration import integrate
@@ -45,7 +46,7 @@ def blank_live() -> Live:
     )  # fmt: skip
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def carry(
     live: Live,
     z: Increment,
@@ -106,7 +107,7 @@ def carry(
     live.t_ns[0] = end_ns
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def sound(live: Live) -> bool:
     """Whether a state can be one of a person."""
     total = live.p.sum() + live.bias.sum() + live.R.sum() + live.covariance.sum()
@@ -116,7 +117,7 @@ def sound(live: Live) -> bool:
     return bool(np.abs(live.bias[:3]).max() < _MOST_GYRO_BIAS and np.abs(live.bias[3:]).max() < _MOST_ACCEL_BIAS)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def told(live: Live) -> tuple[Array, Array]:
     """(4, 4) world <- IMU, and (6, 6) covariance of its position (m) and rotation (rad), both in world axes."""
     T, to_world = np.zeros((4, 4)), np.zeros((6, 6))

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing, errors
 from stridetwin.estimators.dvio.landmarks import add_sightings
 from stridetwin.estimators.dvio.memory import FRAME, NO_HOST, Window
@@ -16,7 +17,7 @@ from stridetwin.estimators.dvio.views import ray, seen_at, view
 from stridetwin.streams.samples import Array
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def hold(window: Window, H: Array, last: int) -> None:
     """From now on the prior H speaks of frames up to `last`: their Jacobians stay where they are first taken."""
     f = window.frames
@@ -28,7 +29,7 @@ def hold(window: Window, H: Array, last: int) -> None:
             f.moved[k] = 0.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
     """Eliminates the oldest frame from H d = b, of which the lower triangle counts; its rows become free.
 
@@ -78,7 +79,7 @@ def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
             H[j, i] = s
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> None:
     """Gives the landmarks of the oldest frame to the newest one, where that sees them, or lets them go.
 
@@ -106,7 +107,7 @@ def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> 
             marks.host[l] = newest
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.uint8]) -> None:
     """Marginalises the oldest frame with the landmarks that it hosts; `shift` then takes it out of the window.
 

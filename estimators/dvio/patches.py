@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 REACH = 6  # px; half of a patch
@@ -22,7 +23,7 @@ _STEPS = 8
 _SLOPE_REACH, _SLOPE_STRIDE = 8, 2  # px
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _value(grey: NDArray[np.uint8], x: float, y: float) -> float:
     """Grey value between pixels; the point lies inside."""
     j, i = int(x), int(y)
@@ -50,7 +51,7 @@ def blank_patches(slots: int) -> Patches:
     return Patches(np.zeros((slots, PIXELS, 3), np.float32), np.zeros((slots, 3, 3)), np.zeros(slots))
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
     """Keeps the patches about points.
 
@@ -92,7 +93,7 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
         patches.power[ids[n]] = H[2, 2]
 
 
-@njit(error_model="numpy", fastmath=True)
+@njit(error_model="numpy", fastmath=True, **INSIDE)
 def _compare(
     grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
 ) -> tuple[float, float, float, float]:
@@ -120,7 +121,7 @@ def _compare(
     return float(g0), float(g1), float(g2), float(square - total * total / PIXELS)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def align(
     grey: NDArray[np.uint8],
     patches: Patches,
@@ -185,7 +186,7 @@ def align(
             good[l] = True
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def read_slope(
     depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, rough: float, slope: Array
 ) -> None:

@@ -8,13 +8,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 _REACH = 3  # px; half of the window in which a corner is judged
 _DEPTH_REACH = 2
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def cornerness(grey: NDArray[np.uint8], x: int, y: int) -> float:
     """Lesser eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), grey levels² a pixel²."""
     a, b, c = 0.0, 0.0, 0.0
@@ -29,7 +30,7 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int) -> float:
     return (0.5 * (a + c) - math.sqrt(0.25 * (a - c) ** 2 + b * b)) / n
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def pick(
     grey: NDArray[np.uint8],
     candidates: NDArray[np.float32],
@@ -100,7 +101,7 @@ def pick(
     return count
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def read_depth(
     depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, spread: float, told: Array
 ) -> None:

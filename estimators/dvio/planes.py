@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import mul, rotate, rotate_back
 from stridetwin.estimators.dvio.memory import (
     CALIBRATION,
@@ -48,12 +49,12 @@ class Room(NamedTuple):
     J: Array
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _dot(a: Array, b: Array) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def tangent(n: Array) -> Array:
     """(2, 3) unit vectors across a unit vector, and across each other."""
     k = 0
@@ -72,7 +73,7 @@ def tangent(n: Array) -> Array:
     return T
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def turned(n: Array, a: float, b: float) -> Array:
     """(3,) unit vector n, moved by a and b along its `tangent`."""
     T = tangent(n)
@@ -82,7 +83,7 @@ def turned(n: Array, a: float, b: float) -> Array:
     return m / math.sqrt(_dot(m, m))
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _in_camera(window: Window, n: Array, d: float, R: Array, p: Array) -> tuple[Array, Array, float]:
     """A plane's normal in the axes of IMU and camera of a pose, and the camera's distance from it."""
     a = rotate_back(R, n)
@@ -91,7 +92,7 @@ def _in_camera(window: Window, n: Array, d: float, R: Array, p: Array) -> tuple[
     return a, rotate_back(c.R, a), away
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room: Room) -> bool:
     """Residual of a plane seen by a frame, s L π − π_told, and its Jacobian; s scales depth, L the focal lengths.
 
@@ -155,7 +156,7 @@ def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room:
     return True
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _column(i: int, k: int, j: int, shared: int) -> int:
     """Which of all states a column of a sighting's Jacobian is of."""
     if i < _PLANE:
@@ -165,7 +166,7 @@ def _column(i: int, k: int, j: int, shared: int) -> int:
     return shared + FRAME * j + i - _SEER
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _squared(weight: Array, r: Array) -> float:
     s = 0.0
     for i in range(3):
@@ -174,7 +175,7 @@ def _squared(weight: Array, r: Array) -> float:
     return s
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def add_planes(window: Window, terms: Terms, last: int, H: Array, b: Array) -> float:
     """Adds the planes that frames up to `last` see; returns the cost."""
     planes, shared, cost = window.planes, window.shared, 0.0
@@ -197,7 +198,7 @@ def add_planes(window: Window, terms: Terms, last: int, H: Array, b: Array) -> f
     return cost
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def cull_planes(window: Window, terms: Terms) -> None:
     """Removes sightings of planes that do not fit what the window believes."""
     planes = window.planes
@@ -209,7 +210,7 @@ def cull_planes(window: Window, terms: Terms) -> None:
                 planes.seen[k, j] = fits and _squared(planes.weight[k, j], room.r) < _STRANGE
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _strangeness(
     window: Window, terms: Terms, L: Array, k: int, j: int, told: Array, cover: Array, room: Room
 ) -> float:
@@ -249,10 +250,10 @@ def _strangeness(
         for i in range(3):
             for e in range(3):
                 S[i, e] += Y[a, i] * Y[a, e]
-    return _squared(np.linalg.inv(S), room.r)  # type: ignore[arg-type]
+    return _squared(np.linalg.inv(S), room.r)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def match_planes(window: Window, terms: Terms, L: Array, told: Array, weights: Array, count: int, new: Array) -> int:
     """Counts planes told in the newest frame as sightings of the known ones that they can be.
 
@@ -291,7 +292,7 @@ def match_planes(window: Window, terms: Terms, L: Array, told: Array, weights: A
     return strangers
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def found_plane(window: Window, k: int, told: Array, weight: Array) -> None:
     """A new plane in slot `k`, where the newest frame tells it; (3,) 1/m and (3, 3) inverse covariance."""
     f, c, planes = window.frames, window.calibration, window.planes
@@ -311,7 +312,7 @@ def found_plane(window: Window, k: int, told: Array, weight: Array) -> None:
     planes.seen_ns[k] = f.t_ns[j]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def move_planes(window: Window, step: Array) -> None:
     """Takes a step (N,) of all states."""
     planes = window.planes
@@ -329,7 +330,7 @@ def move_planes(window: Window, step: Array) -> None:
             planes.distance[k] += e[2]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def hold_planes(window: Window, H: Array) -> None:
     """From now on the prior H speaks of the planes that it has; their Jacobians stay where they are first taken."""
     planes = window.planes

@@ -10,12 +10,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import carried, exponential, mul, put, right_jacobian, skew
 from stridetwin.estimators.dvio.memory import ImuNoise, Increment
 from stridetwin.streams.samples import Array
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def increment_at(zs: Increment, k: int) -> Increment:
     """The k-th of an array of increments."""
     return Increment(
@@ -23,7 +24,7 @@ def increment_at(zs: Increment, k: int) -> Increment:
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def clear(z: Increment, bias: Array) -> None:
     """Makes an increment that of no time, with the biases (6,) of gyroscope and accelerometer that it is taken at."""
     z.dt[0] = 0.0
@@ -35,7 +36,7 @@ def clear(z: Increment, bias: Array) -> None:
     z.bias[:] = bias
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: float, force_density: float) -> None:
     """Takes a stretch of constant rate and force into an increment.
 
@@ -100,7 +101,7 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
     z.dt[0] += dt
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def integrate(
     z: Increment,
     t_ns: NDArray[np.int64],

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import mul, rotate, rotate_back
 from stridetwin.estimators.dvio.memory import NO_HOST, Calibration, Window
 from stridetwin.estimators.dvio.planes import cull_planes
@@ -17,7 +18,7 @@ from stridetwin.estimators.dvio.views import at_exposure, ray, seen_at, view
 from stridetwin.streams.samples import Array
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _between(R: Array, p: Array, Rh: Array, ph: Array, c: Calibration) -> tuple[Array, Array]:
     """From the camera of a pose (Rh, ph) of the IMU to that of another (R, p): (3, 3) rotation and (3,) shift, m."""
     Rc = np.ascontiguousarray(c.R.T)
@@ -25,7 +26,7 @@ def _between(R: Array, p: Array, Rh: Array, ph: Array, c: Calibration) -> tuple[
     return mul(Rc, mul(M, c.R)), rotate(Rc, rotate(M, c.p) + rotate_back(R, ph - p) - c.p)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def foresee(
     window: Window,
     R: Array,
@@ -77,7 +78,7 @@ def foresee(
         known[l] = 1
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[np.uint8]) -> int:
     """Removes sightings that do not fit what the window believes; a landmark that the newest frame mis-sees is let go.
 
@@ -122,7 +123,7 @@ def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[n
     return left
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
     """Mean motion of points between two frames that is not due to turning, on the plane at depth 1; and how many.
 

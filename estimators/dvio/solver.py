@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import REORDERED, exponential, mul
 from stridetwin.estimators.dvio.factors import add_motion, add_prior, add_standing
 from stridetwin.estimators.dvio.landmarks import POSE, Sightings, add_sightings, blank_sightings, state, usable
@@ -65,7 +66,7 @@ def blank_work(frames: int, landmarks: int, planes: int = 0) -> Work:
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def linearise(window: Window, terms: Terms, work: Work) -> float:
     """Normal equations of all factors, landmarks eliminated; returns the cost."""
     n = window.frames.count[0]
@@ -82,7 +83,7 @@ def linearise(window: Window, terms: Terms, work: Work) -> float:
     return cost + add_sightings(window, terms, work.views, work.sightings, n, n - 1, terms.host_depth, work.H, work.b)
 
 
-@njit(fastmath=REORDERED, error_model="numpy")
+@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def factorise(L: Array, size: int) -> bool:
     """Cholesky factor of the leading `size` rows, in place in the lower triangle; False where there is none.
 
@@ -117,7 +118,7 @@ def factorise(L: Array, size: int) -> bool:
     return True
 
 
-@njit(fastmath=REORDERED, error_model="numpy")
+@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def solve(work: Work, size: int, damping: float) -> bool:
     """Step of the first `size` states, damped by a share of the diagonal; False where H is not positive definite."""
     A, L, x = work.H, work.factor, work.step
@@ -140,7 +141,7 @@ def solve(work: Work, size: int, damping: float) -> bool:
     return True
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def move(window: Window, work: Work) -> None:
     """Takes the step."""
     frames, c, d = window.frames, window.calibration, work.step
@@ -179,36 +180,36 @@ def move(window: Window, work: Work) -> None:
             marks.inverse_depth[l] = min(max(xi, LEAST_INVERSE_DEPTH), MOST_INVERSE_DEPTH)
 
 
-@njit(error_model="numpy")
-def _copy(window: Window, work: Work, back: bool) -> None:
+@njit(error_model="numpy", **INSIDE)
+def _copy(row: Array, at: int, values: Array, back: bool) -> int:
+    """Copies (N,) values to a row from `at` on, or back; returns where they end."""
+    for i in range(len(values)):
+        if back:
+            values[i] = row[at + i]
+        else:
+            row[at + i] = values[i]
+    return at + len(values)
+
+
+@njit(error_model="numpy", **INSIDE)
+def _save(window: Window, work: Work, back: bool) -> None:
     """Saves the states, or takes them back."""
-    frames, c, s = window.frames, window.calibration, work.saved_calibration
-    if back:
-        c.R[:] = s[:9].copy().reshape(3, 3)
-        c.p[:], c.offset[0], c.scale[0], c.lens[:], c.moved[:] = s[9:12], s[12], s[13], s[14:16], s[16:26]
-        window.landmarks.inverse_depth[:] = work.saved_depth
-    else:
-        s[:9], s[9:12], s[12], s[13] = c.R.ravel(), c.p, c.offset[0], c.scale[0]
-        s[14:16], s[16:26] = c.lens, c.moved
-        work.saved_depth[:] = window.landmarks.inverse_depth
-    planes = window.planes
+    frames, planes, c, row = window.frames, window.planes, window.calibration, work.saved_calibration
+    at = _copy(row, 0, c.R.reshape(9), back)
+    for values in (c.p, c.offset, c.scale, c.lens, c.moved):
+        at = _copy(row, at, values, back)
+    _copy(work.saved_depth, 0, window.landmarks.inverse_depth, back)
     for k in range(len(planes.used)):
-        s = work.saved_planes[k]
-        if back:
-            planes.normal[k], planes.distance[k], planes.moved[k] = s[:3], s[3], s[4:]
-        else:
-            s[:3], s[3], s[4:] = planes.normal[k], planes.distance[k], planes.moved[k]
+        at = _copy(work.saved_planes[k], 0, planes.normal[k], back)
+        at = _copy(work.saved_planes[k], at, planes.distance[k : k + 1], back)
+        _copy(work.saved_planes[k], at, planes.moved[k], back)
     for k in range(frames.count[0]):
-        s = work.saved[k]
-        if back:
-            frames.R[k] = s[:9].copy().reshape(3, 3)
-            frames.p[k], frames.v[k], frames.bias[k], frames.moved[k] = s[9:12], s[12:15], s[15:21], s[21:36]
-        else:
-            s[:9], s[9:12], s[12:15] = frames.R[k].ravel(), frames.p[k], frames.v[k]
-            s[15:21], s[21:36] = frames.bias[k], frames.moved[k]
+        at = _copy(work.saved[k], 0, frames.R[k].reshape(9), back)
+        for values in (frames.p[k], frames.v[k], frames.bias[k], frames.moved[k]):
+            at = _copy(work.saved[k], at, values, back)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float) -> float:
     """Moves the states towards the minimum of (15).
 
@@ -228,7 +229,7 @@ def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float
         if not solve(work, size, damping):
             damping = max(10 * damping, 1e-4)
             continue
-        _copy(window, work, False)
+        _save(window, work, False)
         move(window, work)
         if i == steps - 1:
             break
@@ -239,7 +240,7 @@ def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float
             if done:
                 break
         else:
-            _copy(window, work, True)
+            _save(window, work, True)
             damping = max(10 * damping, 1e-4)
             linearise(window, terms, work)
             if damping > _MOST_DAMPING:

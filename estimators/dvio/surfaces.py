@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 STEP_PX = 4  # between samples: noise of a stereo camera is alike within its matching window
@@ -26,7 +27,7 @@ def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
     return np.stack([u, v], axis=-1).astype(np.float32)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def inverse_of(s: Array, out: Array) -> bool:
     """Inverse (3, 3) of the symmetric matrix whose upper triangle is the first six of `s`; False where singular."""
     a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
@@ -40,7 +41,7 @@ def inverse_of(s: Array, out: Array) -> bool:
     return True
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _solve(s: Array, inverse: Array, plane: Array) -> bool:
     """Plane (3,) of some sums, and the inverse of their normal equations."""
     if not inverse_of(s, inverse):
@@ -50,7 +51,7 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
     return True
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _sums(depth: NDArray[np.float32], rays: Array, least: float, most: float, sd: float, cells: Array) -> None:
     """Sums of each cell, (R, C, 11); no samples counted (the sixth is 0) where it is not full, or rough."""
     inverse, plane = np.empty((3, 3)), np.empty(3)
@@ -82,7 +83,7 @@ def _sums(depth: NDArray[np.float32], rays: Array, least: float, most: float, sd
                 s[5] = 0.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) -> float:
     """Squared difference between the plane of a cell's sums and a region's, over their covariance.
 
@@ -111,7 +112,7 @@ def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) 
     return chi / variance
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
     """Lets a region take in its neighbours that are of its plane, then all other cells that are; returns its size.
 
@@ -158,7 +159,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     return count
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def read_planes(
     depth: NDArray[np.float32],
     rays: Array,

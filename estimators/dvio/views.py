@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import exponential, mul, rotate
 from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_OFFSET, D_SCALE, Calibration, Frames, Window
 from stridetwin.estimators.dvio.terms import Terms
@@ -52,7 +53,7 @@ def blank_views(frames: int) -> Views:
     )  # fmt: skip
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of a frame's IMU when its picture was taken, by what the time offset is believed to be now.
 
@@ -69,7 +70,7 @@ def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     return R, frames.p[k] + frames.v[k] * late
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def view(window: Window, terms: Terms, views: Views) -> None:
     """Fills the views of all frames."""
     frames, c = window.frames, window.calibration
@@ -92,13 +93,13 @@ def view(window: Window, terms: Terms, views: Views) -> None:
             views.CR[i, j] = mul(views.C[j], R0[i])
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
     """Where a sighting (2,) lies on the plane at depth 1, by what the focal lengths are believed to be."""
     return at[0] * (1.0 + calibration.lens[0]), at[1] * (1.0 + calibration.lens[1])
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def seen_at(
     views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float
 ) -> tuple[float, float, float, bool]:
@@ -124,7 +125,7 @@ def seen_at(
     return q0 / q2, q1 / q2, inverse_depth / q2, True
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def sight(
     window: Window, views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float, J: Array, Jl: Array
 ) -> bool:
@@ -204,7 +205,7 @@ def sight(
     return True
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def huber(squared: float, limit: float) -> tuple[float, float]:
     """Cost and weight of a residual of so many standard deviations, squared."""
     if squared <= limit * limit:

@@ -7,10 +7,11 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def rotation_matrix(q: Array) -> Array:
     """(3, 3) matrix of the unit quaternion (4,)."""
     w, x, y, z = q
@@ -27,7 +28,7 @@ def rotation_matrix(q: Array) -> Array:
     return R
 
 
-@njit
+@njit(**INSIDE)
 def product(a: Array, b: Array) -> Array:
     """Unit quaternion (4,) of a ⊗ b, normalised."""
     c = np.empty(4)
@@ -38,7 +39,7 @@ def product(a: Array, b: Array) -> Array:
     return c / math.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] + c[3] * c[3])
 
 
-@njit
+@njit(**INSIDE)
 def exponential(x: float, y: float, z: float) -> Array:
     """Unit quaternion (4,) of the rotation vector (x, y, z), rad."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -49,7 +50,7 @@ def exponential(x: float, y: float, z: float) -> Array:
     return q
 
 
-@njit
+@njit(**INSIDE)
 def force_at_middle(f: Array, x: float, y: float, z: float) -> Array:
     """(3,) force at the middle of a turn by (x, y, z) rad that changes the velocity as the constant `f` does in it.
 
@@ -61,7 +62,7 @@ def force_at_middle(f: Array, x: float, y: float, z: float) -> Array:
     return np.array([less * f[0] + along * x, less * f[1] + along * y, less * f[2] + along * z])
 
 
-@njit
+@njit(**INSIDE)
 def skew(v: Array) -> Array:
     """(3, 3) matrix whose product with a vector is v × that vector."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix
 from stridetwin.estimators.foot_ins.memory import (
     ALIGNING,
@@ -38,7 +39,7 @@ from stridetwin.estimators.foot_ins.stance import across_sole
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def begin(memory: Memory, t_ns: int) -> None:
     """Starts to look for a still window at the sample of time `t_ns`, and forgets what came before."""
     memory.clock[PHASE] = ALIGNING
@@ -52,7 +53,7 @@ def begin(memory: Memory, t_ns: int) -> None:
     memory.tilted[:] = memory.nominal[ATTITUDE : ATTITUDE + 4]
 
 
-@njit
+@njit(**INSIDE)
 def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot has stood for `align_s`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
@@ -78,7 +79,7 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
             memory.covariance[o : o + 3, o : o + 3] = across_sole(memory, parameters.contact_sd**2)
 
 
-@njit
+@njit(**INSIDE)
 def level(memory: Memory, force_sum: Array) -> None:
     """Turns the attitude at the begin the shortest way until the mean force points up; an unknown heading becomes 0.
 
@@ -102,7 +103,7 @@ def level(memory: Memory, force_sum: Array) -> None:
     memory.nominal[ATTITUDE : ATTITUDE + 4] = q
 
 
-@njit
+@njit(**INSIDE)
 def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float) -> None:
     """Covariance of an alignment: the variances of position, heading and biases outlive it."""
     P, clock, o = memory.covariance, memory.clock, memory.row

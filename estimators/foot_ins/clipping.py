@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import shift
 from stridetwin.estimators.foot_ins.memory import ATTITUDE, FILL, HEAD, POSITION, RING, VELOCITY, Memory
@@ -18,7 +19,7 @@ LEAST_RATES, LEAST_FORCES = 1, 3  # clipped samples; what hits an accelerometer 
 UPWARD = 0.7  # cosine between a channel that feels the floor and the vertical, at least
 
 
-@njit
+@njit(**INSIDE)
 def restore(memory: Memory, parameters: KernelParameters) -> None:
     """Goes back to before a channel reached its range, and forth again with the peak that it hid.
 
@@ -55,7 +56,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     shift(memory.covariance, memory.row, x[POSITION : POSITION + 3] - p, x[VELOCITY : VELOCITY + 3] - v)
 
 
-@njit
+@njit(**INSIDE)
 def hides(memory: Memory, parameters: KernelParameters) -> bool:
     """Whether a channel is at its range, or has left it too lately for `restore` to have put back what it hid.
 
@@ -69,13 +70,13 @@ def hides(memory: Memory, parameters: KernelParameters) -> bool:
     return False
 
 
-@njit
+@njit(**INSIDE)
 def _dt(memory: Memory, i: int) -> float:
     """Length of the interval of the ring's sample `i`, s."""
     return (memory.ring_t_ns[i] - memory.ring_t_ns[(i - 1) % RING]) * 1e-9
 
 
-@njit
+@njit(**INSIDE)
 def _peak(memory: Memory, channel: int, known: float, least: int, excess: float, hidden: Array) -> int:
     """Writes what one channel hid into `hidden` (RING, 6), the newest sample first.
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.memory import D_ACCEL_BIAS, D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
 
@@ -26,7 +27,7 @@ def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     _transition(P.T, o, R, f_world, dt)
 
 
-@njit
+@njit(**INSIDE)
 def _transition(M: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     """M <- F M in place; only the foot's own rows change."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
@@ -47,7 +48,7 @@ def _transition(M: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
             M[p + i, j] += 0.5 * dt * M[v + i, j]
 
 
-@njit
+@njit(**INSIDE)
 def shift(P: Array, o: int, dp: Array, dv: Array) -> None:
     """Covariance of the error seen from a corrected state, in place.
 
@@ -66,7 +67,7 @@ def shift(P: Array, o: int, dp: Array, dv: Array) -> None:
     _shifted(P.T, o, dp, dv)
 
 
-@njit
+@njit(**INSIDE)
 def _shifted(M: Array, o: int, dp: Array, dv: Array) -> None:
     """M <- T M in place, δp + δθ × dp and δv + δθ × dv."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
@@ -80,7 +81,7 @@ def _shifted(M: Array, o: int, dp: Array, dv: Array) -> None:
         M[v + 2, j] += x * dv[1] - y * dv[0]
 
 
-@njit
+@njit(**INSIDE)
 def correct(P: Array, dx: Array, o: int, h: Array, z: float, r: float) -> None:
     """Scalar Kalman update of `P` and of the accumulated error `dx`, in place.
 

@@ -6,12 +6,13 @@ import math
 
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.memory import FILL, GYRO_BIAS, HEAD, RING, Memory
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def push(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
     """Appends one sample (rad/s, m/s²) to the ring."""
     head = (memory.clock[HEAD] + 1) % RING
@@ -22,7 +23,7 @@ def push(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
     memory.ring[head, 3:] = force
 
 
-@njit
+@njit(**INSIDE)
 def motion(memory: Memory, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
@@ -47,7 +48,7 @@ def motion(memory: Memory, parameters: KernelParameters) -> float:
     return max(spread2, 0.0) / parameters.accel_scale**2 + rate2 / n / parameters.gyro_scale**2
 
 
-@njit
+@njit(**INSIDE)
 def standing_speed(statistic: float, peak: float, parameters: KernelParameters) -> float:
     """Standard deviation of the foot's speed, m/s, so far as the statistic tells it stands."""
     level = max(parameters.still_level, parameters.still_share * peak)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import (
@@ -28,7 +29,7 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import inject
 
 
-@njit
+@njit(**INSIDE)
 def stand(memory: Memory, parameters: KernelParameters, t_ns: int, standing_speed: float) -> None:
     """Compares the height of a foot that has just come to stand with that of its last floor.
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.digest import digest_of_sources
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
 from stridetwin.estimators.foot_ins.detector import motion, push, standing_speed
@@ -32,11 +31,13 @@ from stridetwin.estimators.foot_ins.stance import roll, zero_rate, zero_velocity
 from stridetwin.estimators.foot_ins.strapdown import predict
 from stridetwin.streams.samples import Array
 
+_called = cached(Path(__file__).parent)
+
 MAX_RATE = 100.0  # rad/s; no gyro that a foot could carry measures more
 MAX_FORCE = 5000.0  # m/s²
 
 
-@njit
+@njit(**INSIDE)
 def possible(rate: Array, force: Array) -> bool:
     """Whether a sensor on a foot can have measured this; NaN cannot be."""
     fine = True
@@ -45,7 +46,7 @@ def possible(rate: Array, force: Array) -> bool:
     return fine
 
 
-@njit
+@njit(**INSIDE)
 def take(
     memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
 ) -> tuple[int, float, float]:
@@ -85,7 +86,7 @@ def take(
     return phase, dt, statistic
 
 
-@njit
+@njit(**INSIDE)
 def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array) -> tuple[int, float]:
     """Takes one sample into the memory.
 
@@ -118,7 +119,7 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
     return TRACKING, speed
 
 
-@njit
+@njit(**INSIDE)
 def note_pose_covariance(memory: Memory, covariance: Array) -> None:
     """Writes the foot's (6, 6) of position (m) and attitude (rad), world axes, into `covariance`."""
     P, o = memory.covariance, memory.row
@@ -130,45 +131,32 @@ def note_pose_covariance(memory: Memory, covariance: Array) -> None:
             covariance[3 + i, 3 + j] = P[o + D_ATTITUDE + i, o + D_ATTITUDE + j]
 
 
-def _compiled(sources: int) -> Callable[..., None]:
-    """The loop over samples, compiled; cached under the digest of all that is compiled into it.
+@_called
+def run(
+    memory: Memory,
+    parameters: KernelParameters,
+    t_ns: NDArray[np.int64],
+    rate: Array,
+    force: Array,
+    phase: NDArray[np.int8],
+    speed: Array,
+    state: Array,
+    covariance: Array,
+) -> None:
+    """Takes N samples and writes what is believed after each.
 
     Args:
-        sources: Digest, ≥ 0.
+        memory: Changed in place.
+        parameters: What the filter believes.
+        t_ns: (N,) int64.
+        rate: (N, 3) rad/s.
+        force: (N, 3) m/s².
+        phase: (N,) int8, out: phase in which the sample was used.
+        speed: (N,) out: standard deviation of the standing foot's speed, m/s.
+        state: (N, 20) out: nominal state.
+        covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """
-
-    @njit(cache=True)
-    def run(
-        memory: Memory,
-        parameters: KernelParameters,
-        t_ns: NDArray[np.int64],
-        rate: Array,
-        force: Array,
-        phase: NDArray[np.int8],
-        speed: Array,
-        state: Array,
-        covariance: Array,
-    ) -> None:
-        """Takes N samples and writes what is believed after each.
-
-        Args:
-            memory: Changed in place.
-            parameters: What the filter believes.
-            t_ns: (N,) int64.
-            rate: (N, 3) rad/s.
-            force: (N, 3) m/s².
-            phase: (N,) int8, out: phase in which the sample was used.
-            speed: (N,) out: standard deviation of the standing foot's speed, m/s.
-            state: (N, 20) out: nominal state.
-            covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
-        """
-        assert sources >= 0  # a constant of the closure, and so a part of the cache's key
-        for k in range(len(t_ns)):
-            phase[k], speed[k] = step(memory, parameters, t_ns[k], rate[k], force[k])
-            state[k] = memory.nominal
-            note_pose_covariance(memory, covariance[k])
-
-    return run
-
-
-run = _compiled(digest_of_sources(Path(__file__).parent))
+    for k in range(len(t_ns)):
+        phase[k], speed[k] = step(memory, parameters, t_ns[k], rate[k], force[k])
+        state[k] = memory.nominal
+        note_pose_covariance(memory, covariance[k])

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix, skew
 from stridetwin.estimators.foot_ins.covariance import correct, shift
 from stridetwin.estimators.foot_ins.memory import (
@@ -31,7 +32,7 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
     """Lets the point that stands still wander along the sole over `dt` (s).
 
@@ -46,14 +47,14 @@ def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
     P[o : o + 3, o : o + 3] += (1.0 - kept * kept) * across_sole(memory, parameters.contact_sd**2)
 
 
-@njit
+@njit(**INSIDE)
 def across_sole(memory: Memory, variance: float) -> Array:
     """(3, 3) covariance of a point of the sole, sensor frame: `variance` in every direction across the lever arm."""
     down = memory.lever / max(math.sqrt(memory.lever @ memory.lever), 1e-9)
     return variance * (np.eye(3) - np.outer(down, down))
 
 
-@njit
+@njit(**INSIDE)
 def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
 
@@ -90,7 +91,7 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     _update_in_doubt(memory, H, z, parameters.max_surprise)
 
 
-@njit
+@njit(**INSIDE)
 def _update_in_doubt(memory: Memory, H: Array, z: Array, max_surprise: float) -> None:
     """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `max_surprise`."""
     doubt = max(1.0, surprise(_own(memory), H, z) / max_surprise)
@@ -99,20 +100,20 @@ def _update_in_doubt(memory: Memory, H: Array, z: Array, max_surprise: float) ->
     inject(memory)
 
 
-@njit
+@njit(**INSIDE)
 def _own(memory: Memory) -> Array:
     """(19, 19) covariance of the foot alone."""
     o = memory.row
     return np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
 
 
-@njit
+@njit(**INSIDE)
 def surprise(P: Array, H: Array, z: Array) -> float:
     """Length of the innovation z (m,), of unit noise and Jacobian H (m, n), in standard deviations."""
     return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(len(z)), z))
 
 
-@njit
+@njit(**INSIDE)
 def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
     """(3, 3) inverse square root of speed_sd² I + lever_sd² (|w|² I - w wᵀ)."""
     w2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
@@ -120,7 +121,7 @@ def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
     return across * np.eye(3) + (along - across) / max(w2, 1e-12) * np.outer(w, w)
 
 
-@njit
+@njit(**INSIDE)
 def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
     """Update with ω = b_g: a foot that has long been quiet does not turn.
 
@@ -133,7 +134,7 @@ def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: flo
     _update_in_doubt(memory, H, z, parameters.max_surprise)
 
 
-@njit
+@njit(**INSIDE)
 def inject(memory: Memory) -> None:
     """Moves the foot's own error into its nominal state, in place."""
     x = memory.nominal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, force_at_middle, product, rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import propagate
 from stridetwin.estimators.foot_ins.memory import (
@@ -25,7 +26,7 @@ from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
     """Moves a nominal state over one interval, in place; with a negative `dt` exactly back.
 
@@ -52,7 +53,7 @@ def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tup
     return R, force_in_world
 
 
-@njit
+@njit(**INSIDE)
 def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Array, dt: float) -> None:
     """Moves state and covariance over the interval of length `dt` (s) that the sample is the mean of.
 
@@ -95,7 +96,7 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
             _add_along(P, o + D_VELOCITY, R, i, parameters.accel_limit_noise**2 * dt)
 
 
-@njit
+@njit(**INSIDE)
 def _at_limit(
     extreme: Array, channel: int, value: float, known: float, least: float, parameters: KernelParameters
 ) -> bool:
@@ -111,7 +112,7 @@ def _at_limit(
     return size >= parameters.limit_share * extreme[channel]
 
 
-@njit
+@njit(**INSIDE)
 def _add_along(P: Array, row: int, R: Array, axis: int, variance: float) -> None:
     """Adds variance along one axis of the sensor to the 3×3 block of `P` at `row`, in place."""
     for i in range(3):

@@ -20,7 +20,6 @@ g gᵀ / s from the zeros and puts g z / s into the error beside them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,12 +27,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.digest import digest_of_sources
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
 from stridetwin.estimators.foot_ins.memory import IGNORED, NOMINAL, STATES, T_LAST, Memory, blank
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.streams.samples import Array
+
+_called = cached(Path(__file__).parent)
 
 OLDEST, HELD, SUMMED = range(3)  # of `place`
 
@@ -93,7 +94,7 @@ def listening() -> Memory:
     return blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
 
 
-@njit
+@njit(**INSIDE)
 def listen(memory: Memory) -> None:
     """Prepares the rows beside the foot's for the next sample, in place."""
     P = memory.covariance
@@ -104,7 +105,7 @@ def listen(memory: Memory) -> None:
     memory.error[STATES:] = 0.0
 
 
-@njit
+@njit(**INSIDE)
 def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
     """Takes what the filter holds after a sample that it used in `phase`; there must be room."""
     capacity = len(window.t_ns)
@@ -119,7 +120,7 @@ def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
     _join(window, capacity, i, capacity)
 
 
-@njit
+@njit(**INSIDE)
 def _join(window: Window, earlier: int, later: int, into: int) -> None:
     """Writes the passage of row `earlier` and then of row `later` into a row, which may be one of these."""
     A, B = window.transition[earlier], window.transition[later]
@@ -130,7 +131,7 @@ def _join(window: Window, earlier: int, later: int, into: int) -> None:
     window.evidence[into] = evidence
 
 
-@njit
+@njit(**INSIDE)
 def give(window: Window) -> int:
     """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held."""
     place, capacity = window.place, len(window.t_ns)
@@ -160,7 +161,7 @@ def give(window: Window) -> int:
     return i
 
 
-@njit
+@njit(**INSIDE)
 def _write(window: Window, out: Rows, k: int) -> None:
     """Gives the oldest sample and writes it into row `k`."""
     i = give(window)
@@ -169,59 +170,50 @@ def _write(window: Window, out: Rows, k: int) -> None:
     note_pose_covariance(window.given, out[4][k])
 
 
-def _compiled(sources: int) -> tuple[Callable[..., int], Callable[..., int]]:
-    """The two loops, compiled; cached under a digest, as `kernel` does."""
+@_called
+def run(
+    memory: Memory,
+    window: Window,
+    parameters: KernelParameters,
+    lag_ns: int,
+    t_ns: NDArray[np.int64],
+    rate: Array,
+    force: Array,
+    out: Rows,
+) -> int:
+    """Takes N samples; after each, gives the oldest held if it is `lag_ns` old or there is no more room.
 
-    @njit(cache=True)
-    def run(
-        memory: Memory,
-        window: Window,
-        parameters: KernelParameters,
-        lag_ns: int,
-        t_ns: NDArray[np.int64],
-        rate: Array,
-        force: Array,
-        out: Rows,
-    ) -> int:
-        """Takes N samples; after each, gives the oldest held if it is `lag_ns` old or there is no more room.
+    Args:
+        memory: Of `listening`, changed in place.
+        window: Changed in place.
+        parameters: What the filter believes.
+        lag_ns: Age at which a sample leaves the window.
+        t_ns: (N,) int64.
+        rate: (N, 3) rad/s.
+        force: (N, 3) m/s².
+        out: Room for N rows, of which the first are written.
 
-        Args:
-            memory: Of `listening`, changed in place.
-            window: Changed in place.
-            parameters: What the filter believes.
-            lag_ns: Age at which a sample leaves the window.
-            t_ns: (N,) int64.
-            rate: (N, 3) rad/s.
-            force: (N, 3) m/s².
-            out: Room for N rows, of which the first are written.
-
-        Returns:
-            How many rows are.
-        """
-        assert sources >= 0  # a constant of the closure, and so a part of the cache's key
-        n = 0
-        for k in range(len(t_ns)):
-            listen(memory)
-            phase, speed = step(memory, parameters, t_ns[k], rate[k], force[k])
-            if phase == IGNORED:
-                continue
-            hold(window, memory, phase, speed)
-            full = window.place[HELD] == len(window.t_ns)
-            if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
-                _write(window, out, n)
-                n += 1
-        return n
-
-    @njit(cache=True)
-    def drain(window: Window, out: Rows, n: int) -> int:
-        """Gives all that is still held, from row `n` of `out` on; returns up to which row."""
-        assert sources >= 0
-        while window.place[HELD] > 0:
+    Returns:
+        How many rows are.
+    """
+    n = 0
+    for k in range(len(t_ns)):
+        listen(memory)
+        phase, speed = step(memory, parameters, t_ns[k], rate[k], force[k])
+        if phase == IGNORED:
+            continue
+        hold(window, memory, phase, speed)
+        full = window.place[HELD] == len(window.t_ns)
+        if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
             _write(window, out, n)
             n += 1
-        return n
-
-    return run, drain
+    return n
 
 
-run, drain = _compiled(digest_of_sources(Path(__file__).parent))
+@_called
+def drain(window: Window, out: Rows, n: int) -> int:
+    """Gives all that is still held, from row `n` of `out` on; returns up to which row."""
+    while window.place[HELD] > 0:
+        _write(window, out, n)
+        n += 1
+    return n

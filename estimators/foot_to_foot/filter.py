@@ -105,7 +105,8 @@ class FootToFoot:
                     replace(foot, gyro_noise=parameters.scaled_gyro_noise),
                     parameters.gyro_scale_sd**2,
                 )
-        self._foot_parameters = tuple(for_sensor(foot, shoes.imus.get(f)) for f in FEET)
+        left, right = (for_sensor(foot, shoes.imus.get(f)) for f in FEET)
+        self._foot_parameters = (left, right)
         earth = np.asarray(earth_rate_in_world)
         self._pair = blank_pair(
             shoes.mounts, variance, clock_variance, scale_variance, shoes.sonars, shoes.sonars, earth

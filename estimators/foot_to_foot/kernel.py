@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators import foot_ins
-from stridetwin.estimators.digest import digest_of_sources
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.clipping import hides
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, possible, step
@@ -25,8 +24,10 @@ from stridetwin.estimators.foot_to_foot.scale import turn_by_scale
 from stridetwin.estimators.foot_to_foot.vision import UNUSED, board_in_camera, see
 from stridetwin.streams.samples import Array
 
+_called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent)
 
-@njit
+
+@njit(**INSIDE)
 def still_world(memory: Memory, earth: Array, rate: Array, force: Array) -> tuple[Array, Array]:
     """The sample (rad/s, m/s²) as a world that does not turn would have it: less the Earth's rate and Coriolis' force.
 
@@ -38,107 +39,89 @@ def still_world(memory: Memory, earth: Array, rate: Array, force: Array) -> tupl
     return rate - to_sensor @ earth, force - to_sensor @ (2.0 * coriolis)
 
 
-def _compiled(sources: int) -> Callable[..., None]:
-    """The loop over events, compiled; cached under a digest, as `foot_ins.kernel` does."""
+@_called
+def run(
+    pair: Pair,
+    feet: tuple[KernelParameters, KernelParameters],
+    parameters: PairParameters,
+    events: Events,
+    phase: NDArray[np.int8],
+    figure: Array,
+    state: Array,
+    covariance: Array,
+) -> None:
+    """Takes N events and writes what is believed after each.
 
-    @njit(cache=True)
-    def run(
-        pair: Pair,
-        feet: tuple[KernelParameters, KernelParameters],
-        parameters: PairParameters,
-        events: Events,
-        phase: NDArray[np.int8],
-        figure: Array,
-        state: Array,
-        covariance: Array,
-    ) -> None:
-        """Takes N events and writes what is believed after each.
-
-        Args:
-            pair: Changed in place.
-            feet: What the filter believes of the left and of the right foot.
-            parameters: What it believes of both.
-            events: An aid stands right after the IMU sample by which both feet have reached its time.
-            phase: (N,) int8, out: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
-            figure: (N,) out: of an IMU sample, standard deviation of the standing foot's speed, m/s; of an aid, its
-                surprise, see `vision.see`.
-            state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
-            covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
-        """
-        assert sources >= 0  # a constant of the closure, and so a part of the cache's key
-        last = -1
-        for k in range(len(events.t_ns)):
-            kind, t_ns, f, row = events.kind[k], events.t_ns[k], events.foot[k], events.row[k]
-            if kind == IMU:
-                memory = pair.feet[f]
-                rate = (1.0 - pair.scales[f]) * events.rate[row]
-                rate, force = still_world(memory, pair.earth, rate, events.force[row])
-                if possible(rate, force):
-                    turn_by_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
-                if parameters.published:
-                    phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
-                else:
-                    phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
-                inject_all(pair)
-                last = k
+    Args:
+        pair: Changed in place.
+        feet: What the filter believes of the left and of the right foot.
+        parameters: What it believes of both.
+        events: An aid stands right after the IMU sample by which both feet have reached its time.
+        phase: (N,) int8, out: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
+        figure: (N,) out: of an IMU sample, standard deviation of the standing foot's speed, m/s; of an aid, its
+            surprise, see `vision.see`.
+        state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
+        covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
+    """
+    last = -1
+    for k in range(len(events.t_ns)):
+        kind, t_ns, f, row = events.kind[k], events.t_ns[k], events.foot[k], events.row[k]
+        if kind == IMU:
+            memory = pair.feet[f]
+            rate = (1.0 - pair.scales[f]) * events.rate[row]
+            rate, force = still_world(memory, pair.earth, rate, events.force[row])
+            if possible(rate, force):
+                turn_by_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
+            if parameters.published:
+                phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
             else:
-                phase[k] = IGNORED
-                if not parameters.published and (hides(pair.feet[0], feet[0]) or hides(pair.feet[1], feet[1])):
-                    figure[k] = UNUSED
-                elif kind == SIGHTING:
-                    m = events.numbers[row]
-                    points, rays, sd = events.points[row, :m], events.rays[row, :m], events.ray_sd[row, :m]
-                    figure[k] = see(pair, feet[f], parameters, f, t_ns, points, rays, sd)
-                elif kind == RELATIVE:
-                    relative, sd = events.relative[row], events.relative_sd[row]
-                    figure[k] = relate(pair, feet[f], parameters, f, t_ns, relative, sd)
-                else:
-                    figure[k] = hear(pair, feet[f], parameters, f, t_ns, events.distance[row])
-            if last >= 0:
-                memory = pair.feet[events.foot[last]]
-                state[last] = memory.nominal
-                note_pose_covariance(memory, covariance[last])
-
-    return run
-
-
-def _compiled_foresight(sources: int) -> Callable[..., tuple[bool, Array, Array, Array, Array, Array]]:
-    """Where the other shoe's board is before a camera, compiled and cached likewise."""
-
-    @njit(cache=True)
-    def foresee(
-        pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int
-    ) -> tuple[bool, Array, Array, Array, Array, Array]:
-        """Pose of the other foot's board in a foot's camera.
-
-        Args:
-            pair: Left alone.
-            foot: What the filter believes of the foot with the camera.
-            parameters: What it believes of both.
-            camera: Foot that carries the camera.
-            t_ns: Instant of a picture as its clock tells it, not after the newest sample of either foot.
-            earlier_ns: How much earlier the second pose is.
-
-        Returns:
-            Whether it is known; (3,) m; (3, 3) camera <- board; (6, 6) their covariance, camera axes; the same pose
-            earlier.
-        """
-        assert sources >= 0
-        board, gravity, late = 1 - camera, foot.gravity, parameters.max_delay_s + 1e-9 * earlier_ns
-        then_ns = t_ns + round(1e9 * pair.late[camera])
-        a = rewind(pair.feet[camera], gravity, then_ns, parameters.max_delay_s)
-        b = rewind(pair.feet[board], gravity, then_ns, parameters.max_delay_s)
-        p, R, G = board_in_camera(pair, camera, a, b)
-        a_0 = rewind(pair.feet[camera], gravity, then_ns - earlier_ns, late)
-        b_0 = rewind(pair.feet[board], gravity, then_ns - earlier_ns, late)
-        p_0, R_0, _ = board_in_camera(pair, camera, a_0, b_0)
-        known = a.known and b.known and a_0.known and b_0.known
-        return known, p, R, G @ pair.covariance @ G.T, p_0, R_0
-
-    return foresee
+                phase[k], figure[k] = step(memory, feet[f], t_ns, rate, force)
+            inject_all(pair)
+            last = k
+        else:
+            phase[k] = IGNORED
+            if not parameters.published and (hides(pair.feet[0], feet[0]) or hides(pair.feet[1], feet[1])):
+                figure[k] = UNUSED
+            elif kind == SIGHTING:
+                m = events.numbers[row]
+                points, rays, sd = events.points[row, :m], events.rays[row, :m], events.ray_sd[row, :m]
+                figure[k] = see(pair, feet[f], parameters, f, t_ns, points, rays, sd)
+            elif kind == RELATIVE:
+                relative, sd = events.relative[row], events.relative_sd[row]
+                figure[k] = relate(pair, feet[f], parameters, f, t_ns, relative, sd)
+            else:
+                figure[k] = hear(pair, feet[f], parameters, f, t_ns, events.distance[row])
+        if last >= 0:
+            memory = pair.feet[events.foot[last]]
+            state[last] = memory.nominal
+            note_pose_covariance(memory, covariance[last])
 
 
-_FOLDERS = Path(__file__).parent, Path(foot_ins.__file__).parent
-_DIGEST = digest_of_sources(*_FOLDERS)
-run = _compiled(_DIGEST)
-foresee = _compiled_foresight(_DIGEST)
+@_called
+def foresee(
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int
+) -> tuple[bool, Array, Array, Array, Array, Array]:
+    """Pose of the other foot's board in a foot's camera.
+
+    Args:
+        pair: Left alone.
+        foot: What the filter believes of the foot with the camera.
+        parameters: What it believes of both.
+        camera: Foot that carries the camera.
+        t_ns: Instant of a picture as its clock tells it, not after the newest sample of either foot.
+        earlier_ns: How much earlier the second pose is.
+
+    Returns:
+        Whether it is known; (3,) m; (3, 3) camera <- board; (6, 6) their covariance, camera axes; the same pose
+        earlier.
+    """
+    board, gravity, late = 1 - camera, foot.gravity, parameters.max_delay_s + 1e-9 * earlier_ns
+    then_ns = t_ns + round(1e9 * pair.late[camera])
+    a = rewind(pair.feet[camera], gravity, then_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[board], gravity, then_ns, parameters.max_delay_s)
+    p, R, G = board_in_camera(pair, camera, a, b)
+    a_0 = rewind(pair.feet[camera], gravity, then_ns - earlier_ns, late)
+    b_0 = rewind(pair.feet[board], gravity, then_ns - earlier_ns, late)
+    p_0, R_0, _ = board_in_camera(pair, camera, a_0, b_0)
+    known = a.known and b.known and a_0.known and b_0.known
+    return known, p, R, G @ pair.covariance @ G.T, p_0, R_0

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, product
 from stridetwin.estimators.foot_ins.memory import STATES, Memory, blank
 from stridetwin.estimators.foot_ins.stance import inject
@@ -103,7 +104,7 @@ def blank_pair(
     )
 
 
-@njit
+@njit(**INSIDE)
 def inject_all(pair: Pair) -> None:
     """Moves the error found so far into the nominal state of feet, mounts, clocks and scales, in place."""
     for foot in range(2):

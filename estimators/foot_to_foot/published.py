@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.kernel import take
 from stridetwin.estimators.foot_ins.memory import (
@@ -35,7 +36,7 @@ from stridetwin.estimators.foot_to_foot.vision import UNUSED
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def variances(memory: Memory, parameters: PairParameters) -> float:
     """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Sec. II-D)."""
     newest = memory.ring_t_ns[memory.clock[HEAD]]
@@ -51,7 +52,7 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
     return spread[:3].sum() / parameters.gyro_spread**2 + spread[3:].sum() / parameters.accel_spread**2
 
 
-@njit
+@njit(**INSIDE)
 def published_step(
     memory: Memory, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Array, force: Array
 ) -> tuple[int, float]:
@@ -72,7 +73,7 @@ def published_step(
     return TRACKING, parameters.zero_velocity_sd
 
 
-@njit
+@njit(**INSIDE)
 def relate(
     pair: Pair,
     foot: KernelParameters,

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_POSITION, STATES
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
@@ -17,7 +18,7 @@ from stridetwin.estimators.foot_to_foot.rewind import cross, rewind
 from stridetwin.estimators.foot_to_foot.vision import UNUSED
 
 
-@njit
+@njit(**INSIDE)
 def hear(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
 ) -> float:

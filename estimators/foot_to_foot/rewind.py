@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, force_at_middle, product, rotation_matrix
 from stridetwin.estimators.foot_ins.memory import (
     ACCEL_BIAS,
@@ -49,7 +50,7 @@ class Then(NamedTuple):
     led: Array
 
 
-@njit
+@njit(**INSIDE)
 def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
     """How the foot's IMU was at `t_ns`, from the newest state back through the samples since.
 
@@ -95,7 +96,7 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
     return Then(known, p, R, v, R @ w, age, led)
 
 
-@njit
+@njit(**INSIDE)
 def cross(M: Array, v: Array) -> Array:
     """(m, 3) M [v]x, the rows of M (m, 3) each crossed with v."""
     out = np.empty((len(M), 3))

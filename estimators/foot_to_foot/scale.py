@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.memory import ATTITUDE, D_ATTITUDE, PHASE, T_LAST, TRACKING
 from stridetwin.estimators.foot_to_foot.memory import SCALES, Pair
 from stridetwin.streams.samples import Array
 
 
-@njit
+@njit(**INSIDE)
 def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
     """Lets the scale's error act on the attitude's over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
 
@@ -36,7 +37,7 @@ def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: floa
     _turned(pair.covariance.T, a, s, D)
 
 
-@njit
+@njit(**INSIDE)
 def _turned(M: Array, a: int, s: int, D: Array) -> None:
     """Rows of the attitude from `a` on less D times those of the scale from `s` on, in place."""
     for j in range(M.shape[1]):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import correct
 from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
@@ -33,7 +34,7 @@ SETTLED = 0.1  # standard deviations of the picture; what moves the board by les
 UNUSED = -1.0  # the surprise of a measurement that could not be used
 
 
-@njit
+@njit(**INSIDE)
 def see(
     pair: Pair,
     foot: KernelParameters,
@@ -95,7 +96,7 @@ def see(
     return length
 
 
-@njit
+@njit(**INSIDE)
 def _tied(
     p: Array, R: Array, covariance: Array, points_in_board: Array, rays: Array, ray_sd: Array, shared: float
 ) -> tuple[bool, Array, Array, float]:
@@ -137,7 +138,7 @@ def _tied(
     return True, T, z, alone
 
 
-@njit
+@njit(**INSIDE)
 def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, Array, Array]:
     """Pose of the other foot's board in a foot's camera, and how it depends on the state.
 
@@ -177,7 +178,7 @@ def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, A
     return out @ (in_imu - mount_a[:3]), turn_b @ R_m, G
 
 
-@njit
+@njit(**INSIDE)
 def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, then: Then) -> None:
     """Writes a foot's columns of G: those of its pose then, in terms of its newest state.
 
@@ -191,7 +192,7 @@ def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, then: Then)
     G[3:, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = then.age * (turn @ then.R)
 
 
-@njit
+@njit(**INSIDE)
 def _rows(p: Array, R: Array, points_in_board: Array, rays: Array, ray_sd: Array) -> tuple[Array, bool]:
     """(2M, 7) derivatives of the rays by the board's pose in the camera, and innovations, in standard deviations.
 

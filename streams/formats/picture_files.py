@@ -17,7 +17,6 @@ from stridetwin.streams.samples import Depth, Image
 
 NONE = (0, 65535)
 _PNG = b"\x89PNG\r\n\x1a\n"
-_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def read_image(path: Path, topic: str, t_ns: int) -> Image:
@@ -87,7 +86,7 @@ def _pixels(path: Path) -> NDArray[Any]:
 
 
 def _write(path: Path, pixels: NDArray[Any]) -> None:
-    done, data = cv2.imencode(path.suffix, pixels, _FAST_PNG)
+    done, data = cv2.imencode(path.suffix, pixels)
     if not done:
         raise StrideTwinError(f"{path}: cannot be written: OpenCV refuses {pixels.dtype} {pixels.shape}")
     path.write_bytes(data.tobytes())

@@ -7,11 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother, StartPose, kernel
+from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother, StartPose
 from stridetwin.estimators.foot_ins.memory import IGNORED, STATES, blank
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Block, Imu
+from tests.estimators.one_foot import take
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def rauch_tung_striebel(imu: Block[Imu]) -> tuple[np.ndarray, np.ndarray]:
         P[clone, :] = P[own, :]
         P[:, clone] = P[:, own]
         error[clone] = 0.0
-        phase, _ = kernel.step(memory, parameters, sample.t_ns, sample.angular_rate, sample.specific_force)
+        phase = take(memory, parameters, sample.t_ns, sample.angular_rate, sample.specific_force)
         assert phase != IGNORED
         scale = np.sqrt(np.maximum(np.diagonal(P[own, own]), 1e-30))
         inverse = np.linalg.pinv(P[own, own] / np.outer(scale, scale), rcond=1e-12, hermitian=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.estimators.foot_ins.kernel import step
 from stridetwin.estimators.foot_ins.memory import PHASE, STATES, TRACKING
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_to_foot import (
@@ -22,15 +22,22 @@ from stridetwin.estimators.foot_to_foot import (
     FootToFootParameters,
     PublishedParameters,
     RelativePosition,
+    memory,
+    vision,
 )
-from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, FEET, MOUNTS, Pair, blank_pair, inject_all
-from stridetwin.estimators.foot_to_foot.rewind import rewind
-from stridetwin.estimators.foot_to_foot.vision import _tied, board_in_camera
+from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, FEET, MOUNTS, Pair, blank_pair
+from stridetwin.estimators.foot_to_foot.rewind import rewind as compiled_rewind
 from stridetwin.scenarios.experiments.jao_simulation import Setup, Simulation
 from stridetwin.scenarios.experiments.steady_walk import SteadyWalk
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Block, Imu, Range
+from tests.estimators.from_python import from_python
+from tests.estimators.one_foot import take
+
+inject_all = from_python(memory.inject_all)
+rewind = from_python(compiled_rewind)
+tied, board_in_camera = from_python(vision._tied), from_python(vision.board_in_camera)
 
 GRAVITY = FootInsParameters().gravity
 ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
@@ -61,11 +68,10 @@ def moving_pair(seed: int) -> Pair:
     pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(3))
     parameters = for_sensor(FootInsParameters(still_velocity=1e3), None)
     for foot in range(2):
-        for k in range(80):
-            moves = k >= 40
-            rate = rng.normal(0.0, 3.0 * moves, 3)
-            force = np.array([0.0, 0.0, GRAVITY]) + rng.normal(0.0, 5.0 * moves, 3)
-            step(pair.feet[foot], parameters, k * 8_000_000, rate, force)
+        k = np.arange(80)
+        moves = k[:, None] >= 40
+        rate, force = moves * rng.normal(0.0, [[[3.0]], [[5.0]]], (2, 80, 3))
+        take(pair.feet[foot], parameters, k * 8_000_000, rate, force + [0.0, 0.0, GRAVITY])
         assert pair.feet[foot].clock[PHASE] == TRACKING
     pair.covariance[:] = 0.0
     return pair
@@ -83,12 +89,13 @@ def seen(pair: Pair, camera: int, t_ns: int) -> tuple[np.ndarray, np.ndarray, np
 @given(st.integers(0, 1000), st.integers(0, 1), st.integers(0, 12_000_000))
 def test_jacobian_of_the_board_in_the_camera_is_its_derivative(seed: int, camera: int, age_ns: int) -> None:
     t_ns = 79 * 8_000_000 - age_ns
-    p, R, G = seen(moving_pair(seed), camera, t_ns)
+    still = moving_pair(seed)
+    p, R, G = seen(still, camera, t_ns)
     small = 1e-6
     # The tilt acts on a rewound position through gravity as well, but for 0.5 g age²; and so do the force's biases.
     tolerance = 1e-6 + 50.0 * (age_ns * 1e-9) ** 2
     for i in range(ALL_STATES):
-        pair = moving_pair(seed)
+        pair = copy.deepcopy(still)
         pair.error[i] = small
         inject_all(pair)
         p1, R1, _ = seen(pair, camera, t_ns)
@@ -119,7 +126,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
     for k in range(80):
         moves = k >= 40
         force = np.array([0.0, 0.0, GRAVITY]) + rng.normal(0.0, 5.0 * moves, 3)
-        step(foot, parameters, k * 8_000_000, rng.normal(0.0, 3.0 * moves, 3), force)
+        take(foot, parameters, k * 8_000_000, rng.normal(0.0, 3.0 * moves, 3), force)
         foot.covariance[:] = 0.0  # so that nothing is corrected
         if k == 79 - back:
             then = foot.nominal.copy()
@@ -139,7 +146,7 @@ def test_a_board_foretold_far_off_is_found_where_it_is() -> None:
     seen = turn.apply(points) + p
     foretold, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
     covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
-    ahead, T, z, _ = _tied(foretold, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
+    ahead, T, z, _ = tied(foretold, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
     found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
     assert ahead
     np.testing.assert_allclose(foretold + found[:3], p, atol=2e-3)

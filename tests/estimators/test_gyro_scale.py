@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins.kernel import step
 from stridetwin.estimators.foot_ins.memory import ATTITUDE, D_ATTITUDE, STATES
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters
+from stridetwin.estimators.foot_to_foot import scale as scale_of_gyros
 from stridetwin.estimators.foot_to_foot.memory import SCALES, blank_pair
-from stridetwin.estimators.foot_to_foot.scale import turn_by_scale
 from stridetwin.scenarios.experiments.jao_simulation import Setup, Simulation
 from stridetwin.scenarios.experiments.steady_walk import SteadyWalk
 from stridetwin.streams.samples import Array
+from tests.estimators.from_python import from_python
+from tests.estimators.one_foot import take
+
+turn_by_scale = from_python(scale_of_gyros.turn_by_scale)
 
 
 @pytest.mark.parametrize("foot", [0, 1])
@@ -27,13 +30,13 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
     def turned(scale: Array, variance: float) -> tuple[Rotation, Array]:
         pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, variance, arms, arms, np.zeros(3))
         for k in range(40):
-            step(pair.feet[foot], parameters, k * 8_000_000, np.zeros(3), gravity)
+            take(pair.feet[foot], parameters, k * 8_000_000, np.zeros(3), gravity)
         pair.covariance[:SCALES] = 0.0
         pair.covariance[:, :SCALES] = 0.0
         for k, rate in enumerate(rates, 40):
             scaled = (1.0 - scale) * rate
             turn_by_scale(pair, foot, scaled, k * 8_000_000, parameters.max_gap_s)
-            step(pair.feet[foot], parameters, k * 8_000_000, scaled, gravity)
+            take(pair.feet[foot], parameters, k * 8_000_000, scaled, gravity)
         a, s = STATES * foot + D_ATTITUDE, SCALES + 3 * foot
         q = pair.feet[foot].nominal[ATTITUDE : ATTITUDE + 4]
         return Rotation.from_quat(q, scalar_first=True), pair.covariance[a : a + 3, s : s + 3].copy()

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.dvio import planes
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, PLANE, PLANES, ImuNoise, Window, blank_window
-from stridetwin.estimators.dvio.planes import turned
 from stridetwin.estimators.dvio.terms import Terms
+from tests.estimators.from_python import from_python
 
+turned = from_python(planes.turned)
 SHARED = CALIBRATION + PLANE * PLANES
 NOISE = ImuNoise(
     rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, doubtful_rate=1.0, doubtful_force=5.0

@@ -9,13 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.estimators.dvio import factors
+from stridetwin.estimators.dvio import factors, views
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Increment
-from stridetwin.estimators.dvio.views import SIGHT, blank_views, ray, seen_at, sight, view
+from stridetwin.estimators.dvio.views import SIGHT, blank_views
 from tests.estimators.dvio.scenes import SHARED, TERMS, moved, seen_window
+from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
+view, ray = from_python(views.view), from_python(views.ray)
+sight, seen_at = from_python(views.sight), from_python(views.seen_at)
+motion = from_python(factors.motion)
 
 
 @settings(max_examples=10, deadline=None)
@@ -23,12 +27,12 @@ STEP = 1e-6
 def test_the_jacobian_of_a_sighting_is_its_slope(seed):
     window = seen_window(np.random.default_rng(seed))
     window.frames.offset[:] = 0.0
-    views = blank_views(4)
-    view(window, TERMS, views)
+    now = blank_views(4)
+    view(window, TERMS, now)
     at, xi = window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
     x, y = ray(window.calibration, at)
     J, Jl = np.zeros((3, SIGHT)), np.zeros(3)
-    assert sight(window, views, 0, 2, x, y, xi, J, Jl)
+    assert sight(window, now, 0, 2, x, y, xi, J, Jl)
 
     def seen(error, of_depth=0.0):
         other = copy.deepcopy(window)
@@ -63,13 +67,13 @@ def test_the_jacobian_of_the_motion_is_its_slope(seed):
         bias=0.01 * rng.normal(size=6),
     )  # fmt: skip
     r, J = np.zeros(9), np.zeros((9, 2 * FRAME))
-    factors.motion(window.frames, z, 0, TERMS, r, J, False)
+    motion(window.frames, z, 0, TERMS, r, J, False)
 
     def residual(error):
         other = copy.deepcopy(window)
         moved(other, np.concatenate([np.zeros(SHARED), error, np.zeros(FRAME)]))
         out, room = np.zeros(9), np.zeros((9, 2 * FRAME))
-        factors.motion(other.frames, z, 0, TERMS, out, room, False)
+        motion(other.frames, z, 0, TERMS, out, room, False)
         return out
 
     for j in range(2 * FRAME):

@@ -11,18 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import Dvio, DvioParameters, kernel
+from stridetwin.estimators.dvio import Dvio, DvioParameters, kernel, planes
 from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, PLANE, PLANES, Window
-from stridetwin.estimators.dvio.planes import COLUMNS, Room, forget_plane, free_slot, plane_sight
+from stridetwin.estimators.dvio.planes import COLUMNS, Room, forget_plane, free_slot
 from stridetwin.estimators.dvio.solver import blank_work
 from stridetwin.estimators.dvio.surfaces import sample_pixels
 from stridetwin.streams.samples import Image
 from tests.estimators.dvio.scenes import SHARED, TERMS, moved, see_corner, see_plane, seen_window
 from tests.estimators.dvio.wall import Wall, rig, swaying
+from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
 SHAPE, FOCAL = (480, 640), 384.0
+plane_sight = from_python(planes.plane_sight)
 SD = 0.007  # of an inverse depth, 1/m
 
 
@@ -233,8 +235,8 @@ def test_a_bare_wall_holds_distance_and_attitude():
     """From a time on nothing is painted on the wall: its depth alone holds what it tells of."""
     wall = Wall(swaying, 12.0, seed=9)
     ends = []
-    for planes in (False, True):
-        odometry, last = Dvio(rig(), parameters=DvioParameters(planes=planes)), None
+    for on in (False, True):
+        odometry, last = Dvio(rig(), parameters=DvioParameters(planes=on)), None
         for s in wall.samples():
             bare = isinstance(s, Image) and s.t_ns > 5e9
             last = odometry.update(replace(s, pixels=np.full_like(s.pixels, 128)) if bare else s) or last
