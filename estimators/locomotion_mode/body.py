@@ -11,8 +11,8 @@ import math
 from collections import deque
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.terrain_map.poses import is_pose
 from stridetwin.streams.samples import Array, Odometry
 
 _KEPT_S = 2.0
@@ -43,13 +43,13 @@ class Body:
     def add(self, pose: Odometry) -> bool:
         """Takes a pose; returns whether the body jumped. Poses that are late or not finite are passed over."""
         q, p = pose.q_world_frame, pose.p_frame_in_world
-        if pose.t_ns <= self.t_ns or not (np.isfinite(p).all() and np.isfinite(q).all()) or np.linalg.norm(q) < 0.5:
+        if pose.t_ns <= self.t_ns or not is_pose(pose):
             return False
-        R = Rotation.from_quat(q, scalar_first=True).as_matrix()
+        R = _matrix(*q.tolist())
         place, forward = p + R @ self._p, (R @ self._ahead)[:2]
-        forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
+        forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
-        jumped = self.t_ns >= 0 and float(np.linalg.norm(place - self.p)) > _JUMP_M + 5.0 * min(dt, 1.0)
+        jumped = self.t_ns >= 0 and math.dist(place.tolist(), self.p.tolist()) > _JUMP_M + 5.0 * min(dt, 1.0)
         if jumped:
             self._history.clear()
             self._look = None
@@ -85,3 +85,13 @@ class Body:
     def velocity(self) -> Array:
         """(3,) m/s, over the last tenth of a second."""
         return (self.p - self.before(_TWIST_S)) / _TWIST_S
+
+
+def _matrix(w: float, x: float, y: float, z: float) -> Array:
+    """(3, 3) rotation of a quaternion of any length: poses come often, and scipy's own way costs ten times as much."""
+    k = 2.0 / (w * w + x * x + y * y + z * z)
+    return np.array([
+        [1.0 - k * (y * y + z * z), k * (x * y - w * z), k * (x * z + w * y)],
+        [k * (x * y + w * z), 1.0 - k * (x * x + z * z), k * (y * z - w * x)],
+        [k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y)],
+    ])  # fmt: skip

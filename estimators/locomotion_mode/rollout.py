@@ -8,21 +8,28 @@ more unknown, summed over as well.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.pieces import Piece, edges_before, mode_table, stretch, weights
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _FLOOR = 1e-9
 """Of a density: a walker who does what nobody expects must not leave it empty."""
 _LEAST = 1e-10
 """Density that is not followed any further."""
+_TAIL = 8.0
+"""Deviations beyond which a density is none: there it is far below `_LEAST`."""
 _LONGEST_M = 1.35
 """No step is longer."""
 
@@ -86,17 +93,28 @@ def _kernels(
     s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, p: LocomotionModeParameters
 ) -> tuple[Array, Array]:
     """(H, S, B) and (S, B) density of a step from each cell to those from it on: on even ground, and over an edge."""
-    start = np.arange(len(s))[:, None]
-    end = np.minimum(start + np.arange(band), len(s) - 1)
-    sd = length * np.hypot(p.step_noise, unsure[end])
-    off = level[end] - level[start] - length
-    near = np.exp(-0.5 * ((off - shifts[:, None, None]) / sd) ** 2) / sd
     lag = s[1] - s[0]
     far = np.exp(-0.5 * ((lag * np.arange(band) - p.edge_step * length) / p.edge_step_sd_m) ** 2) / p.edge_step_sd_m
+    near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band)
     return near, np.broadcast_to(far, (len(s), band))
 
 
-@njit(cache=True)
+@cached(_HERE)
+def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
+    """(H, S, B) density of steps on even ground: (S,) the way as `stretch` tells it, and (S,) deviation, by the end."""
+    found = np.zeros((len(shifts), len(level), band))
+    for p in range(len(level)):
+        for j in range(band):
+            q = min(p + j, len(level) - 1)
+            off = level[q] - level[p] - length
+            for h in range(len(shifts)):
+                away = (off - shifts[h]) / sd[q]
+                if abs(away) < _TAIL:
+                    found[h, p, j] = math.exp(-0.5 * away * away) / sd[q]
+    return found
+
+
+@cached(_HERE)
 def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far: Array) -> tuple[Array, Array, Array]:
     """Forward and backward sums over a chain of footprints.
 
@@ -124,9 +142,9 @@ def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far
                     v = alpha[k, h, a, p]
                     if v < _LEAST:
                         continue
-                    for j in range(min(B, S - p)):
-                        reach_near[k, h, a, p + j] += v * near[k, h, p, j]
-                        reach_far[k, h, a, p + j] += v * far[k, p, j]
+                    n = min(B, S - p)
+                    _spread(v, near[k, h, p, :n], far[k, p, :n], reach_near[k, h, a, p : p + n],
+                            reach_far[k, h, a, p : p + n])  # fmt: skip
             for a in range(P):
                 for b in range(a, P):
                     if even[a, b] == 0.0 and over[a, b] == 0.0:
@@ -160,9 +178,8 @@ def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far
                 for p in range(S):
                     if alpha[k, h, a, p] < _LEAST:
                         continue
-                    v = 0.0
-                    for j in range(min(B, S - p)):
-                        v += near[k, h, p, j] * onto_even[a, p + j] + far[k, p, j] * onto_over[a, p + j]
+                    n = min(B, S - p)
+                    v = _gather(near[k, h, p, :n], far[k, p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n])
                     back[h, a, p] = v
                     largest = max(largest, v)
         beta = back / max(largest, 1e-300)
@@ -170,6 +187,23 @@ def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far
         on[k] /= max(on[k].sum(), 1e-300)
         flow[k] /= max(flow[k].sum(), 1e-300)
     return density, on, flow
+
+
+@njit(**INSIDE)
+def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Array) -> None:
+    """Adds what goes from one cell to those from it on."""
+    for j in range(len(near)):
+        onto_even[j] += v * near[j]
+        onto_over[j] += v * far[j]
+
+
+@njit(fastmath=True, **INSIDE)
+def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
+    """What comes back to one cell from those from it on; sums run several at a time."""
+    v = 0.0
+    for j in range(len(near)):
+        v += near[j] * even[j] + far[j] * over[j]
+    return v
 
 
 def moments(density: Array, s: Array) -> tuple[float, float]:

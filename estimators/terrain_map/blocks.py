@@ -6,11 +6,16 @@ moves without moving a voxel. Grid axes: the world's, turned about the vertical.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import INSIDE, cached
+
+_HERE = Path(__file__).parent
 
 EDGE = 8
 VOXELS = EDGE**3
@@ -91,8 +96,16 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
         _drop(blocks, rows[np.argsort(away, kind="stable")[len(rows) * 3 // 4 :]])
 
 
+@cached(_HERE)
 def _solid(blocks: Blocks, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    return np.asarray(((blocks.distance[rows] > 0) & (blocks.weight[rows] > 0)).any(axis=1))
+    """(N,) whether a block has a voxel behind a surface."""
+    found = np.zeros(len(rows), np.bool_)
+    for n, row in enumerate(rows):
+        for at in range(VOXELS):
+            if blocks.distance[row, at] > 0.0 and blocks.weight[row, at] > 0.0:
+                found[n] = True
+                break
+    return found
 
 
 def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
@@ -104,7 +117,7 @@ def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
     blocks.counts[0] = n + len(rows)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int, k: int) -> int:
     """Row of block (i, j, k), -1 where there is none."""
     if (
@@ -115,7 +128,7 @@ def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int,
     return slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)]
 
 
-@njit(cache=True)
+@njit(**INSIDE)
 def add_block(blocks: Blocks, i: int, j: int, k: int) -> int:
     """Row of a new block (i, j, k) within the window, -1 where there is no room."""
     if blocks.counts[0] == 0:
@@ -128,13 +141,3 @@ def add_block(blocks: Blocks, i: int, j: int, k: int) -> int:
     blocks.distance[row] = 0.0
     blocks.weight[row] = 0.0
     return row
-
-
-@njit(cache=True, inline="always")
-def voxel(blocks: Blocks, i: int, j: int, k: int) -> tuple[float, float]:
-    """Distance and weight of voxel (i, j, k); weight 0 where it was never seen."""
-    row = slot_of(blocks.slots, blocks.origin, i >> 3, j >> 3, k >> 3)
-    if row < 0:
-        return 0.0, 0.0
-    at = ((i & 7) << 6) | ((j & 7) << 3) | (k & 7)
-    return blocks.distance[row, at], blocks.weight[row, at]

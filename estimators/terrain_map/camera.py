@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.terrain_map.outlines import in_range
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import CameraCalibration, Rig
@@ -55,8 +56,8 @@ class DepthCamera:
         """So many pixels of a 640-pixel picture in this one, at least one."""
         return max(1, round(of_640 * self.shape[1] / _WIDTH))
 
-    def rectified(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> NDArray[np.float32]:
-        """(H, W) m, 0 = none: what lies within range, as a pinhole would see it.
+    def rectified(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> tuple[NDArray[np.float32], int]:
+        """(H, W) m, 0 = none: what lies within range, as a pinhole would see it; and how many pixels have depth.
 
         Args:
             depth: (H, W) m; 0, NaN, infinity and what is negative are none.
@@ -67,7 +68,8 @@ class DepthCamera:
         """
         if depth.shape != self.shape:
             raise StrideTwinError(f"{self.topic}: picture of {depth.shape}; valid: {self.shape}, as the rig tells")
-        clean = np.where((depth >= p.range_min_m) & (depth <= p.range_max_m), depth, np.float32(0))
+        clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.range_min_m), np.float32(p.range_max_m))
         if self._maps is None:
-            return np.asarray(clean, np.float32)
-        return np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
+            return clean, count
+        straight = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
+        return straight, int(np.count_nonzero(straight))

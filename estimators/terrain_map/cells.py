@@ -8,13 +8,17 @@ merged together, so that a round costs one pass over the edges.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit
+from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, off_plane
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 _FULL = 0.7
 """Share of a cell's points that must be there."""
@@ -24,7 +28,7 @@ _SIGMAS = 3.0
 """No point of a cell lies farther off."""
 
 
-@njit(cache=True, error_model="numpy")
+@cached(_HERE, error_model="numpy")
 def cell_sums(points: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
     """Sums over the points of each cell that is a node.
 
@@ -60,7 +64,7 @@ def cell_sums(points: NDArray[np.float32], noise: NDArray[np.float32], cell: int
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _tilt_variance(s: Array) -> float:
     """Variance of a plane's tilt, rad², about the axis along which its points reach least."""
     n = s[0]
@@ -72,7 +76,7 @@ def _tilt_variance(s: Array) -> float:
     return s[10] / n / n / max(middle, 1e-9)
 
 
-@njit(cache=True, error_model="numpy")
+@cached(_HERE, error_model="numpy")
 def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     """Merges cells into planes.
 
@@ -106,7 +110,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
                 edges[count, 0], edges[count, 1] = n, n + columns
                 count += 1
     costs = np.full(count, -1.0)  # of merging an edge's planes; -1 not known, inf not allowed
-    best = np.empty(len(root), np.int64)
+    best, met = np.empty(len(root), np.int64), np.empty(len(root), np.int64)
     common = np.empty(SUMS)
     while True:
         best[:] = -1
@@ -118,7 +122,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
                 if 1.0 - dot * dot <= angle**2 + _DOUBT**2 * (doubt[a] + doubt[b]):
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
-                    error = fit(common)[6]
+                    error = off_plane(common)
                     if error <= common[10] / common[0]:
                         costs[e] = error
             if costs[e] < np.inf:
@@ -141,12 +145,15 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
         if not merged:
             break
         kept = 0
+        met[:] = -1
         for e in range(count):
             a, b = edges[e]
             new = best[a] < -1 or best[b] < -1
             a = -2 - best[a] if best[a] < -1 else a
             b = -2 - best[b] if best[b] < -1 else b
-            if a != b:
+            low, high = min(a, b), max(a, b)
+            if a != b and met[low] != high:  # long borders are edges many times over
+                met[low] = high
                 edges[kept, 0], edges[kept, 1] = a, b
                 costs[kept] = -1.0 if new else costs[e]
                 kept += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,22 +36,24 @@ class Plane:
     votes: float
     covariance: Array
 
-    @property
+    @cached_property
     def gradient(self) -> Array:
         """(2,) slopes along world x and y."""
         return np.asarray(-self.normal[:2] / self.normal[2])
 
-    @property
+    @cached_property
     def slope(self) -> float:
         """Angle against the level, rad, ≥ 0."""
-        return math.atan(float(np.linalg.norm(self.gradient)))
+        return math.atan(math.hypot(*self.gradient.tolist()))
 
-    @property
+    @cached_property
     def slope_sd(self) -> float:
         """Its standard deviation, rad, along the steepest ascent."""
-        g = self.gradient
-        along = g / np.linalg.norm(g) if g.any() else np.array([1.0, 0.0])
-        return math.sqrt(along @ self.covariance[1:, 1:] @ along) * math.cos(self.slope) ** 2
+        x, y = self.gradient.tolist()
+        (xx, xy), (_, yy) = self.covariance[1:, 1:].tolist()
+        steep = math.hypot(x, y)
+        x, y = (x / steep, y / steep) if steep > 0.0 else (1.0, 0.0)
+        return math.sqrt(x * x * xx + 2.0 * x * y * xy + y * y * yy) * math.cos(self.slope) ** 2
 
     def height(self, xy: Array) -> Array:
         """(...) m at (..., 2) places of the world."""
@@ -61,13 +64,16 @@ class Plane:
 
         A narrow plane is known best at its centre: its slope is not, and where it ends it is half air.
         """
-        way = np.asarray(xy) - self.centre[:2]
-        length = float(np.linalg.norm(way))
+        (ox, oy, _), (x, y) = self.centre.tolist(), xy
+        x, y = float(x) - ox, float(y) - oy
+        length = math.hypot(x, y)
         if length == 0.0:
             return self.centre[:2]
-        way = way / length
-        half = math.sqrt(3.0 * float(way @ self.spread @ way))  # as if its points lay evenly
-        return np.asarray(self.centre[:2] + max(0.0, min(length, half) - _BORDER_M) * way)
+        x, y = x / length, y / length
+        (xx, xy_), (_, yy) = self.spread.tolist()
+        half = math.sqrt(3.0 * max(x * x * xx + 2.0 * x * y * xy_ + y * y * yy, 0.0))  # as if its points lay evenly
+        reach = max(0.0, min(length, half) - _BORDER_M)
+        return np.array([ox + reach * x, oy + reach * y])
 
     def height_sd(self, xy: Array) -> float:
         """Standard deviation of the height at a (2,) place, m."""

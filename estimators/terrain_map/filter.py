@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from stridetwin.estimators.terrain_map.blocks import EDGE, clear, empty_blocks, roll
 from stridetwin.estimators.terrain_map.camera import DepthCamera
 from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, TerrainEstimate
-from stridetwin.estimators.terrain_map.integrate import integrate, touch, without_outlines
+from stridetwin.estimators.terrain_map.integrate import integrate, touch
+from stridetwin.estimators.terrain_map.outlines import without_outlines
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.patches import patches
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet
 from stridetwin.estimators.terrain_map.poses import Poses
 from stridetwin.estimators.terrain_map.profile import profile
-from stridetwin.estimators.terrain_map.terrains import terrains
+from stridetwin.estimators.terrain_map.terrains import Terrains
 from stridetwin.estimators.terrain_map.views import from_above, from_camera, well_seen
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
@@ -66,6 +67,7 @@ class TerrainMap:
         self._blocks = empty_blocks()
         self._planes = PlaneSet(p)
         self._R_world_grid = _turned(p.grid_turn_rad)
+        self._terrains = Terrains(self._R_world_grid, p)
         self._last_ns = -1
         self._T_grid_camera: Array | None = None
         self._estimate: TerrainEstimate | None = None
@@ -82,8 +84,8 @@ class TerrainMap:
         if T_world_frame is None:
             return None
         self._last_ns = sample.t_ns
-        depth = self._camera.rectified(sample.depth, self.parameters)
-        if np.count_nonzero(depth) < _FEWEST_PIXELS:
+        depth, count = self._camera.rectified(sample.depth, self.parameters)
+        if count < _FEWEST_PIXELS:
             return None
         self._look(sample.t_ns, depth, T_world_frame @ self._T_frame_camera)
         return self._estimate
@@ -183,7 +185,7 @@ class TerrainMap:
         planes = self._planes.planes(self._R_world_grid)
         self._estimate = TerrainEstimate(
             t_ns=t_ns, planes=planes, p_camera_in_world=T_world_camera[:3, 3].copy(),
-            terrains=terrains(planes, self._planes, blocks, self._R_world_grid, p),
+            terrains=self._terrains.find(planes, self._planes, blocks),
         )  # fmt: skip
 
     def _view_corner(self, T_grid_camera: Array) -> NDArray[np.int64]:

@@ -3,40 +3,33 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.terrain_map.blocks import EDGE, SHAPE, Blocks, add_block, slot_of
+from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.blocks import EDGE, SHAPE, VOXELS, Blocks, add_block, slot_of
 from stridetwin.streams.samples import Array
 
+_HERE = Path(__file__).parent
+
 _STRIDE = 8
-_STEEPEST = 0.3
+_f32 = np.float32
+_STEEPEST = _f32(0.3)
 """Height over depth along the shallowest line of sight whose distances still count as heights."""
+_NEAREST = _f32(0.05)
+_AIR = _f32(-0.5)
+"""λ of what is free for certain."""
+_NONE, _LEAST = _f32(1e9), _f32(1e-20)
+_ZERO, _ONE, _ORIGIN = _f32(0.0), _f32(1.0), np.int32(0)
+_Corner = tuple[np.float32, np.float32, np.float32]
 _RADIUS = math.sqrt(3.0) / 2.0 * EDGE
 
 
-def without_outlines(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
-    """The depth without the pixels beside an outline, which lie on one of two surfaces or between them.
-
-    Taking as much away on either side leaves the middle of the gap where the outline is.
-
-    Args:
-        depth: (H, W) m, 0 = none.
-        share: Difference of the depths, over the larger one, that makes an outline.
-        reach: Pixels.
-    """
-    window = np.ones((2 * reach + 1,) * 2, np.uint8)
-    far = cv2.dilate(depth, window)
-    filled = depth.copy()
-    filled[depth == 0] = np.inf
-    near = cv2.erode(filled, window)
-    return np.asarray(depth * (near >= np.float32(1.0 - share) * far), np.float32)
-
-
-@njit(cache=True)
+@cached(_HERE)
 def touch(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
     top_m: float, t_ns: int,
@@ -66,7 +59,7 @@ def touch(
                 ray[a] = R[a, 0] * x + R[a, 1] * y + R[a, 2]
             if c[2] + ray[2] * d > top_m:
                 continue
-            band = band_m / max(abs(ray[2]), _STEEPEST)
+            band = band_m / max(abs(ray[2]), float(_STEEPEST))
             for step in range(-2, 3):
                 at = d + 0.5 * step * band
                 i = math.floor((c[0] + ray[0] * at) * per_block)
@@ -84,7 +77,7 @@ def touch(
                     blocks.seen_ns[row] = t_ns
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@cached(_HERE, error_model="numpy", fastmath=True)
 def integrate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_camera_grid: Array, voxel_m: float, band_m: float,
     weight_max: float, noise_per_m: float,
@@ -109,9 +102,14 @@ def integrate(
     fu, fv, pu, pv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     R, t = T_camera_grid[:3, :3], T_camera_grid[:3, 3]
     eye_z = -(R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2])
-    radius = _RADIUS * voxel_m
+    radius, half = _RADIUS * voxel_m, 0.5 * (EDGE - 1) * voxel_m
     slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
-    steps, per_band = R * voxel_m, 1.0 / band_m
+    eye = _Eye(
+        _f32(fu), _f32(fv), _f32(pu + 0.5), _f32(pv + 0.5), np.int32(width), np.int32(height), _f32(R[0, 2]),
+        _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(weight_max), _f32(3.0 * noise_per_m),
+    )  # fmt: skip
+    lattice, sight, behind = _lattice(R * voxel_m, voxel_m), _sight(), np.empty(VOXELS + 1, np.uint64)
+    picture = depth.ravel()
     for row in range(len(blocks.used)):
         if not blocks.used[row]:
             continue
@@ -121,52 +119,175 @@ def integrate(
         x0 = R[0, 0] * bx + R[0, 1] * by + R[0, 2] * bz + t[0]
         y0 = R[1, 0] * bx + R[1, 1] * by + R[1, 2] * bz + t[1]
         z0 = R[2, 0] * bx + R[2, 1] * by + R[2, 2] * bz + t[2]
-        half = 0.5 * (EDGE - 1)
-        xc = x0 + half * (steps[0, 0] + steps[0, 1] + steps[0, 2])
-        yc = y0 + half * (steps[1, 0] + steps[1, 1] + steps[1, 2])
-        zc = z0 + half * (steps[2, 0] + steps[2, 1] + steps[2, 2])
+        xc = x0 + half * (R[0, 0] + R[0, 1] + R[0, 2])
+        yc = y0 + half * (R[1, 0] + R[1, 1] + R[1, 2])
+        zc = z0 + half * (R[2, 0] + R[2, 1] + R[2, 2])
         if (
             zc < radius
             or abs(fu * xc + (pu - width / 2) * zc) > width / 2 * zc + fu * radius * slope_u
             or abs(fv * yc + (pv - height / 2) * zc) > height / 2 * zc + fv * radius * slope_v
         ):
             continue
-        at = -1
-        for i in range(EDGE):
-            for j in range(EDGE):
-                for k in range(EDGE):
-                    at += 1
-                    z = z0 + i * steps[2, 0] + j * steps[2, 1] + k * steps[2, 2]
-                    if z < 0.05:
-                        continue
-                    x = x0 + i * steps[0, 0] + j * steps[0, 1] + k * steps[0, 2]
-                    y = y0 + i * steps[1, 0] + j * steps[1, 1] + k * steps[1, 2]
-                    per_z = 1.0 / z
-                    u, v = int(fu * x * per_z + pu + 0.5), int(fv * y * per_z + pv + 0.5)
-                    if u < 0 or u >= width or v < 0 or v >= height:
-                        continue
-                    d = depth[v, u]
-                    if d == 0.0:
-                        continue
-                    voxel_z = bz + k * voxel_m
-                    falls = (eye_z - voxel_z) * per_z
-                    scale = max(abs(falls), _STEEPEST) * per_band
-                    sdf = z - d  # (19)
-                    if sdf * scale > 1.0:
-                        continue
-                    if sdf > 0.0 and falls > 0.0:
-                        up = sdf * falls  # to where the line of sight met the surface
-                        zf = z + R[2, 2] * up
-                        uf = int(fu * (x + R[0, 2] * up) / zf + pu + 0.5)
-                        vf = int(fv * (y + R[1, 2] * up) / zf + pv + 0.5)
-                        if uf >= 0 and uf < width and vf >= 0 and vf < height:
-                            df = depth[vf, uf]
-                            if df == 0.0:
-                                continue
-                            if zf - df < -0.5 / scale - 3.0 * noise_per_m * z * z:
-                                sdf = zf - df
-                    value = max(-1.0, sdf * scale)  # (20)
-                    new = (scale * band_m * min(per_z, 1.0)) ** 2
-                    old = blocks.weight[row, at]
-                    blocks.distance[row, at] = (old * blocks.distance[row, at] + new * value) / (old + new)  # (21)
-                    blocks.weight[row, at] = min(old + new, weight_max)  # (22)
+        corner = _f32(x0), _f32(y0), _f32(z0)
+        if _look(picture, eye, lattice, corner, _f32(eye_z - bz), sight):
+            _reach_above(picture, eye, lattice, corner, sight, behind)
+            _blend(blocks.distance[row], blocks.weight[row], eye, sight)
+
+
+class _Eye(NamedTuple):
+    """A pinhole: pixels, the vertical in its axes, and what its depth is worth; 32 bit numbers throughout."""
+
+    fu: np.float32
+    fv: np.float32
+    pu: np.float32
+    pv: np.float32
+    width: np.int32
+    height: np.int32
+    up_x: np.float32
+    up_y: np.float32
+    up_z: np.float32
+    band: np.float32
+    per_band: np.float32
+    weight_max: np.float32
+    noise: np.float32
+
+
+class _Lattice(NamedTuple):
+    """(512,) m each: from a block's first voxel to the others along the camera's axes, and upwards."""
+
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    z: NDArray[np.float32]
+    up: NDArray[np.float32]
+
+
+class _Sight(NamedTuple):
+    """(512,) each, of a block's voxels.
+
+    Attributes:
+        z: m along the optical axis.
+        falls: How far the line of sight falls on one metre of it.
+        scale: λ over metres of depth.
+        pixel: Where the voxel is seen; 0 where it is not.
+        sdf: (19), m; `_NONE` where nothing is told.
+    """
+
+    z: NDArray[np.float32]
+    falls: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    pixel: NDArray[np.int32]
+    sdf: NDArray[np.float32]
+
+
+@njit(**INSIDE)
+def _lattice(steps: Array, voxel_m: float) -> _Lattice:
+    """From the (3, 3) steps from voxel to voxel in the camera's axes, m."""
+    x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
+    up = np.empty(VOXELS, np.float32)
+    for at in range(VOXELS):
+        i, j, k = at >> 6, (at >> 3) & 7, at & 7
+        x[at] = i * steps[0, 0] + j * steps[0, 1] + k * steps[0, 2]
+        y[at] = i * steps[1, 0] + j * steps[1, 1] + k * steps[1, 2]
+        z[at] = i * steps[2, 0] + j * steps[2, 1] + k * steps[2, 2]
+        up[at] = k * voxel_m
+    return _Lattice(x, y, z, up)
+
+
+@njit(**INSIDE)
+def _sight() -> _Sight:
+    return _Sight(
+        np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
+        np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32),
+    )  # fmt: skip
+
+
+@njit(error_model="numpy", fastmath=True, **INSIDE)
+def _look(
+    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, above: np.float32, sight: _Sight
+) -> bool:
+    """What a picture tells of each voxel of a block; returns whether it tells anything.
+
+    Args:
+        picture: (H * W) m, 0 = none.
+        eye: What took it.
+        lattice: The voxels.
+        corner: (3) m, the block's first voxel in the camera's axes.
+        above: m by which the eye is higher.
+        sight: Changed.
+    """
+    x0, y0, z0 = corner
+    # Loops without a branch or a look-up among the sums: they run several voxels at a time.
+    for at in range(VOXELS):
+        z = z0 + lattice.z[at]
+        per_z = _ONE / z
+        u = np.int32(eye.fu * (x0 + lattice.x[at]) * per_z + eye.pu)
+        v = np.int32(eye.fv * (y0 + lattice.y[at]) * per_z + eye.pv)
+        falls = (above - lattice.up[at]) * per_z
+        steep = abs(falls)
+        inside = (z >= _NEAREST) & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
+        sight.z[at], sight.falls[at] = z, falls
+        sight.scale[at] = (steep if steep > _STEEPEST else _STEEPEST) * eye.per_band
+        sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+    for at in range(VOXELS):
+        sight.sdf[at] = picture[np.uint64(sight.pixel[at])]
+    told = _ORIGIN
+    for at in range(VOXELS):
+        d = sight.sdf[at]
+        sdf = sight.z[at] - d  # (19)
+        tells = (sight.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * sight.scale[at] <= _ONE)
+        sight.sdf[at] = sdf if tells else _NONE
+        told += np.int32(1) if tells else _ORIGIN
+    return bool(told > _ORIGIN)
+
+
+@njit(error_model="numpy", fastmath=True, **INSIDE)
+def _reach_above(
+    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, sight: _Sight,
+    behind: NDArray[np.uint64],
+) -> None:  # fmt: skip
+    """Voxels behind a surface stay so only where it reaches to straight above them: a second look into the picture.
+
+    Args:
+        picture: As of `_look`.
+        eye: As of `_look`.
+        lattice: As of `_look`.
+        corner: As of `_look`.
+        sight: Changed.
+        behind: (513,) room for the voxels that are asked for.
+    """
+    x0, y0 = corner[0], corner[1]
+    count = 0
+    for at in range(VOXELS):
+        sdf = sight.sdf[at]
+        behind[count] = at
+        count += (sdf > _ZERO) & (sdf < _NONE) & (sight.falls[at] > _ZERO)
+    for n in range(count):
+        at = behind[n]
+        z = sight.z[at]
+        up = sight.sdf[at] * sight.falls[at]  # to where the line of sight met the surface
+        zf = z + eye.up_z * up
+        per_z = _ONE / zf
+        u = np.int32(eye.fu * (x0 + lattice.x[at] + eye.up_x * up) * per_z + eye.pu)
+        v = np.int32(eye.fv * (y0 + lattice.y[at] + eye.up_y * up) * per_z + eye.pv)
+        if u >= _ORIGIN and u < eye.width and v >= _ORIGIN and v < eye.height:
+            d = picture[np.uint64(v * eye.width + u)]
+            if d == _ZERO:
+                sight.sdf[at] = _NONE
+            elif (zf - d + eye.noise * z * z) * sight.scale[at] < _AIR:
+                sight.sdf[at] = zf - d
+
+
+@njit(error_model="numpy", fastmath=True, **INSIDE)
+def _blend(distance: NDArray[np.float32], weight: NDArray[np.float32], eye: _Eye, sight: _Sight) -> None:
+    """Eqs. (20)-(22) for a block's (512,) voxels."""
+    for at in range(VOXELS):
+        sdf, z = sight.sdf[at], sight.z[at]
+        value = sdf * sight.scale[at]
+        value = value if value > -_ONE else -_ONE  # (20)
+        new = sight.scale[at] * eye.band / (z if z > _ONE else _ONE)
+        new = new * new if sdf < _NONE else _ZERO
+        old = weight[at]
+        total = old + new
+        mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
+        distance[at] = mixed if sdf < _NONE else distance[at]
+        weight[at] = total if total < eye.weight_max else eye.weight_max  # (22)

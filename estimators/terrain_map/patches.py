@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.cells import cell_sums, cluster
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 CELL = 4
 """Columns along the edge of a cell: 8 cm, a third of the shortest tread."""
@@ -49,7 +53,7 @@ def patches(
     return _label(points, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest)
 
 
-@njit(cache=True)
+@cached(_HERE)
 def _label(
     points: NDArray[np.float32], noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int
 ) -> tuple[Labels, Array]:
@@ -95,7 +99,7 @@ def _label(
     return labels, sums
 
 
-@njit(cache=True)
+@njit(**INSIDE)
 def _strips(
     points: NDArray[np.float32], noise: Heights, labels: Labels, planes: Array, count: int, least_up: float, fewest: int
 ) -> int:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 SUMS = 11
 """n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
+_NEWTON, _EXACT = 40, 1e-9
 Plane = tuple[float, float, float, float, float, float, float]
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
     """Adds a point to (11,) sums."""
     sums[0] += 1.0
@@ -30,7 +35,7 @@ def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
     sums[10] += noise * noise
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def fit(s: Array) -> Plane:
     """Principal component analysis of points.
 
@@ -67,6 +72,35 @@ def fit(s: Array) -> Plane:
     return x, y, z, ux / size, uy / size, uz / size, max(least, 0.0)
 
 
+@njit(error_model="numpy", **INSIDE)
+def off_plane(s: Array) -> float:
+    """Mean squared distance of points from the plane that fits them best, m², as of `fit`, without the plane.
+
+    The smallest root of the characteristic polynomial by Newton's method from 0, which nears it from below and is there
+    in a few steps, since points on a plane scatter little across it.
+
+    Args:
+        s: (11,) sums over at least three points, see `SUMS`.
+    """
+    n = s[0]
+    x, y, z = s[1] / n, s[2] / n, s[3] / n
+    a, b, d = s[4] / n - x * x, s[7] / n - y * y, s[9] / n - z * z
+    e, f, g = s[5] / n - x * y, s[6] / n - x * z, s[8] / n - y * z
+    trace, minors = a + b + d, a * b - e * e + a * d - f * f + b * d - g * g
+    det = a * (b * d - g * g) - e * (e * d - g * f) + f * (e * g - b * f)
+    root = 0.0
+    for _ in range(_NEWTON):
+        rise = minors - root * (2.0 * trace - 3.0 * root)
+        if rise <= 0.0:
+            break
+        step = (det - root * (minors - root * (trace - root))) / rise
+        root += step
+        if step <= _EXACT * root:
+            break
+    return max(root, 0.0)
+
+
+@njit(**INSIDE)
 def spread_of(sums: Array) -> Array:
     """(2, 2) m², covariance of points in plan, from their (11,) sums."""
     n, x, y = sums[0], sums[1] / sums[0], sums[2] / sums[0]
@@ -74,6 +108,7 @@ def spread_of(sums: Array) -> Array:
     return np.array([[sums[4] / n - x * x, xy], [xy, sums[7] / n - y * y]])
 
 
+@cached(_HERE, error_model="numpy")
 def height_plane(
     sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> tuple[Array, Array, Array]:
@@ -94,11 +129,43 @@ def height_plane(
     n = sums[0]
     c = sums[1:4] / n
     spread = spread_of(sums)
-    rise = np.array([sums[6] / n - c[0] * c[2], sums[8] / n - c[1] * c[2]])
+    rise_x, rise_y = sums[6] / n - c[0] * c[2], sums[8] / n - c[1] * c[2]
     share = max(sums[10] / n * alike / n, 1e-12)
-    slopes_covariance = np.linalg.inv(spread / share + np.eye(2) / slope_sd**2)
-    slopes = slopes_covariance @ rise / share
+    # The slopes' covariance: inverse of spread / share + 1 / slope_sd^2, two by two.
+    xx, yy, xy = (spread[0, 0] / share + slope_sd**-2, spread[1, 1] / share + slope_sd**-2, spread[0, 1] / share)
+    det = xx * yy - xy * xy
     covariance = np.zeros((3, 3))
+    covariance[1, 1], covariance[2, 2] = yy / det, xx / det
+    covariance[1, 2] = covariance[2, 1] = -xy / det
+    slopes = np.array([
+        (covariance[1, 1] * rise_x + covariance[1, 2] * rise_y) / share,
+        (covariance[1, 2] * rise_x + covariance[2, 2] * rise_y) / share,
+    ])  # fmt: skip
     covariance[0, 0] = share + common_m**2
-    covariance[1:, 1:] = slopes_covariance + common_rad**2 * np.eye(2)
+    covariance[1, 1] += common_rad**2
+    covariance[2, 2] += common_rad**2
     return c, slopes, covariance
+
+
+@cached(_HERE)
+def height_planes(
+    sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
+) -> tuple[Array, Array, Array, Array]:
+    """`height_plane` of (N, 11) sums: (N, 3), (N, 2) and (N, 3, 3); and (N, 2, 2) `spread_of` them."""
+    n = len(sums)
+    centres, slopes, covariances = np.empty((n, 3)), np.empty((n, 2)), np.empty((n, 3, 3))
+    spreads = np.empty((n, 2, 2))
+    for k in range(n):
+        centres[k], slopes[k], covariances[k] = height_plane(sums[k], common_m, common_rad, alike, slope_sd)
+        spreads[k] = spread_of(sums[k])
+    return centres, slopes, covariances, spreads
+
+
+def turned(
+    centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
+) -> tuple[Array, Array, Array, Array]:
+    """What `height_planes` tells in other axes, by a (3, 3) turn about the vertical."""
+    turn = R[:2, :2]
+    covariances = covariances.copy()
+    covariances[:, 1:, 1:] = turn @ covariances[:, 1:, 1:] @ turn.T
+    return centres @ R.T, slopes @ turn.T, covariances, turn @ spreads @ turn.T

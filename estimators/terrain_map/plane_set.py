@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_plane, spread_of
-from stridetwin.estimators.terrain_map.surface import NONE, Surface, sums_of
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_plane, height_planes, turned
+from stridetwin.estimators.terrain_map.surface import NONE, Surface, forget, overlaps, put_view, sums_of
 from stridetwin.streams.samples import Array
 
 SLOTS = 256
@@ -42,6 +42,8 @@ class PlaneSet:
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
         self._sums = np.zeros((SLOTS, SUMS))
+        self._told_sums, self._told_votes = self._sums.copy(), self.votes.copy()
+        self._told: dict[int, Plane] = {}
         self._next_id = 0
 
     def clear(self) -> None:
@@ -64,17 +66,10 @@ class PlaneSet:
             height: (n, n) m, NaN where nothing is seen.
             noise: (n, n) m.
         """
-        at = self.surface.view(first, len(labels))
-        seen, count = np.isfinite(height), len(sums)
-        before = self.surface.label[at]
-        both = (labels >= 0) & (before >= 0)
-        common = np.bincount(labels[both] * SLOTS + before[both], minlength=count * SLOTS).reshape(count, SLOTS)
-        in_scope = np.bincount(before[seen & (before >= 0)], minlength=SLOTS)
+        s = self.surface
+        common, in_scope = overlaps(s.label, first, labels, height, len(sums), SLOTS)
         slots = self._pair(common, in_scope, sums)
-        stays = (before >= 0) & (np.abs(height - self.surface.height[at]) < self._p.plane_noise_m)
-        new = np.where(labels >= 0, slots[labels] if count else NONE, np.where(stays, before, NONE)).astype(np.int32)
-        self.surface.label[at] = np.where(seen, new, NONE)
-        self.surface.height[at], self.surface.noise[at] = height, noise
+        put_view(s.label, s.height, s.noise, first, labels, slots, height, noise, self._p.plane_noise_m)
         self._vote(slots, in_scope)
         self.refit()
 
@@ -86,38 +81,51 @@ class PlaneSet:
         self._remove(np.flatnonzero(few))
 
     def planes(self, R_world_grid: Array) -> dict[int, Plane]:
-        """The planes by id, in world axes; R_world_grid (3, 3) turns about the vertical."""
-        found = {}
-        turn = R_world_grid[:2, :2]
-        for slot in np.flatnonzero(self.ids >= 0):
-            sums = self._sums[slot]
-            centre, slopes, covariance = self._fit(sums)
-            a, b = turn @ slopes
-            normal = np.array([-a, -b, 1.0])
-            covariance[1:, 1:] = turn @ covariance[1:, 1:] @ turn.T
-            id_ = int(self.ids[slot])
-            spread = spread_of(sums)
-            found[id_] = Plane(
-                id=id_, centre=R_world_grid @ centre, normal=normal / np.linalg.norm(normal),
-                spread=turn @ spread @ turn.T, area_m2=float(sums[0]) * self._p.voxel_m**2,
-                votes=float(self.votes[slot]), covariance=covariance,
-            )  # fmt: skip
-        return found
+        """The planes by id, in world axes; R_world_grid (3, 3) turns about the vertical.
 
-    def _fit(self, sums: Array) -> tuple[Array, Array, Array]:
-        return height_plane(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _ALIKE, _SLOPE_SD)
+        A plane that has not changed since the last time is the same object.
+        """
+        changed = (self._sums != self._told_sums).any(axis=1) | (self.votes != self._told_votes)
+        self._told_sums[:], self._told_votes[:] = self._sums, self.votes
+        found = {}
+        fresh = []
+        for slot in np.flatnonzero(self.ids >= 0).tolist():
+            id_ = int(self.ids[slot])
+            if changed[slot] or id_ not in self._told:
+                fresh.append(slot)
+            found[id_] = self._told.get(id_)
+        self._told = {id_: plane for id_, plane in found.items() if plane is not None}
+        self._told |= self._fitted(np.array(fresh, np.int64), R_world_grid)
+        return {id_: self._told[id_] for id_ in found}
+
+    def _fitted(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
+        """The planes of these slots by id."""
+        sums = self._sums[slots]
+        centres, slopes, covariances, spreads = turned(
+            *height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _ALIKE, _SLOPE_SD), R_world_grid
+        )
+        normals = np.column_stack([-slopes, np.ones(len(slots))])
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        ids, votes, areas = self.ids[slots].tolist(), self.votes[slots].tolist(), sums[:, 0] * self._p.voxel_m**2
+        return {
+            id_: Plane(
+                id=id_, centre=centres[n], normal=normals[n], spread=spreads[n], area_m2=area, votes=votes[n],
+                covariance=covariances[n],
+            )
+            for n, (id_, area) in enumerate(zip(ids, areas.tolist()))
+        }  # fmt: skip
 
     def _pair(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
         """Slot of each new plane: that of the one it agrees with, or a free one."""
         sizes = sums[:, 0].astype(np.int64)
         slots = np.full(len(sizes), NONE, np.int32)
-        union = sizes[:, None] + in_scope[None, :] - common
-        smaller = np.minimum(sizes[:, None], in_scope[None, :])
-        pairs = np.argwhere((common > _SAME_IOU * union) | (common > _INSIDE * np.maximum(smaller, 1)))
-        order = np.argsort(-common[pairs[:, 0], pairs[:, 1]], kind="stable")
-        for d, slot in pairs[order]:
-            if slots[d] == NONE and self._agrees(sums[d], int(slot)):
-                slots[d] = slot
+        new, old = np.nonzero(common)
+        shared = common[new, old]
+        union, smaller = sizes[new] + in_scope[old] - shared, np.minimum(sizes[new], in_scope[old])
+        alike = np.flatnonzero((shared > _SAME_IOU * union) | (shared > _INSIDE * np.maximum(smaller, 1)))
+        for n in alike[np.argsort(-shared[alike], kind="stable")]:
+            if slots[new[n]] == NONE and self._agrees(sums[new[n]], int(old[n])):
+                slots[new[n]] = old[n]
         free = np.flatnonzero(self.ids < 0)
         wanted = np.flatnonzero(slots == NONE)
         if len(wanted) > len(free):
@@ -132,7 +140,7 @@ class PlaneSet:
 
     def _agrees(self, new: Array, slot: int) -> bool:
         """Whether a new plane lies on the old one, all over it, by its sums."""
-        centre, slopes, _ = self._fit(self._sums[slot])
+        centre, slopes, _ = height_plane(self._sums[slot], self._p.plane_sd_m, self._p.slope_sd_rad, _ALIKE, _SLOPE_SD)
         # Mean square of z - a x - b y - c over the new plane's columns.
         row = np.array([-(centre[2] - slopes @ centre[:2]), -slopes[0], -slopes[1], 1.0])
         moments = new[_MOMENTS] / new[0]
@@ -151,4 +159,6 @@ class PlaneSet:
         if len(slots):
             self.ids[slots] = NONE
             self.votes[slots] = 0.0
-            self.surface.label[np.isin(self.surface.label, slots)] = NONE
+            gone = np.zeros(SLOTS, bool)
+            gone[slots] = True
+            forget(self.surface.label, gone)

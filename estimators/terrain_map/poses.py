@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.samples import Array, Odometry
+
+
+def is_pose(sample: Odometry) -> bool:
+    """Whether position and rotation are finite, and the rotation is one."""
+    p, q = sample.p_frame_in_world.tolist(), sample.q_world_frame.tolist()
+    return math.isfinite(sum(p)) and 0.5 <= math.hypot(*q) < math.inf
 
 
 class Poses:
@@ -25,15 +33,14 @@ class Poses:
 
         A pose that is not finite, or not newer than the one before, is passed over.
         """
-        finite = np.isfinite(pose.p_frame_in_world).all() and np.isfinite(pose.q_world_frame).all()
-        if not finite or np.linalg.norm(pose.q_world_frame) < 0.5:
+        if not is_pose(pose):
             return False
         if self._last is None:
             self._last = pose
             return False
         if pose.t_ns <= self._last.t_ns:
             return False
-        moved = float(np.linalg.norm(pose.p_frame_in_world - self._last.p_frame_in_world))
+        moved = math.dist(pose.p_frame_in_world.tolist(), self._last.p_frame_in_world.tolist())
         dt = (pose.t_ns - self._last.t_ns) * 1e-9
         self._last = pose
         return moved > self._p.jump_m and moved > self._p.max_speed_mps * dt

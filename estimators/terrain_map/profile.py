@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet
+from stridetwin.estimators.terrain_map.surface import COLUMNS
 from stridetwin.estimators.terrain_map.terrains import is_flat
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 _STEP_M = 0.02
 _LANES = np.arange(-0.24, 0.25, 0.04)
@@ -40,33 +45,72 @@ def profile(
         length_m: m.
     """
     s = np.arange(0.0, length_m, _STEP_M) + _STEP_M / 2
-    forward = np.array([math.cos(heading), math.sin(heading)])
-    left = np.array([-forward[1], forward[0]])
-    xy = origin + s[:, None, None] * forward + _LANES[None, :, None] * left
-    label, height = planes.surface.at(np.floor(xy @ R_world_grid[:2, :2] / p.voxel_m).astype(np.int64))
     if estimate is None:
         nothing = np.full(len(s), np.nan)
         return Profile(s=s, height=nothing, plane=np.full(len(s), -1), changes=())
-    plane = _majority(label, planes.ids)
-    known = np.isfinite(height).sum(axis=1) >= _LEAST_LANES
-    middle = np.full(len(s), np.nan)
-    middle[known] = np.nanmedian(height[known], axis=1)
-    for id_ in np.unique(plane[plane >= 0]):
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    surface, turn = planes.surface, R_world_grid[:2, :2]
+    slot, middle = _lanes(
+        surface.label, surface.height, surface.origin, origin @ turn / p.voxel_m, forward @ turn / p.voxel_m, s, _LANES
+    )
+    plane = np.where(slot >= 0, planes.ids[slot], -1)
+    for id_ in _there(plane):
         at = plane == id_
-        middle[at] = estimate.planes[int(id_)].height(origin + s[at, None] * forward)
+        middle[at] = estimate.planes[id_].height(origin + s[at, None] * forward)
     changes = _changes(s, plane, estimate, origin, forward, p)
     return Profile(s=s, height=middle, plane=plane, changes=changes)
 
 
-def _majority(label: NDArray[np.int32], ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N,) id of the plane that most lanes show at each step, -1 where too few show one."""
-    best, most = np.full(len(label), -1), np.zeros(len(label), int)
-    for column in range(label.shape[1]):
-        here = label[:, column]
-        count = (label == here[:, None]).sum(axis=1)
-        better = (count > most) & (here >= 0)
-        best[better], most[better] = here[better], count[better]
-    return np.where((most >= _LEAST_LANES) & (best >= 0), ids[best], -1)
+def _there(plane: NDArray[np.int64]) -> list[int]:
+    """The planes of a line, in order of their ids."""
+    return sorted(set(plane.tolist()) - {-1})
+
+
+@cached(_HERE)
+def _lanes(
+    label: NDArray[np.int32], height: NDArray[np.float32], first: NDArray[np.int64], origin: Array, forward: Array,
+    s: Array, lanes: Array,
+) -> tuple[NDArray[np.int64], Array]:  # fmt: skip
+    """The ground along a line as most of the lanes beside it see it.
+
+    Args:
+        label: Ring of slots, see `Surface`.
+        height: Ring of heights, m.
+        first: (2,) lowest column of the window.
+        origin: (2,) where the line starts, columns.
+        forward: (2,) columns on a metre of it.
+        s: (N,) m along it.
+        lanes: (L,) m to its left.
+
+    Returns:
+        (N,) slot of the plane that most lanes show, -1 where too few show one; (N,) m, median of their heights, NaN
+        where too few are known.
+    """
+    slot, middle = np.full(len(s), -1), np.full(len(s), math.nan)
+    slots, heights = np.empty(len(lanes), np.int32), np.empty(len(lanes), np.float32)
+    for n in range(len(s)):
+        known = 0
+        for lane in range(len(lanes)):
+            i = math.floor(origin[0] + s[n] * forward[0] - lanes[lane] * forward[1])
+            j = math.floor(origin[1] + s[n] * forward[1] + lanes[lane] * forward[0])
+            slots[lane] = -1
+            if i < first[0] or i >= first[0] + COLUMNS or j < first[1] or j >= first[1] + COLUMNS:
+                continue
+            slots[lane] = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            z = height[i & (COLUMNS - 1), j & (COLUMNS - 1)]
+            if not math.isnan(z):
+                heights[known] = z
+                known += 1
+        most = _LEAST_LANES - 1
+        for lane in range(len(lanes)):
+            count = 0
+            for other in range(len(lanes)):
+                count += slots[other] == slots[lane]
+            if slots[lane] >= 0 and count > most:
+                slot[n], most = slots[lane], count
+        if known >= _LEAST_LANES:
+            middle[n] = np.median(heights[:known])
+    return slot, middle
 
 
 def _changes(
@@ -74,10 +118,10 @@ def _changes(
     p: TerrainMapParameters,
 ) -> tuple[Change, ...]:  # fmt: skip
     runs = []
-    for id_ in np.unique(plane[plane >= 0]):
+    for id_ in _there(plane):
         at = np.flatnonzero(plane == id_)
         if len(at) >= _SHORTEST:
-            runs.append((float(s[at[0]]), float(s[at[-1]]), estimate.planes[int(id_)]))
+            runs.append((float(s[at[0]]), float(s[at[-1]]), estimate.planes[id_]))
     runs.sort(key=lambda run: run[0] + run[1])
     found = []
     for (_, end, one), (start, _, other) in pairwise(runs):

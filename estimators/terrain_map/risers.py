@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.blocks import Blocks
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.views import brink
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 _LANES = 28
 _INSIDE_M = 0.06
@@ -19,6 +24,8 @@ _BEYOND_M = 0.14
 _GAP_M = 0.12
 _FEWEST = 6
 _OUTLIER_M = 0.02
+_ENDS = np.array([3.0, 97.0])
+"""Percentiles of its points between which an edge is looked up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,15 +48,16 @@ class Riser:
     found: bool
     height: float
 
-    @property
+    @cached_property
     def middle(self) -> Array:
         """(2,) m."""
         return np.asarray(self.points.mean(axis=0))
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Of the edge, m."""
-        return float(np.ptp(self.points @ np.array([-self.down[1], self.down[0]])))
+        along = self.points @ np.array([-self.down[1], self.down[0]])
+        return float(along.max() - along.min())
 
 
 def riser(lower: Plane, upper: Plane, ends: Array, toward: Array) -> Riser | None:
@@ -66,16 +74,9 @@ def riser(lower: Plane, upper: Plane, ends: Array, toward: Array) -> Riser | Non
     """
     if len(ends) < _FEWEST:
         return None
-    down = toward.mean(axis=0)
-    if np.linalg.norm(down) < 0.4:  # the lower plane lies all around: no edge to step over
+    down, points = _line(ends, toward)
+    if not len(points):
         return None
-    down = _across(ends, down)
-    s = ends @ down
-    near = np.abs(s - np.median(s)) < 0.06
-    if near.sum() < _FEWEST:
-        return None
-    down = _across(ends[near], down)
-    points = ends[near]
     middle = points.mean(axis=0)
     return Riser(
         lower=lower.id, upper=upper.id, down=down, points=points, found=False,
@@ -83,15 +84,30 @@ def riser(lower: Plane, upper: Plane, ends: Array, toward: Array) -> Riser | Non
     )  # fmt: skip
 
 
-def _across(points: Array, toward: Array) -> Array:
-    """(2,) unit vector across the line through points, on the side of `toward`."""
-    offset = points - points.mean(axis=0)
-    _, vectors = np.linalg.eigh(offset.T @ offset)
-    across = vectors[:, 0]
-    along = vectors[:, 1]
-    if abs(across @ toward) < abs(along @ toward) * 0.5:  # too short an edge to have a direction
-        across = toward / np.linalg.norm(toward)
-    return np.asarray(across if across @ toward > 0 else -across)
+@cached(_HERE)
+def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
+    """(2,) unit vector down across an edge, and those of its columns, see `riser`, on it; none if it is none."""
+    down = np.array([toward[:, 0].mean(), toward[:, 1].mean()])
+    if math.hypot(down[0], down[1]) < 0.4:  # the lower plane lies all around: no edge to step over
+        return down, ends[:0]
+    down = across(ends, down)
+    s = ends[:, 0] * down[0] + ends[:, 1] * down[1]
+    points = ends[np.abs(s - np.median(s)) < 0.06]
+    if len(points) < _FEWEST:
+        return down, ends[:0]
+    return across(points, down), points
+
+
+@cached(_HERE)
+def across(points: Array, toward: Array) -> Array:
+    """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
+    x, y = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
+    turn = 0.5 * math.atan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())  # of the line, by its scatter
+    ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
+    along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
+    if abs(ahead) < abs(along) * 0.5:  # too short an edge to have a direction
+        return toward / math.hypot(toward[0], toward[1])
+    return math.copysign(1.0, ahead) * np.array([-math.sin(turn), math.cos(turn)])
 
 
 def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
@@ -108,36 +124,55 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
     Returns:
         The riser, unchanged where the voxels show no edge.
     """
-    left = np.array([-down[1], down[0]])
-    s0, across = float(np.median(edge.points @ down)), edge.points @ left
-    low, high = np.percentile(across, [3, 97])
-    lanes = np.linspace(low, high, _LANES)
-    starts = (s0 - _INSIDE_M) * down + lanes[:, None] * left
-    slope = float(upper.gradient @ down)
-    z = upper.height(starts) - voxel_m
-    at = np.column_stack([starts, z]) @ R_grid_world.T / voxel_m
-    direction = R_grid_world[:2, :2] @ down
+    starts = _starts(edge.points, down)
+    at = np.column_stack([starts, upper.height(starts) - voxel_m]) @ R_grid_world.T / voxel_m
+    slope, direction = float(upper.gradient @ down), R_grid_world[:2, :2] @ down
     reach = brink(blocks, at, direction, slope, (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m) * voxel_m
-    seen = np.isfinite(reach)
-    if seen.sum() < _FEWEST:
+    points = _ends(starts, reach, down)
+    if not len(points):
         return edge
-    seen &= np.abs(reach - np.median(reach[seen])) < _OUTLIER_M
-    if seen.sum() < _FEWEST:
-        return edge
-    points = starts[seen] + reach[seen, None] * down
-    return Riser(lower=edge.lower, upper=edge.upper, down=_across(points, down), points=points, found=True,
+    return Riser(lower=edge.lower, upper=edge.upper, down=across(points, down), points=points, found=True,
                  height=edge.height)  # fmt: skip
 
 
-def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.int32]]:
-    """Columns (N, 2) of the borders by the ids of lower and upper plane, from what `surface.borders` finds."""
+@cached(_HERE)
+def _starts(points: Array, down: Array) -> Array:
+    """(N, 2) m, where lanes that cross an edge begin, a little before it."""
+    s = points[:, 0] * down[0] + points[:, 1] * down[1]
+    low, high = np.percentile(points[:, 1] * down[0] - points[:, 0] * down[1], _ENDS)
+    first = np.median(s) - _INSIDE_M
+    starts = np.empty((_LANES, 2))
+    for n in range(_LANES):
+        aside = low + (high - low) * n / (_LANES - 1)
+        starts[n, 0] = first * down[0] - aside * down[1]
+        starts[n, 1] = first * down[1] + aside * down[0]
+    return starts
+
+
+@cached(_HERE)
+def _ends(starts: Array, reach: Array, down: Array) -> Array:
+    """(N, 2) m, where lanes end, without those that end elsewhere than most; none if they are too few."""
+    seen = np.isfinite(reach)
+    if seen.sum() < _FEWEST:
+        return starts[:0]
+    seen &= np.abs(reach - np.median(reach[seen])) < _OUTLIER_M
+    if seen.sum() < _FEWEST:
+        return starts[:0]
+    points = starts[seen]
+    points[:, 0] += reach[seen] * down[0]
+    points[:, 1] += reach[seen] * down[1]
+    return points
+
+
+def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
+    """Rows of the borders that `surface.borders` finds, by the ids of lower and upper plane."""
     if not len(found):
         return {}
     key = found[:, 0].astype(np.int64) * len(ids) + found[:, 1]
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-    groups = np.split(found[order], starts[1:])
-    return {(int(ids[g[0, 0]]), int(ids[g[0, 1]])): g for g in groups}
+    groups = np.split(order, starts[1:])
+    return {(int(ids[found[g[0], 0]]), int(ids[found[g[0], 1]])): g for g in groups}
 
 
 def heading_of(edges: list[Riser]) -> Array:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.risers import Riser, angle_between, heading_of
 from stridetwin.streams.samples import Array
 
+_HERE = Path(__file__).parent
+
 _PARALLEL = math.radians(20.0)
 _UNKNOWN = math.inf
+_PLACES = [3, 1, 2]
+"""Of start, tread and turn in the covariance of `Stairs`."""
+_ENDS = np.array([2.0, 98.0])
+"""Percentiles of its points between which a flight's edges reach."""
 
 
 def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
@@ -61,57 +70,91 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
     up = -heading_of(row)
     left = np.array([-up[1], up[0]])
     n = len(row)
-    middle = np.mean([r.middle @ left for r in row])
-    # s = start + k tread - turn (l - middle), one row an edge point: least squares, an edge's points share an error.
-    normal, right = np.zeros((3, 3)), np.zeros(3)
-    edges = np.full(n, np.nan)
-    sd = np.zeros(n)
-    for k, r in enumerate(row):
-        s, side = r.points @ up, r.points @ left - middle
-        sd[k] = p.edge_sd_m if r.found else 2.0 * p.voxel_m
-        edges[k] = s.mean()
-        J = np.column_stack([np.ones(len(s)), np.full(len(s), float(k)), -side])
-        # Own scatter of the points, and what all of them share, out of the weights by Woodbury's formula.
-        own = max(float((s - s.mean()).var()), (0.25 * p.voxel_m) ** 2)
-        shared = 1.0 / (own**2 * (len(s) / own + 1.0 / sd[k] ** 2))
-        ones = J.sum(axis=0)
-        normal += J.T @ J / own - shared * np.outer(ones, ones)
-        right += J.T @ s / own - shared * ones * s.sum()
-    known = 3 if n > 1 else 2
-    at = np.array([0, 1, 2] if n > 1 else [0, 2])
-    covariance = np.full((3, 3), 0.0)
-    values = np.array([0.0, math.nan, 0.0])
-    solved = np.linalg.inv(normal[np.ix_(at, at)] + 1e-9 * np.eye(known))
-    values[at] = solved @ right[at]
-    covariance[np.ix_(at, at)] = solved
+    middle = float(np.mean([r.middle @ left for r in row]))
+    points = np.concatenate([r.points for r in row])
+    counts = np.array([len(r.points) for r in row])
+    sd = np.array([p.edge_sd_m if r.found else 2.0 * p.voxel_m for r in row])
+    values, covariance, edges, across = _even(points, counts, sd, up, middle, (0.25 * p.voxel_m) ** 2)
     turn = float(values[2])
     ground = [(planes[row[0].lower], row[0].middle), *((planes[r.upper], r.middle) for r in row)]
-    heights = np.array([float(plane.height(plane.toward(edge))) for plane, edge in ground])
-    height_sd = np.array([plane.height_sd(plane.toward(edge)) for plane, edge in ground])
+    seen = [(plane, plane.toward(edge)) for plane, edge in ground]
+    heights = np.array([float(plane.height(place)) for plane, place in seen])
+    height_sd = np.array([plane.height_sd(place) for plane, place in seen])
     base, riser, height_covariance = _line(heights, height_sd)
     full = np.zeros((5, 5))
-    place = {0: 3, 1: 1, 2: 2}
-    for i in range(3):
-        for j in range(3):
-            full[place[i], place[j]] = covariance[i, j]
+    full[np.ix_(_PLACES, _PLACES)] = covariance
     if n == 1:
         full[1, 1] = _UNKNOWN
     full[np.ix_([4, 0], [4, 0])] = height_covariance
     heading = math.atan2(up[1], up[0]) + turn
-    across = np.concatenate([r.points @ left for r in row])
     # The line at its middle, told along the turned way up.
     foot = (values[0] * up + middle * left) @ np.array([math.cos(heading), math.sin(heading)])
     return Stairs(
         id=id_, planes=(row[0].lower, *(r.upper for r in row)), steps=n, riser=riser, tread=float(values[1]),
         heading=math.atan2(math.sin(heading), math.cos(heading)), start=float(foot), base=base, covariance=full,
         edges=edges, risers=np.array([r.height for r in row]),
-        across=np.array([np.percentile(across, 2), np.percentile(across, 98)]),
+        across=across,
     )  # fmt: skip
 
 
+@cached(_HERE, error_model="numpy")
+def _even(
+    points: Array, counts: NDArray[np.int64], sd: Array, up: Array, middle: float, least: float
+) -> tuple[Array, Array, Array, Array]:
+    """Even edges: s = start + k tread - turn (l - middle), one row an edge point, by least squares.
+
+    An edge's points share an error: what all of them share comes out of the weights by Woodbury's formula.
+
+    Args:
+        points: (N, 2) m, those of each edge in turn.
+        counts: How many each has.
+        sd: m, what the points of each share.
+        up: (2,) unit vector along which s is measured; l to its left.
+        middle: m.
+        least: Smallest variance of a point, m².
+
+    Returns:
+        (3,) start, tread and turn; their (3, 3) covariance; each edge's mean s, and the 2nd and 98th percentile of l.
+    """
+    s, aside = points[:, 0] * up[0] + points[:, 1] * up[1], points[:, 1] * up[0] - points[:, 0] * up[1]
+    normal, right, edges = np.zeros((3, 3)), np.zeros(3), np.empty(len(counts))
+    first = 0
+    for k in range(len(counts)):
+        own_s, side = s[first : first + counts[k]], aside[first : first + counts[k]] - middle
+        first += counts[k]
+        n = float(counts[k])
+        edges[k] = own_s.mean()
+        own = max(own_s.var(), least)
+        shared = 1.0 / (own**2 * (n / own + 1.0 / sd[k] ** 2))
+        ones = np.array([n, k * n, -side.sum()])
+        squares = np.empty((3, 3))
+        squares[0, 0], squares[0, 1], squares[1, 1] = n, k * n, k * k * n
+        squares[0, 2], squares[1, 2], squares[2, 2] = ones[2], k * ones[2], (side * side).sum()
+        squares[1, 0], squares[2, 0], squares[2, 1] = squares[0, 1], squares[0, 2], squares[1, 2]
+        normal += squares / own - shared * np.outer(ones, ones)
+        total = own_s.sum()
+        right += np.array([total, k * total, -(side * own_s).sum()]) / own - shared * total * ones
+    at = np.array([0, 1, 2]) if len(counts) > 1 else np.array([0, 2])  # one edge alone tells no tread
+    known = np.empty((len(at), len(at)))
+    for i in range(len(at)):
+        for j in range(len(at)):
+            known[i, j] = normal[at[i], at[j]] + (1e-9 if i == j else 0.0)
+    solved = np.linalg.inv(known)
+    values, covariance = np.array([0.0, math.nan, 0.0]), np.zeros((3, 3))
+    for i in range(len(at)):
+        values[at[i]] = 0.0
+        for j in range(len(at)):
+            covariance[at[i], at[j]] = solved[i, j]
+            values[at[i]] += solved[i, j] * right[at[j]]
+    return values, covariance, edges, np.percentile(aside, _ENDS)
+
+
+@cached(_HERE, error_model="numpy")
 def _line(heights: Array, sd: Array) -> tuple[float, float, Array]:
     """Base and riser of equal steps, and their (2, 2) covariance."""
-    J = np.column_stack([np.ones(len(heights)), np.arange(len(heights))])
-    covariance = np.asarray(np.linalg.inv(J.T @ (J / sd[:, None] ** 2)), float)
-    base, riser = covariance @ (J.T @ (heights / sd**2))
-    return float(base), float(riser), covariance
+    w, k = sd**-2, np.arange(len(heights))
+    n, x, xx = w.sum(), (w * k).sum(), (w * k * k).sum()
+    det = n * xx - x * x
+    covariance = np.array([[xx / det, -x / det], [-x / det, n / det]])
+    y, xy = (w * heights).sum(), (w * k * heights).sum()
+    return (xx * y - x * xy) / det, (n * xy - x * y) / det, covariance

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.terrain_map.blocks import EDGE, SHAPE
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point
+
+_HERE = Path(__file__).parent
 
 COLUMNS = SHAPE[0] * EDGE
 """Along an edge of the window; a power of two."""
@@ -50,11 +55,6 @@ class Surface:
             self.label[at], self.height[at] = NONE, np.nan
         self.origin = origin.copy()
 
-    def view(self, first: NDArray[np.int64], size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Index of a square of columns in the rings."""
-        i, j = ((f + np.arange(size)) % COLUMNS for f in first)
-        return i[:, None], j[None, :]
-
     def at(self, columns: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Label and height of (..., 2) columns; -1 and NaN outside the window."""
         inside = ((columns >= self.origin) & (columns < self.origin + COLUMNS)).all(axis=-1)
@@ -62,7 +62,77 @@ class Surface:
         return np.where(inside, self.label[i, j], NONE), np.where(inside, self.height[i, j], np.float32(np.nan))
 
 
-@njit(cache=True)
+@cached(_HERE)
+def overlaps(
+    label: NDArray[np.int32], first: NDArray[np.int64], labels: NDArray[np.int32], height: NDArray[np.float32],
+    count: int, slots: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
+    """How many columns of a view are of a new and an old plane.
+
+    Args:
+        label: Ring, see `Surface`.
+        first: (2,) column of the view's corner.
+        labels: (n, n) number of each column's new plane, -1 none.
+        height: (n, n) m, NaN where nothing is seen.
+        count: How many new planes there are.
+        slots: How many old ones there may be.
+
+    Returns:
+        (count, slots) columns that are of both, and (slots,) columns of each old one that are seen.
+    """
+    both, seen = np.zeros((count, slots), np.int64), np.zeros(slots, np.int64)
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            before = label[(first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)]
+            if before >= 0:
+                if labels[i, j] >= 0:
+                    both[labels[i, j], before] += 1
+                seen[before] += not math.isnan(height[i, j])
+    return both, seen
+
+
+@cached(_HERE)
+def put_view(
+    label: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], first: NDArray[np.int64],
+    labels: NDArray[np.int32], slots: NDArray[np.int32], heights: NDArray[np.float32], noises: NDArray[np.float32],
+    same_m: float,
+) -> None:  # fmt: skip
+    """Writes a view into the rings.
+
+    Args:
+        label: Ring, see `Surface`; changed, likewise the next two.
+        height: Ring.
+        noise: Ring.
+        first: (2,) column of the view's corner.
+        labels: (n, n) number of each column's new plane, -1 none.
+        slots: Slot of each new plane.
+        heights: (n, n) m, NaN where nothing is seen.
+        noises: (n, n) m.
+        same_m: A column without a new plane keeps its old one where its height has changed by less.
+    """
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            p, q = (first[0] + i) & (COLUMNS - 1), (first[1] + j) & (COLUMNS - 1)
+            z = heights[i, j]
+            if math.isnan(z):
+                label[p, q] = NONE
+            elif labels[i, j] >= 0:
+                label[p, q] = slots[labels[i, j]]
+            elif not abs(z - height[p, q]) < same_m:
+                label[p, q] = NONE
+            height[p, q], noise[p, q] = z, noises[i, j]
+
+
+@cached(_HERE)
+def forget(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
+    """Takes the labels away that are gone, (slots,), from the ring."""
+    for i in range(label.shape[0]):
+        for j in range(label.shape[1]):
+            if label[i, j] >= 0 and gone[label[i, j]]:
+                label[i, j] = NONE
+
+
+@cached(_HERE)
 def sums_of(
     label: NDArray[np.int32], height: NDArray[np.float32], noise: NDArray[np.float32], origin: NDArray[np.int64],
     slots: int, voxel_m: float,
@@ -78,7 +148,7 @@ def sums_of(
     return sums
 
 
-@njit(cache=True)
+@cached(_HERE)
 def borders(
     label: NDArray[np.int32], height: NDArray[np.float32], origin: NDArray[np.int64], slots: int, reach: int,
     least_m: float, most_m: float,
@@ -104,6 +174,13 @@ def borders(
         for j in range(origin[1] + 1, origin[1] + COLUMNS - 1):
             upper = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
             if upper < 0:
+                continue
+            if (
+                label[(i + 1) & (COLUMNS - 1), j & (COLUMNS - 1)] == upper
+                and label[(i - 1) & (COLUMNS - 1), j & (COLUMNS - 1)] == upper
+                and label[i & (COLUMNS - 1), (j + 1) & (COLUMNS - 1)] == upper
+                and label[i & (COLUMNS - 1), (j - 1) & (COLUMNS - 1)] == upper
+            ):  # most columns
                 continue
             z = height[i & (COLUMNS - 1), j & (COLUMNS - 1)]
             for side in range(4):

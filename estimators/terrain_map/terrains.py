@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.blocks import Blocks
-from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Terrain
+from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet
 from stridetwin.estimators.terrain_map.risers import Riser, heading_of, pairs_of, refined, riser
@@ -15,10 +17,17 @@ from stridetwin.estimators.terrain_map.stairs import flights, stairs
 from stridetwin.estimators.terrain_map.surface import borders
 from stridetwin.streams.samples import Array
 
-_SIDES = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+_SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 _HIDDEN_M = 0.30
 """Ground that a riser may hide from the camera."""
 _SIGNIFICANT = 2.0
+
+
+class _Known(NamedTuple):
+    lower: Plane
+    upper: Plane
+    columns: NDArray[np.int32]
+    riser: Riser | None
 
 
 def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
@@ -26,55 +35,82 @@ def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
     return plane.slope < p.flat_rad + min(_SIGNIFICANT * plane.slope_sd, 2.0 * p.flat_rad)
 
 
-def find_risers(
-    planes: dict[int, Plane], plane_set: PlaneSet, R_world_grid: Array, p: TerrainMapParameters
-) -> list[Riser]:
-    """Steps between flat planes as their columns show them."""
-    surface = plane_set.surface
-    found = borders(
-        surface.label, surface.height, surface.origin, SLOTS, round(_HIDDEN_M / p.voxel_m), p.riser_min_m,
-        p.riser_max_m,
-    )  # fmt: skip
-    turn = R_world_grid[:2, :2]
-    risers = []
-    for (low, high), columns in pairs_of(found, plane_set.ids).items():
-        lower, upper = planes[low], planes[high]
-        if not (is_flat(lower, p) and is_flat(upper, p)):
-            continue
-        sides = _SIDES[columns[:, 4]]
+class Terrains:
+    """Finds terrains, and remembers those whose planes and edges have not changed since the last picture.
+
+    What lies behind the walker is then looked at no more, however long the way is.
+
+    Args:
+        R_world_grid: (3, 3) grid to world axes.
+        parameters: Thresholds.
+    """
+
+    def __init__(self, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
+        self._R_world_grid, self._p = R_world_grid, parameters
+        self._risers: dict[tuple[int, int], _Known] = {}
+        self._stairs: dict[tuple[Riser, ...], Stairs] = {}
+
+    def find(self, planes: dict[int, Plane], plane_set: PlaneSet, blocks: Blocks) -> tuple[Terrain, ...]:
+        """Levels, ramps and stairs.
+
+        Args:
+            planes: By id, world axes; those that have not changed are the objects of the last time.
+            plane_set: Their columns.
+            blocks: The voxels.
+        """
+        p = self._p
+        found: list[Terrain] = []
+        treads: set[int] = set()
+        rows = [tuple(row) for row in flights(self._find_risers(planes, plane_set), p)]
+        self._stairs = {row: self._stairs.get(row) or self._flight(row, planes, blocks) for row in rows}
+        for flight in self._stairs.values():
+            found.append(flight)
+            treads.update(flight.planes[1:-1])
+        for plane in planes.values():
+            if plane.id in treads:
+                continue
+            if is_flat(plane, p):
+                found.append(Level(id=plane.id, plane=plane.id))
+            elif plane.slope <= p.ramp_rad and plane.area_m2 >= p.ramp_area_m2:
+                heading = math.atan2(*plane.gradient[::-1])
+                ramp = Ramp(id=plane.id, plane=plane.id, slope=plane.slope, slope_sd=plane.slope_sd, heading=heading)
+                found.append(ramp)
+        return tuple(found)
+
+    def _flight(self, row: tuple[Riser, ...], planes: dict[int, Plane], blocks: Blocks) -> Stairs:
+        down = heading_of(list(row))
+        R_grid_world, voxel_m = self._R_world_grid.T, self._p.voxel_m
+        looked_up = [refined(r, planes[r.upper], down, blocks, R_grid_world, voxel_m) for r in row]
+        return stairs(looked_up, planes, min(r.upper for r in row), self._p)
+
+    def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
+        """Steps between flat planes as their columns show them."""
+        p, surface = self._p, plane_set.surface
+        found = borders(
+            surface.label, surface.height, surface.origin, SLOTS, round(_HIDDEN_M / p.voxel_m), p.riser_min_m,
+            p.riser_max_m,
+        )  # fmt: skip
+        known: dict[tuple[int, int], _Known] = {}
+        for pair, rows in pairs_of(found, plane_set.ids).items():
+            lower, upper = planes[pair[0]], planes[pair[1]]
+            if not (is_flat(lower, p) and is_flat(upper, p)):
+                continue
+            columns, before = found[rows], self._risers.get(pair)
+            if (
+                before is not None and before.lower is lower and before.upper is upper
+                and np.array_equal(before.columns, columns)
+            ):  # fmt: skip
+                known[pair] = before
+            else:
+                known[pair] = _Known(lower, upper, columns, self._riser(lower, upper, columns))
+        self._risers = known
+        return [one.riser for one in known.values() if one.riser is not None]
+
+    def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
+        """The step that columns of `borders` show."""
+        p, turn, sides = self._p, self._R_world_grid[:2, :2], _SIDES[columns[:, 4]]
         ends = (columns[:, 2:4] + 0.5 + 0.5 * sides) * p.voxel_m @ turn.T
         edge = riser(lower, upper, ends, sides @ turn.T)
         if edge is not None and p.riser_min_m <= edge.height <= p.riser_max_m and edge.length >= p.edge_min_m:
-            risers.append(edge)
-    return risers
-
-
-def terrains(
-    planes: dict[int, Plane], plane_set: PlaneSet, blocks: Blocks, R_world_grid: Array, p: TerrainMapParameters
-) -> tuple[Terrain, ...]:
-    """Levels, ramps and stairs.
-
-    Args:
-        planes: By id, world axes.
-        plane_set: Their columns.
-        blocks: The voxels.
-        R_world_grid: (3, 3) grid to world axes.
-        p: Thresholds.
-    """
-    found: list[Terrain] = []
-    treads: set[int] = set()
-    for row in flights(find_risers(planes, plane_set, R_world_grid, p), p):
-        down = heading_of(row)
-        row = [refined(r, planes[r.upper], down, blocks, R_world_grid.T, p.voxel_m) for r in row]
-        flight = stairs(row, planes, min(r.upper for r in row), p)
-        found.append(flight)
-        treads.update(flight.planes[1:-1])
-    for plane in planes.values():
-        if plane.id in treads:
-            continue
-        if is_flat(plane, p):
-            found.append(Level(id=plane.id, plane=plane.id))
-        elif plane.slope <= p.ramp_rad and plane.area_m2 >= p.ramp_area_m2:
-            heading = math.atan2(*plane.gradient[::-1])
-            found.append(Ramp(id=plane.id, plane=plane.id, slope=plane.slope, slope_sd=plane.slope_sd, heading=heading))
-    return tuple(found)
+            return edge
+        return None

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.terrain_map.blocks import EDGE, SHAPE, Blocks, slot_of, voxel
+from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.terrain_map.blocks import EDGE, SHAPE, Blocks, slot_of
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 _SEEN = 0.1
 """Weight from which on a voxel counts."""
@@ -20,7 +23,7 @@ _SHARE = 0.5
 """Of the weight beside it that a column needs."""
 
 
-@njit(cache=True)
+@cached(_HERE)
 def from_above(
     blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -39,42 +42,48 @@ def from_above(
     """
     height = np.full((size, size), np.nan, np.float32)
     trust = np.zeros((size, size), np.float32)
-    above = np.zeros((EDGE, EDGE), np.float32)
-    known = np.zeros((EDGE, EDGE), np.float32)
-    low = blocks.origin[2] * EDGE
-    start = min(top_k, low + SHAPE[2] * EDGE - 1)
+    # Of the voxel above, by column of a block: its λ, its weight, 0 where it was not seen; and which columns are done.
+    above, known = np.zeros(EDGE * EDGE, np.float32), np.zeros(EDGE * EDGE, np.float32)
+    met = np.zeros(EDGE * EDGE, np.bool_)
+    slots, origin = blocks.slots, blocks.origin
+    start = min(top_k, (origin[2] + SHAPE[2]) * EDGE - 1)
+    nothing, least = np.float32(0.0), np.float32(_SEEN)
     for bi in range(size // EDGE):
         for bj in range(size // EDGE):
-            known[:] = 0.0
+            known[:], met[:] = nothing, False
             left = EDGE * EDGE
-            for bk in range(start >> 3, blocks.origin[2] - 1, -1):
-                row = slot_of(blocks.slots, blocks.origin, (first_i >> 3) + bi, (first_j >> 3) + bj, bk)
+            for bk in range(start >> 3, origin[2] - 1, -1):
+                row = slot_of(slots, origin, (first_i >> 3) + bi, (first_j >> 3) + bj, bk)
                 if row < 0:
-                    known[:] = 0.0
+                    known[:] = nothing
                     continue
-                for i in range(EDGE):
-                    for j in range(EDGE):
-                        if not math.isnan(height[bi * EDGE + i, bj * EDGE + j]):
+                distance, weight = blocks.distance[row], blocks.weight[row]
+                top = min(EDGE - 1, start - bk * EDGE)
+                for column in range(EDGE * EDGE):
+                    if met[column]:
+                        continue
+                    before, trusted = above[column], known[column]
+                    for k in range(top, -1, -1):
+                        at = (column << 3) | k
+                        own, value = weight[at], distance[at]
+                        if own < least:
+                            trusted = nothing
                             continue
-                        for k in range(min(EDGE - 1, start - bk * EDGE), -1, -1):
-                            at = (i << 6) | (j << 3) | k
-                            weight, value = blocks.weight[row, at], blocks.distance[row, at]
-                            if weight < _SEEN:
-                                known[i, j] = 0.0
-                                continue
-                            if value >= 0.0 and known[i, j] > 0.0 and above[i, j] < 0.0:
-                                share = value / (value - above[i, j])
-                                height[bi * EDGE + i, bj * EDGE + j] = (bk * EDGE + k + 0.5 + share) * voxel_m
-                                trust[bi * EDGE + i, bj * EDGE + j] = min(weight, known[i, j])
-                                left -= 1
-                                break
-                            known[i, j], above[i, j] = weight, value
+                        if value >= nothing and trusted > nothing and before < nothing:
+                            i, j = bi * EDGE + (column >> 3), bj * EDGE + (column & 7)
+                            height[i, j] = (bk * EDGE + k + 0.5 + value / (value - before)) * voxel_m
+                            trust[i, j] = min(own, trusted)
+                            met[column] = True
+                            left -= 1
+                            break
+                        trusted, before = own, value
+                    above[column], known[column] = before, trusted
                 if left == 0:
                     break
     return height, trust
 
 
-@njit(cache=True, error_model="numpy")
+@cached(_HERE, error_model="numpy")
 def from_camera(
     blocks: Blocks, intrinsics: Array, shape: tuple[int, int], T_grid_camera: Array, voxel_m: float, range_m: float
 ) -> NDArray[np.float32]:
@@ -123,27 +132,7 @@ def from_camera(
     return picture
 
 
-@njit(cache=True, error_model="numpy")
-def distance_at(blocks: Blocks, x: float, y: float, z: float) -> float:
-    """Distance λ between voxel centres (trilinear), at a place in voxels, grid axes; NaN where a voxel was not seen."""
-    x, y, z = x - 0.5, y - 0.5, z - 0.5
-    i, j, k = math.floor(x), math.floor(y), math.floor(z)
-    a, b, c = x - i, y - j, z - k
-    total = 0.0
-    for p in range(2):
-        for q in range(2):
-            for r in range(2):
-                share = (a if p else 1 - a) * (b if q else 1 - b) * (c if r else 1 - c)
-                if share < 1e-6:
-                    continue
-                value, weight = voxel(blocks, i + p, j + q, k + r)
-                if weight < _SEEN:
-                    return math.nan
-                total += share * value
-    return total
-
-
-@njit(cache=True)
+@cached(_HERE, error_model="numpy")
 def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
     """How far solid ground reaches along lines just under a surface.
 
@@ -160,11 +149,28 @@ def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: 
     """
     found = np.full(len(starts), np.nan)
     step = 1.0
+    slots, origin, distance, weight = blocks.slots, blocks.origin, blocks.distance, blocks.weight
     for n in range(len(starts)):
-        x, y, z = starts[n]
         at, last_at, last = 0.0, -1.0, 0.0
         while at < reach:
-            value = distance_at(blocks, x + direction[0] * at, y + direction[1] * at, z + slope * at)
+            # λ between voxel centres (trilinear), where all eight were seen
+            x, y = starts[n, 0] + direction[0] * at - 0.5, starts[n, 1] + direction[1] * at - 0.5
+            z = starts[n, 2] + slope * at - 0.5
+            i, j, k = math.floor(x), math.floor(y), math.floor(z)
+            a, b, c = x - i, y - j, z - k
+            value = 0.0
+            for corner in range(8):
+                di, dj, dk = corner >> 2, (corner >> 1) & 1, corner & 1
+                share = (a if di else 1 - a) * (b if dj else 1 - b) * (c if dk else 1 - c)
+                if share < 1e-6:
+                    continue
+                p, q, r = i + di, j + dj, k + dk
+                row = slot_of(slots, origin, p >> 3, q >> 3, r >> 3)
+                here = ((p & 7) << 6) | ((q & 7) << 3) | (r & 7)
+                if row < 0 or weight[row, here] < _SEEN:
+                    value = math.nan
+                    break
+                value += share * distance[row, here]
             if not math.isnan(value):
                 if value < 0.0:
                     if last_at >= 0.0 and at - last_at <= gap:

@@ -7,7 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, height_plane, spread_of
+from stridetwin.estimators.terrain_map import plane_fit
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point
+from tests.estimators.from_python import from_python
+
+fit, height_plane, spread_of = (from_python(f) for f in (plane_fit.fit, plane_fit.height_plane, plane_fit.spread_of))
 
 angles = st.floats(0.0, 1.2)
 turns = st.floats(-3.1, 3.1)
