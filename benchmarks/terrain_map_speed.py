@@ -19,7 +19,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from benchmarks.command import answer, command, show_summary
 from benchmarks.foot_ins_speed import peak_mib
@@ -31,7 +30,7 @@ from stridetwin.scenarios.experiments.odometry_walks import HEALTHY
 from stridetwin.scenarios.mode_files import INSOLES
 from stridetwin.scenarios.runner import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.terrain_files import depth_camera, given_poses, pose_sample
+from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
@@ -73,9 +72,7 @@ class Estimators:
             self.spent[2:] += _now() - start
             taken = [sample] if isinstance(sample, Depth) else []
             if estimate is not None and estimate.health in HEALTHY:
-                T = estimate.T_world_imu
-                q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-                taken.insert(0, pose_sample(estimate.t_ns, T[:3, 3].copy(), q))
+                taken.insert(0, matrix_sample(estimate.t_ns, estimate.T_world_imu))
         start = _now()
         for one in taken:
             self._ground.update(one)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
 from stridetwin.scenarios.files import json_text
@@ -110,6 +111,11 @@ def pose_sample(t_ns: int, p: Array, q: Array) -> Odometry:
     return Odometry(
         topic=_POSES, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
     )
+
+
+def matrix_sample(t_ns: int, T: Array) -> Odometry:
+    """A pose alone, as `pose_sample`, from its (4, 4) matrix."""
+    return pose_sample(t_ns, T[:3, 3].copy(), Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True))
 
 
 def document(estimate: TerrainEstimate) -> dict[str, Any]:

@@ -8,12 +8,15 @@ variance a frame, in which a told attitude weighs like a white error of the same
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
-import numba
 import numpy as np
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.ticks import Tick, exp_so3
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 STILL_SD = math.radians(0.15)
 MOVING_SD = math.radians(0.9)
@@ -47,7 +50,7 @@ class Attitudes:
         _fuse(self.R, self._last, self._variance, self._rate, self._since, told, tick.rate, tick.fresh, tick.dt)
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def _fuse(
     R: Array, last: Array, variance: Array, last_rate: Array, since: Array, told: Array, rate: Array,
     fresh: Array, dt: float,
@@ -71,7 +74,7 @@ def _fuse(
         last[i], last_rate[i], since[i] = R[i], rate[i], 0.0
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def _log_so3(R: Array) -> Array:
     """(3,) rotation vector, rad; for turns below π."""
     turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import numba
+from pathlib import Path
+
 import numpy as np
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.leg import Links, forward
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 # Offsets: turns of the frames of back, thighs and feet (rad, frame axes), knees (rad), thighs and shanks (m), and how
 # much lower than at push-off a loaded heel sits in its holder (m)
 BACK, THIGH, FOOT, KNEE, LENGTH, SAG, OFFSETS = 0, 3, 9, 15, 17, 21, 22
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]:
     """Where a foot's last frame is, seen from frame 0 in world axes.
 
@@ -41,7 +45,7 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
     return foot, J
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def turning(arm: Array, R: Array) -> Array:
     """(3, 3) derivative of a vector by a small turn of the frame that carries it, in that frame's axes.
 
@@ -53,6 +57,6 @@ def turning(arm: Array, R: Array) -> Array:
     return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ np.ascontiguousarray(R)
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def _at(R_base: Array, pose: Array) -> Array:
     return R_base @ np.ascontiguousarray(pose[:3, 3])

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
-import numba
 import numpy as np
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import Sole
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 ON_N, OFF_N = 60.0, 40.0
 """Load with which a foot has landed, and below which it has left."""
@@ -83,7 +86,7 @@ class Footfall:
         return _axes(self.forward, self.up)
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def _axes(forward: Array, up: Array) -> Array:
     """(3, 3) rotation whose z axis is along `up`, and whose x axis is as near to `forward` as that allows."""
     z = up / math.sqrt(up @ up)

@@ -8,13 +8,16 @@ that paper it is (7) and (10).
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import DhRow, Leg
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 
 class Links(NamedTuple):
@@ -63,7 +66,7 @@ def _parts(rows: tuple[DhRow, ...]) -> Array:
     return np.array([*parts, still])
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def frame(alpha: float, a: float, d: float, theta: float) -> Array:
     """(4, 4) pose of a frame in the one before: equation (1)."""
     c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
@@ -72,7 +75,7 @@ def frame(alpha: float, a: float, d: float, theta: float) -> Array:
     )
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def forward(table: Array, turns: Array, q: Array) -> Array:
     """(N, 4, 4) poses of all frames in frame 0: equation (2).
 
@@ -93,7 +96,7 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
     return poses
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def joint_angles(parts: Array, R: Array) -> Array:
     """Angles of n = 1-3 joints from the rotation that they and the parts between them make up, rad.
 
@@ -130,7 +133,7 @@ def joint_angles(parts: Array, R: Array) -> Array:
     return q
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def leg_angles(leg: Links, R_world_base: Array, R_world_thigh: Array, R_world_foot: Array, knee: float) -> Array:
     """Angles of all joints of a leg, rad: equations (4)-(10).
 
@@ -155,13 +158,13 @@ def leg_angles(leg: Links, R_world_base: Array, R_world_thigh: Array, R_world_fo
     return np.concatenate((hip, np.array([knee]), ankle))
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def at_stop(leg: Links, q: Array, margin: float) -> bool:
     """Whether a joint of the ankle is within a margin (rad) of one of its stops: q as of `leg_angles`, rad."""
     ankle = q[len(q) - len(leg.ankle_stops) :]
     return bool(np.any(ankle < leg.ankle_stops[:, 0] + margin) or np.any(ankle > leg.ankle_stops[:, 1] - margin))
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def _wrapped(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))

@@ -11,12 +11,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
-import numba
 import numpy as np
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.chain import BACK, KNEE, LENGTH, OFFSETS, SAG
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 TURN_SD, KNEE_SD, LENGTH_SD, SAG_SD = math.radians(0.6), math.radians(0.3), 0.003, 0.006
 TURN_WALK = math.radians(0.05)
@@ -129,7 +132,7 @@ def _one_plane(m: Array) -> Array:
     return np.array([[along[0], along[1], 1.0, by_slope, by_slope], [0.0, 0.0, 0.0, 1.0, -1.0]])
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def _update(
     z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
 ) -> tuple[Array, Array, float]:  # fmt: skip

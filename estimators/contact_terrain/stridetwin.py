@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
-import numba
 import numpy as np
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.attitude import Attitudes
 from stridetwin.estimators.contact_terrain.chain import FOOT, OFFSETS, SAG, foot_place, turning
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate
@@ -27,6 +28,8 @@ from stridetwin.estimators.contact_terrain.offsets import (
 )
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 LOADED_N = 100.0
 BOTH_N = 150.0
@@ -237,7 +240,7 @@ class StrideTwin:
         )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def _normal(R_world_sole: Array, slope: float) -> Array:
     """(3,) the sole's normal, turned so that it slopes as it is believed to."""
     forward = np.array([R_world_sole[0, 0], R_world_sole[1, 0], 0.0])

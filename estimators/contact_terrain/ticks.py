@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
-import numba
 import numpy as np
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Insole, Sample
+
+_HERE = Path(__file__).parent
 
 HOLD_S = 0.06
 _TOGETHER_S = 0.003  # stamps of one instant differ by no more
@@ -131,7 +134,7 @@ def _sane(sample: Sample) -> bool:
     return False
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def matrix(q: Array) -> Array:
     """(3, 3) rotation of a quaternion (w, x, y, z)."""
     w, x, y, z = q / np.sqrt(np.sum(q * q))
@@ -142,7 +145,7 @@ def matrix(q: Array) -> Array:
     ])  # fmt: skip
 
 
-@numba.njit(cache=True)
+@cached(_HERE)
 def exp_so3(turn: Array) -> Array:
     """(3, 3) rotation by a rotation vector, rad."""
     angle = math.sqrt(np.sum(turn * turn))

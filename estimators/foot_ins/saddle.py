@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from stridetwin.estimators.compiled import cached
 from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
 
 HALF = 0.55
 """A corner is fitted to what lies within this many squares of it, along both edges."""
@@ -34,7 +37,7 @@ _STEP_TABLE = np.append(erf(_Z / math.sqrt(2.0)), 1.0)  # a table is exact to 3e
 _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 
 
-@njit(cache=True)
+@cached(_HERE)
 def fit_corners(
     picture: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
     rounds: int,
@@ -67,7 +70,7 @@ def fit_corners(
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@cached(_HERE, error_model="numpy")
 def _wave(u: float, sd: float) -> tuple[float, float, float]:
     """Smoothed square wave of period 2 that rises at 0, its slope, and its derivative by sd; for |u| < 2."""
     first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges whose smoothing reaches u
@@ -87,7 +90,7 @@ def _wave(u: float, sd: float) -> tuple[float, float, float]:
     return value, slope, by_sd
 
 
-@njit(cache=True, error_model="numpy")
+@cached(_HERE, error_model="numpy")
 def _fit(
     picture: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
     fit_blur: bool, rounds: int, out: Array,

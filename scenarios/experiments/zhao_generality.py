@@ -18,7 +18,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
@@ -30,7 +29,7 @@ from stridetwin.scenarios.mode_files import INSOLES
 from stridetwin.scenarios.mode_score import Laid, ModeScores, mode_figures, score_modes
 from stridetwin.scenarios.norms import reference, reference_rows
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.terrain_files import depth_camera, given_poses, pose_sample, posed_depth
+from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample, posed_depth
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.body import wearer
 from stridetwin.sim.config import Gait, Gaze
@@ -174,9 +173,7 @@ def posed(recording: Recording, mount: str, poses: str) -> Iterator[Sample]:
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometer.update(sample)
             if estimate is not None and estimate.health in HEALTHY:
-                T = estimate.T_world_imu
-                q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-                yield pose_sample(estimate.t_ns, T[:3, 3].copy(), q)
+                yield matrix_sample(estimate.t_ns, estimate.T_world_imu)
         if isinstance(sample, Depth | Insole):
             yield sample
 
