@@ -216,7 +216,8 @@ def score_samples(
         if estimate is None:
             continue
         off = pose.p_frame_in_world - truth[pose.t_ns].p_frame_in_world
-        here = float(terrain.layout.way.project(truth[pose.t_ns].p_frame_in_world[None, :2])[0])
+        begin = float(np.interp(pose.t_ns, *path.T))
+        here = float(terrain.layout.way.project(truth[pose.t_ns].p_frame_in_world[None, :2], begin=begin)[0])
         for change, at_ns in asked:
             if picture.t_ns <= at_ns < picture.t_ns + 33_000_000:
                 scored.append(_score_change(change, mapper, here, off, terrain.layout))

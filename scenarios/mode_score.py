@@ -221,10 +221,13 @@ def score_modes(
     """
     landed = footprints[2:]
     by_step = _told_by_step(landed, told)
+    places = None if layout is None else layout.way.project(np.array([f.p_foot_in_world[:2] for f in landed]))
     steps = []
     before = "LG"
     for i, print_ in enumerate(landed):
-        allowed = (print_.mode, *_straddled(print_, layout, sole_m))
+        allowed = [print_.mode]
+        if layout is not None and places is not None:
+            allowed += _straddled(print_.mode, float(places[i]), layout, sole_m)
         own = by_step[i]
         last = own[-1] if own else None
         wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
@@ -232,7 +235,7 @@ def score_modes(
         forward, left = _miss(print_, own, landed[i - 1].t_ns if i else None, laid)
         steps.append(
             ScoredMode(
-                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
+                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=tuple(allowed),
                 told=last[0].steps[last[1]].mode if last else "",
                 lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
                 probabilities=tuple(last[0].steps[last[1]].probabilities[m] for m in MODES) if last else (),
@@ -240,7 +243,7 @@ def score_modes(
             )
         )  # fmt: skip
         before = print_.mode
-    approaches = [] if layout is None else _approaches(landed, told, laid, layout)
+    approaches = [] if layout is None or places is None else _approaches(landed, places, told, laid, layout)
     return ModeScores(steps=steps, approaches=approaches)
 
 
@@ -261,17 +264,14 @@ def _told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> 
     return found
 
 
-def _straddled(print_: Footprint, layout: Layout | None, sole_m: float) -> tuple[str, ...]:
-    """Other modes that a footprint across a ramp's edge may count as."""
-    if layout is None:
-        return ()
-    s = float(layout.way.project(print_.p_foot_in_world[None, :2])[0])
+def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> list[str]:
+    """Other modes that a footprint at arc length s, across a ramp's edge, may count as."""
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     found = []
     for before, after in pairwise(layout.profile):
         if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
-            found += [m for m in (_mode_of(before), _mode_of(after)) if m != print_.mode]
-    return tuple(found)
+            found += [m for m in (_mode_of(before), _mode_of(after)) if m != mode]
+    return found
 
 
 def _miss(
@@ -291,9 +291,8 @@ def _miss(
 
 
 def _approaches(
-    landed: Sequence[Footprint], told: Sequence[ModeEstimate], laid: Laid, layout: Layout
+    landed: Sequence[Footprint], places: Array, told: Sequence[ModeEstimate], laid: Laid, layout: Layout
 ) -> list[ScoredApproach]:
-    places = layout.way.project(np.array([f.p_foot_in_world[:2] for f in landed]))
     t_ns = np.array([e.t_ns for e in told])
     scored = []
     for change in mode_changes(layout):
@@ -312,7 +311,7 @@ def _approach(change: ModeChange, estimate: ModeEstimate, laid: Laid, layout: La
     if found is None or found.mode != change.mode:
         return ScoredApproach(mode=change.mode, found=False)
     place = laid.point(estimate.t_ns, found.p_in_world)
-    off = float(layout.way.project(place[None, :2])[0]) - change.s
+    off = float(layout.way.project(place[None, :2], begin=change.s)[0]) - change.s
     if abs(off) > 0.4:
         return ScoredApproach(mode=change.mode, found=False)
     return ScoredApproach(

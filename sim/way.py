@@ -77,14 +77,15 @@ class Way:
         aside = np.stack([-np.sin(heading), np.cos(heading)], -1)
         return point + beyond[..., None] * along + np.asarray(left, dtype=float)[..., None] * aside
 
-    def project(self, path: ArrayLike, reach_m: float = 0.6) -> Array:
+    def project(self, path: ArrayLike, reach_m: float = 0.6, begin: float = 0.0) -> Array:
         """Arc lengths of the points of the way that are nearest to a path.
 
-        The path is followed from s = 0, so that it is clear which part of the way counts where two parts meet.
+        The path is followed from where it begins: so it is clear which part of the way counts where two parts meet.
 
         Args:
             path: (N, 2) m in the world, in order of time.
             reach_m: How far along the way a sample may lie from the one before it.
+            begin: Arc length near which the first one lies, m.
 
         Returns:
             (N,) m.
@@ -93,7 +94,7 @@ class Way:
         s0, s1 = self.pieces[0].s0, self.pieces[-1].s1
         grid = np.linspace(s0, s1, max(2, int((s1 - s0) / _PROJECTION_M)))
         points, heading = self.point(grid), self.heading(grid)
-        window, at = int(np.ceil(reach_m / (grid[1] - grid[0]))), int(np.argmin(np.abs(grid)))
+        window, at = int(np.ceil(reach_m / (grid[1] - grid[0]))), int(np.argmin(np.abs(grid - begin)))
         nearest = np.empty(len(path), dtype=int)
         for k, p in enumerate(path):
             low = max(at - window, 0)

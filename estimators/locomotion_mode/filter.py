@@ -11,7 +11,7 @@ import numpy as np
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import first_change, flight_at
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
-from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
+from stridetwin.estimators.locomotion_mode.footsteps import CLIMB, SIDE, StepFilter
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.pieces import Piece, pieces
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, mode_between
@@ -29,6 +29,9 @@ _MISSED = 1.4
 """Step times after which a foot that touches down again has left out a step of the other."""
 _BOUNCE = 0.6
 _STANDING_SD_M = 0.08
+_USUAL_HEIGHT_M = 1.3
+"""Of neck and waist, where the ground is not known."""
+_TALLEST_M = 2.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,10 +98,7 @@ class LocomotionMode:
         p = self.parameters
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._length, self._time = (StepFilter(m, *(share * m for share in shares)) for m in (p.step_m, p.step_s))
-        self._ramps = {
-            mode: StepFilter(p.ramp_step, p.ramp_step_sd, p.asymmetry_sd, p.step_drift, p.step_noise)
-            for mode in ("RA", "RD")
-        }
+        self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise)
         self._stance: _Stance | None = None
         self._foot, self._down_ns, self._step = "", -1, 0
         self._alike = 0  # steps in a row on ground of one mode
@@ -141,10 +141,9 @@ class LocomotionMode:
             ground, stance = self._pieces(*line), self._standing(*line)
             before, _ = moments(stance, self._s)
             feet = [_OTHER[foot], foot][1 - missed :]
-            lengths = [self._length.of(f) for f in feet]
+            lengths = [self._length.of(SIDE[f]) for f in feet]
             ahead = self._s - p.behind_m  # of the body
-            behind = 1.0 - self._shares(ground)
-            even = ahead - behind * (self._s - before - sum(lengths[:-1]))
+            even = ahead + self._leaning(ground) - 0.5 * (self._s - before - sum(lengths[:-1]))
             suits = (
                 np.asarray(np.exp(-0.5 * (even / p.body_sd_m) ** 2) / p.body_sd_m, float),
                 np.asarray(
@@ -156,7 +155,7 @@ class LocomotionMode:
             if not missed and not first:
                 self._learn(foot, stance, chain, ground)
         if not first and elapsed < 3.0 * p.step_s:
-            self._time.update(foot, elapsed / (1 + missed))
+            self._time.update(SIDE[foot], elapsed / (1 + missed))
         self._foot, self._down_ns, self._step = foot, t_ns, self._step + 1 + missed
 
     def _learn(self, foot: str, stance: Array, chain: Chain, ground: Sequence[Piece]) -> None:
@@ -172,18 +171,23 @@ class LocomotionMode:
             last, now = self._walking.latest
             made, sd = before + float(np.linalg.norm((now.p - last.p)[:2])), 0.5 * self.parameters.body_sd_m
         if here.mode == "LG":
-            self._length.update(foot, made - before, sd, even)
+            self._length.update(SIDE[foot], made - before, sd, even)
         else:
-            level = self._length.of(foot)
-            self._ramps[here.mode].update("", (made - before) / level, sd / level, even)
+            level = self._length.of(SIDE[foot])
+            self._ramps.update(CLIMB[here.mode], (made - before) / level, sd / level, even)
 
-    def _shares(self, ground: Sequence[Piece]) -> Array:
-        """(S,) how far the body is on its way from foot to foot at touch-down, by where the foot lands."""
-        p, share = self.parameters, np.full(len(self._s), self.parameters.body_share)
+    def _leaning(self, ground: Sequence[Piece]) -> Array:
+        """(S,) m the body is ahead of the middle between the feet at touch-down, by where the foot lands."""
+        p, lean = self.parameters, np.full(len(self._s), self.parameters.lean_rad)
         for piece in ground:
             if piece.mode == "RA":
-                share[(self._s >= piece.start) & (self._s < piece.end)] = p.climb_share
-        return share
+                lean[(self._s >= piece.start) & (self._s < piece.end)] += p.climb_lean * piece.slope
+        return np.asarray(self._body_height() * lean)
+
+    def _body_height(self) -> float:
+        """Of the body over the ground under it, m."""
+        height = float(self._body.p[2]) - self._height(self._body.p[:2])
+        return height if 0.0 < height < _TALLEST_M else _USUAL_HEIGHT_M
 
     def _line(self) -> tuple[Array, Array]:
         """Where the way begins, behind the body, and its direction."""
@@ -208,7 +212,7 @@ class LocomotionMode:
     ) -> Chain:
         p, mean = self.parameters, self._length.mean
         shared = math.hypot(self._length.sd, p.adapt_sd * mean)
-        ratios = {mode: (ratio.mean, ratio.sd) for mode, ratio in self._ramps.items()}
+        ratios = {mode: (self._ramps.of(kind), self._ramps.sd_of(kind)) for mode, kind in CLIMB.items()}
         return roll_out(stance, self._s, ground, lengths, shared, ratios, p, landing)
 
     def _predicted(self, t_ns: int) -> ModeEstimate:
@@ -217,7 +221,7 @@ class LocomotionMode:
         ground = self._pieces(*line)
         stance = self._standing(*line)
         feet = [_OTHER[self._foot] if k % 2 == 0 else self._foot for k in range(p.steps)]
-        lengths = [self._length.of(f) for f in feet]
+        lengths = [self._length.of(SIDE[f]) for f in feet]
         chain = self._rolled(stance, ground, lengths, None)
         times = self._times(feet, t_ns)
         left = np.array([-forward[1], forward[0]])
@@ -247,7 +251,7 @@ class LocomotionMode:
         at = float(self._down_ns if self._down_ns >= 0 else t_ns)
         variance = 0.0
         for foot in feet:
-            at = max(at + 1e9 * self._time.of(foot), t_ns + 1e9 * _SOON_S)
+            at = max(at + 1e9 * self._time.of(SIDE[foot]), t_ns + 1e9 * _SOON_S)
             variance += (p.step_noise * self._time.mean) ** 2
             found.append((int(at), math.sqrt(variance + self._time.sd**2)))
         return found

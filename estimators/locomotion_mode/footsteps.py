@@ -1,4 +1,4 @@
-"""How long the walker's steps are, in space and time, left and right: a Kalman filter over the steps that were made."""
+"""How long the walker's steps are, in space and time: a Kalman filter over the steps that were made, of two kinds."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from stridetwin.streams.samples import Array
 
 SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
 """Of each foot, left positive; of one that is not known none."""
+CLIMB = {"RA": 1.0, "RD": -1.0}
+"""Of each kind of ramp, upward positive."""
 
 
 class StepFilter:
-    """Mean of steps, and how much longer those of the left foot are.
+    """Mean of steps of two kinds, such as left and right, and half of what those of the first kind are longer.
 
     The mean drifts from step to step, single steps scatter about it.
 
     Args:
         mean: What is expected of someone unknown.
         sd: Deviation between walkers.
-        asymmetry_sd: Deviation of the difference between the feet.
+        asymmetry_sd: Deviation of half the difference.
         drift: Deviation of the mean's change from step to step.
         noise: Deviation of a step from the mean.
     """
@@ -30,11 +32,11 @@ class StepFilter:
         self._P = np.diag([sd**2, asymmetry_sd**2])
         self._drift, self._noise = drift, noise
 
-    def update(self, foot: str, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
+    def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
         """Takes a step.
 
         Args:
-            foot: `l` or `r`, "" where it is not known.
+            kind: 1 or -1 (`SIDE`, `CLIMB`), 0 where it is not known.
             value: Its length or time.
             value_sd: Deviation with which that is known.
             sure: How likely it is a step like those that are filtered, 0-1.
@@ -42,7 +44,7 @@ class StepFilter:
         self._P[0, 0] += self._drift**2
         if sure <= 0.0:
             return
-        J = np.array([1.0, SIDE[foot]])
+        J = np.array([1.0, kind])
         noise = (self._noise**2 + value_sd**2) / sure
         off = value - float(J @ self._x)
         spread = float(J @ self._P @ J) + noise
@@ -53,16 +55,21 @@ class StepFilter:
         self._P = self._P - np.outer(gain, J @ self._P)
         self._P = 0.5 * (self._P + self._P.T)
 
-    def of(self, foot: str) -> float:
-        """Expected step of a foot."""
-        return float(self._x[0] + SIDE[foot] * self._x[1])
+    def of(self, kind: float) -> float:
+        """Expected step of a kind."""
+        return float(self._x[0] + kind * self._x[1])
 
     @property
     def mean(self) -> float:
-        """Expected step of either foot."""
+        """Expected step of either kind."""
         return float(self._x[0])
 
     @property
     def sd(self) -> float:
         """Deviation with which the mean is known."""
-        return math.sqrt(max(float(self._P[0, 0]), 0.0))
+        return self.sd_of(0.0)
+
+    def sd_of(self, kind: float) -> float:
+        """Deviation with which the expected step of a kind is known."""
+        J = np.array([1.0, kind])
+        return math.sqrt(max(float(J @ self._P @ J), 0.0))

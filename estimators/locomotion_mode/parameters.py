@@ -27,8 +27,8 @@ class LocomotionModeParameters:
         asymmetry_sd: Share by which steps of the left foot are longer than the mean.
         width_m: Between left and right footprints.
         width_sd_m: Of a footprint across the way.
-        body_share: At touch-down the body is this far on its way from the foot behind to that in front.
-        climb_share: The same on the way up a ramp.
+        lean_rad: At touch-down the body is ahead of the middle between the feet by this share of its height.
+        climb_lean: Further ahead on the way up a ramp, by this share of its height and slope, rad/rad.
         body_sd_m: Deviation of that.
         edge_ahead_m: After a step over an edge the foot is this far ahead of the body.
         edge_ahead_sd_m: Deviation of that.
@@ -54,6 +54,7 @@ class LocomotionModeParameters:
         flat_sd_rad: How level ground is that is built level.
         ramp_step: Steps on ramps over those on level ground, before any was made.
         ramp_step_sd: Deviation of that.
+        climb_sd: Deviation of half of what the ratio is larger uphill than downhill.
         grid_m: Cell of the density over the next footprints.
         behind_m: How far behind the body the density begins.
         reach_m: How far ahead of it it ends.
@@ -73,9 +74,9 @@ class LocomotionModeParameters:
     asymmetry_sd: float = 0.03
     width_m: float = 0.12
     width_sd_m: float = 0.03
-    body_share: float = 0.55
-    climb_share: float = 0.75
-    body_sd_m: float = 0.06
+    lean_rad: float = 0.032
+    climb_lean: float = 0.12
+    body_sd_m: float = 0.035
     edge_ahead_m: float = 0.05
     edge_ahead_sd_m: float = 0.07
     heel_m: float = 0.045
@@ -100,6 +101,7 @@ class LocomotionModeParameters:
     flat_sd_rad: float = 0.0175
     ramp_step: float = 0.80
     ramp_step_sd: float = 0.12
+    climb_sd: float = 0.06
     grid_m: float = 0.03
     behind_m: float = 1.2
     reach_m: float = 3.6

@@ -46,6 +46,13 @@ def test_a_path_beside_the_way_is_projected_onto_it(way, left):
     np.testing.assert_allclose(way.project(way.point(s, left)), s, atol=0.03)
 
 
+@settings(max_examples=25, deadline=None)
+@given(way=ways, share=st.floats(0.0, 1.0), left=st.floats(-0.15, 0.15))
+def test_a_single_point_is_projected_where_it_is_said_to_lie(way, share, left):
+    s = share * way.pieces[-1].s1
+    np.testing.assert_allclose(way.project(way.point([s], left), begin=s + 0.1), [s], atol=0.03)
+
+
 def test_beyond_its_ends_the_way_goes_straight_on():
     way = lay_out(Route(segments=(Level(length_m=1.0), Turn(angle_rad=math.pi / 2, radius_m=2.0)))).way
     end = way.pieces[-1].s1

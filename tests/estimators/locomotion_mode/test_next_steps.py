@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.footsteps import StepFilter
+from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
 from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table, weights
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
@@ -50,18 +50,18 @@ def test_the_filter_finds_steady_steps_of_both_feet(mean, share, seed):
     steps = StepFilter(0.6, 0.15, 0.1, 0.01, 0.02)
     difference = share * mean
     for k in range(60):
-        foot = "lr"[k % 2]
-        steps.update(foot, mean + difference * (1 if foot == "l" else -1) + rng.normal(0.0, 0.02))
+        side = SIDE["lr"[k % 2]]
+        steps.update(side, mean + difference * side + rng.normal(0.0, 0.02))
     assert abs(steps.mean - mean) < 0.05
-    assert abs(steps.of("l") - steps.of("r") - 2 * difference) < 0.08
+    assert abs(steps.of(SIDE["l"]) - steps.of(SIDE["r"]) - 2 * difference) < 0.08
     assert 0.0 < steps.sd < 0.15
 
 
 def test_a_step_into_a_pause_says_little():
     steady = StepFilter(0.6, 0.09, 0.02, 0.02, 0.03)
     for _ in range(10):
-        steady.update("l", 0.6)
-    steady.update("r", 0.2)
+        steady.update(SIDE["l"], 0.6)
+    steady.update(SIDE["r"], 0.2)
     assert steady.mean > 0.5
 
 
