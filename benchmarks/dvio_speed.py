@@ -27,7 +27,7 @@ from benchmarks.repeated import again
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.dvio.filter import HELD
 from stridetwin.scenarios.experiments.odometry_walks import SENSORS, follow, odometry_samples, time_of
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording import Recording

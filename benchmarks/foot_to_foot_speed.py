@@ -20,7 +20,7 @@ from benchmarks.foot_ins_speed import peak_mib
 from benchmarks.repeated import again
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.scenarios.experiments.walks import CAMERAS, IMUS, SHOES, SONARS
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording import Recording

@@ -22,7 +22,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
 from stridetwin.scenarios.experiments.two_feet import FEET, true_start
 from stridetwin.scenarios.experiments.walks import IMUS
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.scoring import CHI2_3_95
 from stridetwin.scenarios.truth import TruePath

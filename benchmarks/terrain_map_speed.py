@@ -28,7 +28,7 @@ from stridetwin.estimators.locomotion_mode import LocomotionMode
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.scenarios.experiments.odometry_walks import HEALTHY
 from stridetwin.scenarios.mode_files import INSOLES
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample
 from stridetwin.sim.twin import Twin

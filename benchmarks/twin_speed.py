@@ -20,7 +20,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from stridetwin.scenarios.runner import record, without_cameras
+from stridetwin.scenarios.record import record
+from stridetwin.scenarios.runner import without_cameras
 from stridetwin.scenarios.scenario_file import Scenario, load_scenario
 from stridetwin.sim.twin import Twin
 

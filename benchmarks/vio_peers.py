@@ -28,7 +28,7 @@ from benchmarks.command import answer, command
 from benchmarks.peers.vocabulary import write_vocabulary
 from stridetwin.scenarios.drift import Odometry, drift_figures
 from stridetwin.scenarios.experiments.odometry_walks import dvio, figures, follow, odometry_samples, time_of, true_path
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.fitting import Fitting
 from stridetwin.sim.rotation import matrix_from_quat, quat_from_matrix

@@ -26,6 +26,7 @@ ASKED_S = 1.5
 """How long before the foot lands beyond a change its place and size are asked for."""
 _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045
+_STRIDE_MAX_M = 2.0
 _STAIR_M = 0.07
 _BINS = 10
 
@@ -221,13 +222,16 @@ def score_modes(
     """
     landed = footprints[2:]
     by_step = _told_by_step(landed, told)
-    places = None if layout is None else layout.way.project(np.array([f.p_foot_in_world[:2] for f in landed]))
+    straddled: list[tuple[str, ...]] = [() for _ in landed]
+    approaches: list[ScoredApproach] = []
+    if layout is not None:
+        places = _along(landed, layout)
+        straddled = [_straddled(f.mode, s, layout, sole_m) for f, s in zip(landed, places.tolist())]
+        approaches = _approaches(landed, places, told, laid, layout)
     steps = []
     before = "LG"
     for i, print_ in enumerate(landed):
-        allowed = [print_.mode]
-        if layout is not None and places is not None:
-            allowed += _straddled(print_.mode, float(places[i]), layout, sole_m)
+        allowed = (print_.mode, *straddled[i])
         own = by_step[i]
         last = own[-1] if own else None
         wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
@@ -235,7 +239,7 @@ def score_modes(
         forward, left = _miss(print_, own, landed[i - 1].t_ns if i else None, laid)
         steps.append(
             ScoredMode(
-                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=tuple(allowed),
+                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
                 told=last[0].steps[last[1]].mode if last else "",
                 lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
                 probabilities=tuple(last[0].steps[last[1]].probabilities[m] for m in MODES) if last else (),
@@ -243,7 +247,6 @@ def score_modes(
             )
         )  # fmt: skip
         before = print_.mode
-    approaches = [] if layout is None or places is None else _approaches(landed, places, told, laid, layout)
     return ModeScores(steps=steps, approaches=approaches)
 
 
@@ -264,14 +267,20 @@ def _told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> 
     return found
 
 
-def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> list[str]:
-    """Other modes that a footprint at arc length s, across a ramp's edge, may count as."""
+def _along(landed: Sequence[Footprint], layout: Layout) -> Array:
+    """(N,) m along the way, of footprints in order."""
+    path = np.array([f.p_foot_in_world[:2] for f in landed]).reshape(-1, 2)
+    return layout.way.project(path, reach_m=_STRIDE_MAX_M)
+
+
+def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
+    """Other modes than its own that a footprint at a place along the way may count as, across a ramp's edge."""
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     found = []
     for before, after in pairwise(layout.profile):
         if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
             found += [m for m in (_mode_of(before), _mode_of(after)) if m != mode]
-    return found
+    return tuple(found)
 
 
 def _miss(
@@ -310,8 +319,9 @@ def _approach(change: ModeChange, estimate: ModeEstimate, laid: Laid, layout: La
     found = estimate.change
     if found is None or found.mode != change.mode:
         return ScoredApproach(mode=change.mode, found=False)
-    place = laid.point(estimate.t_ns, found.p_in_world)
-    off = float(layout.way.project(place[None, :2], begin=change.s)[0]) - change.s
+    heading = float(layout.way.heading(change.s))
+    beyond = laid.point(estimate.t_ns, found.p_in_world)[:2] - layout.way.point(change.s)
+    off = float(beyond @ [math.cos(heading), math.sin(heading)])
     if abs(off) > 0.4:
         return ScoredApproach(mode=change.mode, found=False)
     return ScoredApproach(
@@ -396,13 +406,20 @@ def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
 
 def _calibration(steps: Sequence[ScoredMode]) -> float | None:
     """Expected calibration error of the told modes' probabilities, 0-1."""
-    told = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
+    told = told_and_right(steps)
     if not told:
         return None
+    return sum(abs(p - right) * count for p, right, count in told) / sum(count for _, _, count in told)
+
+
+def told_and_right(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
+    """By tenths of the told mode's probability: its mean, the share of steps that were right, and their number."""
+    told = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
     p, right = np.array([t[0] for t in told]), np.array([t[1] for t in told], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
-    gaps = [abs(p[bins == b].mean() - right[bins == b].mean()) * (bins == b).sum() for b in np.unique(bins)]
-    return float(sum(gaps) / len(p))
+    return [
+        (float(p[bins == b].mean()), float(right[bins == b].mean()), int((bins == b).sum())) for b in np.unique(bins)
+    ]
 
 
 def _percent(right: Iterable[bool]) -> float | None:

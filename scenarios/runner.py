@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios import exo_geometry, ground, injected
+from stridetwin.scenarios import injected
 from stridetwin.scenarios.estimates import estimates
 from stridetwin.scenarios.evaluate import evaluate
 from stridetwin.scenarios.files import json_text, staged
+from stridetwin.scenarios.record import Progress, record
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
 from stridetwin.scenarios.steps import write_steps
-from stridetwin.sim.fault_plan import check_times, plan_faults
-from stridetwin.sim.faults import arrivals
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.recording import Recording, RecordingWriter
-from stridetwin.streams.samples import Block, Sample
+from stridetwin.streams.recording import Recording
 from stridetwin.streams.tum import write_tum
 
 if TYPE_CHECKING:
     from stridetwin.sim.twin import Twin
 
-Progress = Callable[[str, float], None]
 Frame = tuple[float, NDArray[np.uint8]]
 
 
@@ -68,44 +65,6 @@ def without_cameras(scenario: Scenario) -> Scenario:
     """The scenario with every camera off."""
     sensors = tuple(s for s in scenario.config.sensors if s not in CAMERAS)
     return replace(scenario, config=replace(scenario.config, sensors=sensors))
-
-
-def record(twin: Twin, path: Path, progress: Progress) -> None:
-    """Lets the twin walk and writes what arrives of what its sensors say, and the truth, as one recording.
-
-    Raises:
-        ConfigError: A fault that begins after the walk's end.
-    """
-    config = twin.config
-    metadata = {
-        "scenario": config.name,
-        "seed": str(twin.seed),
-        "physics": config.physics,
-        "person_height_m": f"{config.person.height_m:g}",
-        "person_mass_kg": f"{config.person.mass_kg:g}",
-        ground.KEY: ground.to_text(twin.terrain.layout),
-        **exo_geometry.metadata(twin),
-    }
-    if twin.fell_at is None:
-        check_times(config.name, config.faults, twin.duration_s)
-    else:
-        metadata["fell_at_s"] = f"{twin.fell_at:g}"
-    planned = plan_faults(config.faults, twin.rig, twin.seed, twin.duration_s)
-    if planned:
-        metadata[injected.KEY] = injected.to_text(planned)
-    with RecordingWriter(path, twin.rig, metadata) as writer:
-        for arrival in arrivals(_sensed(twin, progress), planned):
-            writer.write(arrival.item, arrival.log_ns)
-
-
-def _sensed(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
-    t_ns = 0
-    for blocks in twin.blocks():
-        for item in blocks:
-            last = item.t_ns if isinstance(item.t_ns, int) else item.t_ns[-1:].max(initial=0)
-            t_ns = max(t_ns, int(last))
-            yield item
-        progress("walk", t_ns / 1e9 / twin.duration_s)
 
 
 def run_scenario(

@@ -109,6 +109,7 @@ def _options(group: str) -> dict[str, Field]:
         options["strike_g"] = Field(attribute="strike", read=number(0, 5, scale=G))
     if group == "head_camera":
         options["calibration_sd"] = Field(attribute="calibration_sd", read=_CALIBRATION)
+        options["pitch_down_deg"] = Field(attribute="pitch_down_rad", read=number(-30, 75, scale=_DEG))
     if group == "foot_camera":
         options["frames"] = Field(attribute="frames", read=choice({"board": "board", "full": "full"}))
         options["mount"] = Field(attribute="mount", read=_MOUNT)

@@ -119,7 +119,7 @@ class Route:
     Attributes:
         segments: Each begins where the one before ends, in its direction and at its height.
         width_m: Of the way, or of each lane.
-        scenery: What stands around: `outdoor` or `room`.
+        scenery: What stands around: `outdoor`, `room` or `corridor`.
         texture: How much there is to see on ground and walls: `rich`, `plain` or bare `white`.
         light: Brightness of sun and sky, 1 as by day.
         bystanders: Number of people who walk about, 0-4.

@@ -95,6 +95,7 @@ class Fitting:
         light: Light on the scene over what the camera is set for; cameras alone.
         exposure_s: Instead of the camera's.
         calibration_sd: How far what is told of it may be off; the camera with depth alone.
+        pitch_down_rad: How far the camera with depth, and the IMU beside it, look down instead.
         frames: `board`, where the shoe cameras draw nothing but the surroundings of the other shoe's board, or `full`.
         position_m: Where a shoe's IMU sits instead, in the foot's frame: forward, outward, up.
         mount: Where a shoe's camera sits instead.
@@ -109,6 +110,7 @@ class Fitting:
     light: float = 1.0
     exposure_s: float | None = None
     calibration_sd: CalibrationSd = field(default_factory=CalibrationSd)
+    pitch_down_rad: float | None = None
     frames: str = "board"
     position_m: tuple[float, float, float] | None = None
     mount: ShoeMount | None = None

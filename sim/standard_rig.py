@@ -157,7 +157,7 @@ def _foot_imus(config: TwinConfig) -> Iterator[WornSensor]:
 
 
 def _head_imu(config: TwinConfig) -> Iterator[WornSensor]:
-    camera = _rgbd_mount(config.rig_mount)
+    camera = _rgbd_mount(config)
     mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
     yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
 
@@ -205,13 +205,15 @@ def _on_shoe(sits: ShoeMount, side: str) -> tuple[Array, Array]:
 
 
 def _rgbd(config: TwinConfig) -> Iterator[WornSensor]:
-    mount = _rgbd_mount(config.rig_mount)
+    mount = _rgbd_mount(config)
     yield _camera(config, "head_camera", "head_imu", config.rig_mount, mount, depth=True)
 
 
-def _rgbd_mount(where: str) -> Mount:
-    body, position = _RGBD_MOUNT[where]
-    return Mount(body=body, T_body_sensor=_pose(_looking(_direction(0.0, -RGBD_PITCH_RAD)), position))
+def _rgbd_mount(config: TwinConfig) -> Mount:
+    body, position = _RGBD_MOUNT[config.rig_mount]
+    asked = config.fittings.get("head_camera", Fitting()).pitch_down_rad
+    pitch = RGBD_PITCH_RAD if asked is None else asked
+    return Mount(body=body, T_body_sensor=_pose(_looking(_direction(0.0, -pitch)), position))
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:

@@ -1,10 +1,15 @@
-"""What stands around the way, clear of the walker: planters and pillars outdoors, walls and furniture in a room."""
+"""What stands around the way, clear of the walker: planters and pillars outdoors, walls and furniture in a room.
+
+The walls of a corridor stand at the very borders of the way.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 
@@ -16,6 +21,7 @@ _CLEARANCE_M = 0.35
 _SPACING_M = 2.2
 _ROOM_MARGIN_M = 3.0
 _ROOM_HEIGHT_M = 2.7
+_WALL_M, _BRICK_M = 0.12, 0.2  # thickness of a corridor's walls, and how long the pieces are of which they are built
 _SEED = 20260  # the world looks the same in every walk
 
 
@@ -46,11 +52,14 @@ class _Frame:
 
 
 def surroundings(scenery: str, layout: Layout, bottom_m: float) -> tuple[Landmark, ...]:
-    """Landmarks of a scenery (`outdoor` or `room`), which stand no lower than `bottom_m`."""
-    kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {"outdoor": _outdoor, "room": _room}
+    """Landmarks of a scenery (`outdoor`, `room` or `corridor`), which stand no lower than `bottom_m`."""
+    kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
+        "outdoor": _outdoor, "room": _room, "corridor": _corridor
+    }  # fmt: skip
+    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
     kept: list[Landmark] = []
     for group in kinds[scenery](layout, bottom_m):
-        if all(_clear(mark.box, layout, kept) for mark in group):
+        if all(_clear(mark.box, layout, kept, clearance) for mark in group):
             kept += group
     return tuple(kept)
 
@@ -74,8 +83,8 @@ def _extent(layout: Layout) -> tuple[Array, Array]:
     return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
 
 
-def _clear(box: Box, layout: Layout, others: list[Landmark]) -> bool:
-    """Whether a box keeps its distance to all ground one could walk on, and stands in no other group's place."""
+def _clear(box: Box, layout: Layout, others: list[Landmark], clearance: float) -> bool:
+    """Whether a box keeps a distance to all ground one could walk on, and stands in no other group's place."""
     along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
     across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
     u, v = np.meshgrid(along, across)
@@ -83,8 +92,8 @@ def _clear(box: Box, layout: Layout, others: list[Landmark]) -> bool:
     points = np.stack([box.x + cos * u - sin * v, box.y + sin * u + cos * v], axis=-1)
     for slab in layout.slabs:
         p, q = slab.local(points)
-        beside = (p < -_CLEARANCE_M) | (p > slab.length + _CLEARANCE_M)
-        beside |= (q > slab.left + _CLEARANCE_M - 1e-9) | (q < -slab.right - _CLEARANCE_M + 1e-9)
+        beside = (p < -clearance) | (p > slab.length + clearance)
+        beside |= (q > slab.left + clearance - 1e-9) | (q < -slab.right - clearance + 1e-9)
         if not beside.all():
             return False
     return all(_apart(box, mark.box) for mark in others)
@@ -159,6 +168,37 @@ def _planter(
     trough = at.box(length, depth, bottom, rim, left=left)
     hedge = at.box(length - 0.1, depth - 0.1, rim - 0.01, top, left=left)
     return [Landmark(box=trough, material="stone"), Landmark(box=hedge, material="leaves")]
+
+
+def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+    """Walls along both sides of all that is straight, as far round its ends as there is room, and across both ends."""
+    pieces, profile = layout.way.pieces, layout.profile
+    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
+    built: list[Landmark] = []
+    for piece, along in ((pieces[0], -_WALL_M), (pieces[-1], pieces[-1].s1 - pieces[-1].s0 + _WALL_M)):
+        end = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0)
+        yield [Landmark(box=end.box(_WALL_M, 2 * half, bottom, top, along=along), material="brick")]
+    for piece in pieces:
+        if piece.curvature:
+            continue
+        start, length = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0), piece.s1 - piece.s0
+        for side in (-1.0, 1.0):
+            left = side * (half + _WALL_M / 2)
+            bricks = []
+            for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
+                brick = start.box(_BRICK_M, _WALL_M, bottom, top, along=along, left=left)
+                material = "brick" if math.floor((piece.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
+                if _clear(brick, layout, built, 0.0):
+                    built.append(Landmark(box=brick, material=material))
+                else:
+                    material = ""
+                bricks.append((material, along))
+            for material, run in groupby(bricks, key=itemgetter(0)):
+                if material:
+                    places = [along for _, along in run]
+                    middle, long = (places[0] + places[-1]) / 2, len(places) * _BRICK_M
+                    wall = start.box(long, _WALL_M, bottom, top, along=middle, left=left)
+                    yield [Landmark(box=wall, material=material)]
 
 
 def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:

@@ -31,7 +31,8 @@ def run_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`generate`."""
-    from stridetwin.scenarios.runner import make_twin, record
+    from stridetwin.scenarios.record import record
+    from stridetwin.scenarios.runner import make_twin
 
     scenario = _scenario(arguments)
     twin = make_twin(scenario, arguments.seed)

@@ -27,3 +27,8 @@ class Case:
     def file(self, rest: str) -> Path:
         """A file of this case; `rest` ends its name."""
         return self.folder / f"seed_{self.seed}{rest}"
+
+    @property
+    def recordings(self) -> list[Path]:
+        """The recordings of it that there are."""
+        return [*self.folder.glob(self.file(".mcap").name), *self.folder.glob(self.file("_*.mcap").name)]

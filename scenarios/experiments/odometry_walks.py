@@ -20,7 +20,7 @@ from stridetwin.estimators.dvio.parameters import named
 from stridetwin.scenarios.drift import Odometry, drift_figures
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.odometry import PoseEstimate, path_of
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.twin import Twin

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,18 @@ from stridetwin.scenarios.experiments import (
     jao_faults,
     jao_simulation,
     jao_walk,
+    mode_report,
+    mode_tables,
     shim_faults,
     shim_figures,
     shim_table5,
     zhao_closed_loop,
     zhao_generality,
+    zhao_trials,
 )
 from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, Telling
+from stridetwin.scenarios.experiments.versions import digest
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 
@@ -47,6 +53,25 @@ class Experiment:
     collect: Callable[[list[dict[str, Any]]], dict[str, Any]]
     table: Callable[[dict[str, Any]], list[str]]
     report: Callable[[dict[str, Any]], str] | None = None
+
+    @property
+    def source(self) -> tuple[str, str]:
+        """The module of `run_case`, and what else it is given there."""
+        run: Any = self.run_case
+        if isinstance(run, partial):
+            return str(run.func.__module__), repr((run.args, run.keywords))
+        return str(run.__module__), ""
+
+
+def _told_modes(name: str, seeds: range, run_case: Callable[[Case], dict[str, Any]]) -> Experiment:
+    """An experiment about the modes of coming steps."""
+    return Experiment(
+        seeds=seeds,
+        run_case=run_case,
+        collect=partial(mode_tables.collect, name),
+        table=mode_tables.table,
+        report=mode_report.report,
+    )
 
 
 EXPERIMENTS = {
@@ -88,14 +113,15 @@ EXPERIMENTS = {
         for name, scenario in (("zhao_closed_loop", "zhao_loop"), ("zhao_closed_loop_stress", "zhao_loop_stress"))
     },
     **{
-        name: Experiment(
-            seeds=zhao_generality.SEEDS,
-            run_case=partial(zhao_generality.run_case, poses),
-            collect=zhao_generality.collect,
-            table=zhao_generality.table,
+        name: _told_modes(name, seeds, partial(zhao_generality.run_case, telling))
+        for name, seeds, telling in (
+            ("zhao_generality", zhao_generality.SEEDS, Telling()),
+            ("zhao_generality_given_poses", zhao_generality.SEEDS, Telling(poses="given")),
+            ("zhao_generality_shallow", zhao_generality.SEEDS, Telling(pitch_down="shallow")),
+            ("zhao_baselines", zhao_generality.SEEDS[:60], Telling(methods=("stridetwin", "published", FORGETFUL))),
         )
-        for name, poses in (("zhao_generality", "dvio"), ("zhao_generality_given_poses", "given"))
     },
+    **{name: _told_modes(name, zhao_trials.SEEDS, partial(zhao_trials.run_case, name)) for name in zhao_trials.TRIALS},
     "dvio_bench": Experiment(
         seeds=dvio_bench.SEEDS, run_case=dvio_bench.run_case, collect=dvio_bench.collect, table=dvio_bench.table
     ),
@@ -115,7 +141,8 @@ class Asked:
         first: First seed; None takes the experiment's.
         subset: Number of cases; None takes all.
         physics: How the body moves, where a body walks.
-        resume: Cases whose files are there are not run again, walks that are there are not walked again.
+        resume: Cases whose rows are there, of this configuration and version of the code, are not run again, walks
+            that are there not walked again.
         keep: Recordings of walks stay.
     """
 
@@ -148,18 +175,22 @@ def run_experiment(name: str, asked: Asked, progress: Progress) -> dict[str, Any
         `experiment`, `summary`, `paper` and `cases`, as JSON holds them.
 
     Raises:
-        StrideTwinError: There is no such experiment (the message lists those there are), or the folder holds cases of
-            another kind of walk.
+        StrideTwinError: There is no such experiment; the message lists those there are.
     """
     experiment = named(name)
     cases = asked.cases(experiment.seeds)
     asked.folder.mkdir(parents=True, exist_ok=True)
-    missing = [c for c in cases if not (asked.resume and c.file(".json").exists())]
-    progress(name, 1.0 - len(missing) / len(cases))
-    for done, (case, result) in enumerate(_results(experiment, missing, asked.workers), 1):
+    keys = {case.seed: _keys(name, experiment, case) for case in cases}
+    found = {case.seed: _row_key(case) for case in cases} if asked.resume else {}
+    missing = [c for c in cases if found.get(c.seed) != keys[c.seed].row]
+    outdated = sum(found.get(c.seed) is not None for c in missing)
+    stage = f"{name}, {outdated} of another version anew" if outdated else name
+    progress(stage, 1.0 - len(missing) / len(cases))
+    jobs = [_Job(case=c, run=experiment.run_case, walks=keys[c.seed].walks) for c in missing]
+    for done, (case, result) in enumerate(_results(jobs, asked.workers), 1):
         with whole_file(case.file(".json")) as file:
-            file.write_text(json.dumps(result), encoding="utf-8")
-        progress(name, 1.0 - (len(missing) - done) / len(cases))
+            file.write_text(json.dumps({"key": keys[case.seed].row, **result}), encoding="utf-8")
+        progress(stage, 1.0 - (len(missing) - done) / len(cases))
     results = [_read(case) for case in cases]
     result = {"experiment": name, **experiment.collect(results), "cases": results}
     if experiment.report is not None:
@@ -179,22 +210,77 @@ def named(name: str) -> Experiment:
     return EXPERIMENTS[name]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Keys:
+    """What a case's files are made of: configuration and version of the code.
+
+    Attributes:
+        row: Of its row.
+        walks: Of its recordings, which no estimator has seen.
+    """
+
+    row: str
+    walks: str
+
+
+def _keys(name: str, experiment: Experiment, case: Case) -> _Keys:
+    module, given = experiment.source
+    what = json.dumps([name, given, case.seed, case.physics])
+    row, walks = (
+        hashlib.sha256((what + _version(module, estimators)).encode()).hexdigest()[:16] for estimators in (True, False)
+    )
+    return _Keys(row=row, walks=walks)
+
+
+@cache
+def _version(module: str, estimators: bool) -> str:
+    return digest(module, estimators=estimators)
+
+
+def _row_key(case: Case) -> str | None:
+    """Key of the row that there is, "" where it has none; None where there is no row."""
+    return str(_read(case).get("key", "")) if case.file(".json").exists() else None
+
+
 def _read(case: Case) -> dict[str, Any]:
     result: dict[str, Any] = json.loads(case.file(".json").read_text(encoding="utf-8"))
-    if (physics := result.get("physics", case.physics)) != case.physics:
-        raise StrideTwinError(
-            f"{case.file('.json')}: physics: {physics} is not valid; valid: {case.physics}, as asked for; "
-            "run it anew without --resume, or into another folder"
-        )
     return result
 
 
-def _results(experiment: Experiment, cases: list[Case], workers: int) -> Iterator[tuple[Case, dict[str, Any]]]:
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """A case to be run.
+
+    Attributes:
+        case: Which.
+        run: Runs it.
+        walks: Key of its recordings; it lies beside them, so that those of another version are not gone on with.
+    """
+
+    case: Case
+    run: Callable[[Case], dict[str, Any]]
+    walks: str
+
+    def __call__(self) -> dict[str, Any]:
+        """Its result."""
+        mark = self.case.file(".key")
+        if not mark.exists() or mark.read_text(encoding="utf-8") != self.walks:
+            for recording in self.case.recordings:
+                recording.unlink()
+            with whole_file(mark) as file:
+                file.write_text(self.walks, encoding="utf-8")
+        result = self.run(self.case)
+        if not self.case.keep:
+            mark.unlink()
+        return result
+
+
+def _results(jobs: list[_Job], workers: int) -> Iterator[tuple[Case, dict[str, Any]]]:
     """Results as they come."""
     if workers == 1:
-        yield from ((case, experiment.run_case(case)) for case in cases)
+        yield from ((job.case, job()) for job in jobs)
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        running = {pool.submit(experiment.run_case, case): case for case in cases}
+        running = {pool.submit(job): job.case for job in jobs}
         for future in as_completed(running):
             yield running[future], future.result()

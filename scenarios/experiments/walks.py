@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.fitting import STANDARD, Fitting

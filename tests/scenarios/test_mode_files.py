@@ -10,7 +10,7 @@ import pytest
 
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.mode_files import COLUMNS
-from stridetwin.scenarios.runner import record
+from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from stridetwin.scenarios.mode_score import (
     mode_figures,
     score_modes,
 )
-from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs
+from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.trajectory import Trajectory
@@ -100,6 +101,34 @@ def test_a_sole_across_a_ramps_edge_may_count_as_either_mode():
     assert allowed(edge + 0.04) == ("LG", "RA")
     assert allowed(edge - 0.23) == ("LG",)
     assert allowed(edge + 0.05) == ("LG",)
+
+
+def test_beyond_a_turn_places_count_along_the_way() -> None:
+    turned = layout(
+        Level(length_m=3), Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=2),
+        Ramp(angle_rad=0.2, rise_m=0.5), Level(length_m=3),
+    )  # fmt: skip
+    change = next(c for c in mode_changes(turned) if c.mode == "RA")
+    prints = [
+        Footprint(topic="/truth/footprints", t_ns=k * 500_000_000, foot="lr"[k % 2], terrain="level",
+                  mode="LG" if s < change.s else "RA", p_foot_in_world=np.array([*turned.way.point(s), 0.0]),
+                  q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]))
+        for k, s in enumerate([0.0, 0.0, *np.arange(0.5, change.s - 0.3, 0.7), change.s - 0.1, change.s + 0.6])
+    ]  # fmt: skip
+    told = SimpleNamespace(
+        t_ns=prints[-1].t_ns - 1_600_000_000, steps=(),
+        change=SimpleNamespace(
+            mode="RA", p_in_world=turned.way.point(change.s - 0.03), distance_sd=0.01, riser=math.nan,
+            riser_sd=math.nan, tread=math.nan, tread_sd=math.nan, slope=0.2, slope_sd=0.01,
+        ),
+    )  # fmt: skip
+    pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
+    still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
+    scores = score_modes(prints, [told], Laid(still, still), turned, 0.27)
+    approach = next(a for a in scores.approaches if a.mode == "RA")
+    assert approach.found
+    assert approach.distance_m == pytest.approx(-0.03)
+    assert [s.straddles for s in scores.steps] == [False] * (len(scores.steps) - 2) + [True, False]
 
 
 def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():

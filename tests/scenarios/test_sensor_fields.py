@@ -52,6 +52,15 @@ def test_an_ideal_twin_is_told_like_the_part_itself():
     assert fitted({"foot_imu": {"ideal": True}}).sensors["/foot_l/imu"].part == worn.sensors["/foot_l/imu"].part
 
 
+def test_the_camera_with_depth_looks_down_as_asked():
+    axis = fitted({"head_camera": {"pitch_down_deg": 8}}).rig.cameras["/head/color"].mount.T_body_sensor[:3, 2]
+    assert np.degrees(np.arcsin(-axis[2])) == pytest.approx(8.0)
+    with pytest.raises(ConfigError, match=r"sensors\.head_camera\.pitch_down_deg: 80 is not valid; valid: -30 to 75"):
+        read({"head_camera": {"pitch_down_deg": 80}})
+    with pytest.raises(ConfigError, match="pitch_down_deg"):
+        read({"foot_camera": {"pitch_down_deg": 8}})
+
+
 def test_a_part_of_ones_own_is_found_beside_the_scenario(tmp_path):
     (tmp_path / "mine.yaml").write_text(MINE, encoding="utf-8")
     worn = fitted({"foot_imu": {"part": "mine.yaml", "rate_hz": 100}}, tmp_path)

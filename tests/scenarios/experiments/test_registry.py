@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from stridetwin.scenarios.experiments import registry
@@ -44,7 +51,9 @@ def test_cases_are_kept_and_a_stopped_run_goes_on(tmp_path, ran) -> None:
     result = run(tmp_path, resume=True)
     assert ran == [5, 6, 7, 8]
     assert result["summary"]["sum"] == 26
-    assert json.loads((tmp_path / "seed_7.json").read_text()) == {"seed": 7, "physics": "dynamic"}
+    row = json.loads((tmp_path / "seed_7.json").read_text())
+    assert len(row.pop("key")) == 16
+    assert row == {"seed": 7, "physics": "dynamic"}
     run(tmp_path, subset=1)
     assert ran == [5, 6, 7, 8, 5]
 
@@ -54,10 +63,102 @@ def test_other_seeds_than_the_reported_ones_can_be_asked_for(tmp_path, ran) -> N
     assert ran == [2, 3]
 
 
-def test_walks_of_another_physics_are_not_mixed_in(tmp_path, ran) -> None:
-    run(tmp_path, subset=1)
-    with pytest.raises(StrideTwinError, match=r"seed_5\.json: physics: dynamic is not valid; valid: kinematic"):
-        run(tmp_path, subset=1, physics="kinematic", resume=True)
+def test_rows_of_another_physics_or_version_are_run_anew_and_their_number_is_told(tmp_path, ran, monkeypatch) -> None:
+    run(tmp_path, subset=2)
+    stages: list[str] = []
+
+    def resumed(**options):
+        stages.clear()
+        asked = Asked(folder=tmp_path, resume=True, **options)
+        return run_experiment("small", asked, lambda stage, _: stages.append(stage))
+
+    assert [c["physics"] for c in resumed(subset=1, physics="kinematic")["cases"]] == ["kinematic"]
+    assert ran == [5, 6, 5]
+    assert set(stages) == {"small, 1 of another version anew"}
+    resumed(subset=3)
+    assert ran == [5, 6, 5, 5, 7]
+    monkeypatch.setattr(registry, "_version", lambda *_: "other sources")
+    resumed(subset=4)
+    assert ran == [5, 6, 5, 5, 7, 5, 6, 7, 8]
+    assert set(stages) == {"small, 3 of another version anew"}
+    resumed(subset=4)
+    assert len(ran) == 9
+    assert set(stages) == {"small"}
+
+
+def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:
+    (tmp_path / "seed_5.json").write_text('{"seed": 5, "physics": "dynamic"}')
+    run(tmp_path, subset=1, resume=True)
+    assert ran == [5]
+
+
+def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
+    case = Case(seed=1, folder=tmp_path)
+    names = ("zhao_generality", "zhao_generality_given_poses", "zhao_generality_shallow", "zhao_view")
+    keys = [registry._keys(name, EXPERIMENTS[name], case) for name in names]
+    assert len({k.row for k in keys} | {k.walks for k in keys}) == 2 * len(names)
+
+
+def test_a_recording_of_another_version_is_not_gone_on_with(tmp_path, monkeypatch) -> None:
+    there: list[bool] = []
+
+    def run_case(case: Case) -> dict:
+        walk = case.file("_head.mcap")
+        there.append(walk.exists())
+        walk.touch()
+        return {"seed": case.seed}
+
+    only = Experiment(seeds=range(1, 2), run_case=run_case, collect=collected, table=lambda result: [])
+    monkeypatch.setitem(registry.EXPERIMENTS, "small", only)
+    neighbour = tmp_path / "seed_10_head.mcap"
+    neighbour.touch()
+
+    def resumed(*, twin: str, estimators: str) -> bool:
+        monkeypatch.setattr(registry, "_version", lambda module, all_of_it: twin + estimators * all_of_it)
+        ran = len(there)
+        run(tmp_path, keep=True, resume=True)
+        assert len(there) == ran + 1
+        return there[-1]
+
+    assert not resumed(twin="a", estimators="a")
+    assert resumed(twin="a", estimators="b")
+    assert not resumed(twin="b", estimators="b")
+    assert neighbour.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
+def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
+    count, rng = 40, np.random.default_rng(0)
+    log = tmp_path / "log"
+
+    def run_case(case: Case) -> dict:
+        with log.open("a") as file:
+            file.write(f"{case.seed}\n")
+        time.sleep(0.02)
+        return {"seed": case.seed, "much": "x" * 100_000}
+
+    slow = Experiment(seeds=range(count), run_case=run_case, collect=collected, table=lambda result: [])
+    monkeypatch.setitem(registry.EXPERIMENTS, "small", slow)
+    asked = Asked(folder=tmp_path / "rows", resume=True)
+    run_experiment("small", replace(asked, subset=1), lambda *_: None)  # caches
+    killed, done = 0, 1
+    for _ in range(6):
+        child = os.fork()
+        if child == 0:
+            with suppress(BaseException):
+                run_experiment("small", asked, lambda *_: None)
+            os._exit(0)
+        time.sleep(0.02 + 0.06 * rng.random())
+        os.kill(child, signal.SIGKILL)
+        killed += os.WIFSIGNALED(os.waitpid(child, 0)[1])
+        rows = sorted(asked.folder.glob("seed_*.json"))
+        assert all(len(json.loads(row.read_text())["much"]) == 100_000 for row in rows)
+        assert len(rows) >= done
+        done = len(rows)
+    assert 0 < done < count
+    result = run_experiment("small", asked, lambda *_: None)
+    assert [c["seed"] for c in result["cases"]] == list(range(count))
+    assert len(log.read_text().split()) <= count + killed  # what was done is not done again
 
 
 def test_every_experiment_is_listed_and_others_are_refused(tmp_path) -> None:

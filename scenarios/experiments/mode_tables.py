@@ -1,0 +1,217 @@
+"""What walks with told steps come to together, beside the figures of Zhao et al. 2023."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, MOUNTS
+from stridetwin.scenarios.experiments.zhao_generality import PATTERNS, TERRAINS
+from stridetwin.scenarios.experiments.zhao_trials import TRIALS
+from stridetwin.scenarios.mode_score import ModeScores, mode_figures
+from stridetwin.scenarios.norms import reference, reference_rows
+from stridetwin.scenarios.walk_spread import EDGES, together
+
+Walk = tuple[dict[str, Any], ModeScores]
+WORDS = {"stridetwin": "stridetwin", "published": "published", FORGETFUL: "one picture"}
+"""A method's name over its column."""
+QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
+_ACCURACIES = (
+    ("accuracy %", "accuracy_pct"),
+    ("strict %", "strict_accuracy_pct"),
+    ("straddling %", "straddling_pct"),
+    ("transitions %", "transition_accuracy_pct"),
+)
+_NAME = 30
+_CELL = ("height_group", "pattern", "terrain", "mount")
+
+
+def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures by method over all walks, by condition and cell; the paper's beside.
+
+    Args:
+        name: Of the experiment.
+        results: One a walk.
+    """
+    summary: dict[str, Any] = {}
+    for method in results[0]["methods"]:
+        walks = [(r, ModeScores.of(r["methods"][method])) for r in results]
+        shares = [_share(w) for _, w in walks]
+        accuracy = {"mean": float(np.mean(shares)), "sd": float(np.std(shares)), "ci95": _interval(shares)}
+        summary[method] = mode_figures([w for _, w in walks]) | {
+            "accuracy_pct": accuracy,
+            "accuracy_by_condition_pct": _by_condition(walks),
+            "cells_pct": _cells(walks),
+        }
+    times = [next(iter(r["methods"].values()))["time_ms"] for r in results]
+    summary["time_ms"] = {"mean": float(np.mean([t["mean"] for t in times])), "p95": max(t["p95"] for t in times)}
+    summary["spread"] = {q: together([r["spread"][q] for r in results]) for q in EDGES}
+    return {"summary": summary, "paper": paper(name)}
+
+
+def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Rows of Table III: name to the key of a case and its values; the groups besides."""
+    stairs, ramps = (tuple(t for t in TERRAINS if t.startswith(kind)) for kind in ("stair", "ramp"))
+    return {
+        **{t: ("terrain", (t,)) for t in TERRAINS},
+        "stairs": ("terrain", stairs),
+        "ramps": ("terrain", ramps),
+        **{p: ("pattern", (p,)) for p in PATTERNS},
+        **{m: ("mount", (m,)) for m in MOUNTS},
+        **{f"group_{g}": ("height_group", (g,)) for g in GROUPS},
+    }
+
+
+def _share(walk: ModeScores) -> float:
+    return 100.0 * sum(s.right for s in walk.steps) / max(len(walk.steps), 1)
+
+
+def _interval(shares: Sequence[float]) -> float:
+    """Half of the 95 % confidence interval of the mean."""
+    return float(1.96 * np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else 0.0
+
+
+def _by_condition(walks: Sequence[Walk]) -> dict[str, float]:
+    """Accuracy by row of `conditions`, where a walk has it."""
+    shares = {name: [_share(w) for r, w in walks if r.get(k) in values] for name, (k, values) in conditions().items()}
+    return {name: float(np.mean(found)) for name, found in shares.items() if found}
+
+
+def _cells(walks: Sequence[Walk]) -> dict[str, float]:
+    """Accuracy by cell of Table II, of walks that have one."""
+    found: dict[str, list[float]] = {}
+    for r, w in walks:
+        if all(k in r for k in _CELL):
+            found.setdefault(_cell_name(r), []).append(_share(w))
+    return {name: float(np.mean(shares)) for name, shares in sorted(found.items())}
+
+
+def _cell_name(row: dict[str, Any]) -> str:
+    return " ".join(str(row[k]) for k in _CELL)
+
+
+@cache
+def table_2() -> dict[str, float]:
+    """Table II of the paper by cell, %."""
+    return {_cell_name(row): float(row["accuracy_pct"]) for row in reference_rows("zhao2023_table2")}
+
+
+def paper(name: str) -> dict[str, Any]:
+    """Accuracy of the paper: all walks, by condition (Table III), by cell (Table II); its Figure 4; its time.
+
+    Args:
+        name: Of the experiment.
+    """
+    told = reference("zhao2023")
+    if name in TRIALS:
+        published = {"accuracy_pct": told[TRIALS[name].paper], "accuracy_by_condition_pct": {}, "cells_pct": {}}
+        return {"published": published, "time_ms": told["time_ms"]}
+    generality = told["generality"]
+    published = {
+        "accuracy_pct": generality["accuracy_pct"],
+        "accuracy_by_condition_pct": {k: v[0] for k, v in told["accuracy_by_condition_pct"].items()},
+        "cells_pct": table_2(),
+    }
+    return {"published": published, "time_ms": told["time_ms"], "spread": {q: generality[q] for q in EDGES}}
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """Tables III and II beside the paper, Figure 4, and the confusion matrix, as lines of text."""
+    blocks = [overall(result), spreads(result), confusion(result)]
+    if len(by_condition(result)) > 1:
+        blocks[1:1] = [[conditions_title(result), *by_condition(result)]]
+    if by_cell(result):
+        blocks[-2:-2] = [["Table II", *by_cell(result)]]
+    return "\n\n".join("\n".join(block) for block in blocks).split("\n")
+
+
+def overall(result: dict[str, Any]) -> list[str]:
+    """How many walks and steps, accuracy and lead."""
+    summary, theirs = result["summary"], result["paper"]["published"]["accuracy_pct"]
+    columns, time_ms = methods(result), summary["time_ms"]
+    ours = summary[columns[0]]
+    return [
+        f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions; "
+        f"{time_ms['mean']:.1f} ms a depth picture, 95th percentile {time_ms['p95']:.1f}",
+        "",
+        _head(result),
+        *(
+            f"{words:<{_NAME}}"
+            + "".join(_cell(summary[m][key]["mean"] if key == "accuracy_pct" else summary[m][key]) for m in columns)
+            + (f"{_cell(theirs['mean'], 9)} ± {theirs['sd']:.2f}" if key == "accuracy_pct" else "")
+            for words, key in _ACCURACIES
+        ),
+        *(
+            f"{'lead s, ' + words:<{_NAME}}" + "".join(_cell(summary[m]["lead_time_s"][key]) for m in columns)
+            for words, key in (("median", "median"), ("5th percentile", "p5"))
+        ),
+        f"{columns[0]}: ± {ours['accuracy_pct']['sd']:.2f} from walk to walk, 95 % interval of the mean "
+        f"± {ours['accuracy_pct']['ci95']:.2f}",
+    ]
+
+
+def conditions_title(result: dict[str, Any]) -> str:
+    """Title of the accuracy by condition."""
+    return "Table III" if result["paper"]["published"]["accuracy_by_condition_pct"] else "By mount and group"
+
+
+def by_condition(result: dict[str, Any]) -> list[str]:
+    """Accuracy by condition, %."""
+    summary, theirs = result["summary"], result["paper"]["published"]["accuracy_by_condition_pct"]
+    names = [name for name in conditions() if name in summary[methods(result)[0]]["accuracy_by_condition_pct"]]
+    return _rows(result, "accuracy_by_condition_pct", names, theirs)
+
+
+def by_cell(result: dict[str, Any]) -> list[str]:
+    """Accuracy by cell, %."""
+    cells = result["summary"][methods(result)[0]]["cells_pct"]
+    return _rows(result, "cells_pct", list(cells), result["paper"]["published"]["cells_pct"])
+
+
+def spreads(result: dict[str, Any]) -> list[str]:
+    """Figure 4: camera pitch (down positive) and speed of the walks."""
+    ours, theirs = result["summary"]["spread"], result["paper"].get("spread", {})
+    return [
+        f"{'Figure 4, of the truth':<{_NAME}}{'mean':>8}{'sd':>8}{'min':>8}{'max':>8}",
+        *(
+            f"{words if who == 'ours' else '  paper':<{_NAME}}"
+            + "".join(f"{spread[k]:>8.2f}" for k in ("mean", "sd", "min", "max"))
+            for quantity, words in QUANTITIES.items()
+            for who, spread in (("ours", ours[quantity]), ("paper", theirs.get(quantity)))
+            if spread is not None
+        ),
+    ]
+
+
+def confusion(result: dict[str, Any]) -> list[str]:
+    """Steps of ours by true and told mode."""
+    counts = result["summary"][methods(result)[0]]["confusion"]
+    lines = [f"{'true / told':<12}" + "".join(f"{m:>7}" for m in MODES) + f"{'nothing':>9}"]
+    return lines + [
+        f"{true:<12}" + "".join(f"{row[m]:>7}" for m in MODES) + f"{row['']:>9}" for true, row in counts.items()
+    ]
+
+
+def methods(result: dict[str, Any]) -> list[str]:
+    """Methods of a result, ours first."""
+    return [m for m in WORDS if m in result["summary"]]
+
+
+def _head(result: dict[str, Any]) -> str:
+    return " " * _NAME + "".join(f"{WORDS[m]:>12}" for m in methods(result)) + f"{'paper':>9}"
+
+
+def _rows(result: dict[str, Any], key: str, names: Sequence[str], theirs: dict[str, float]) -> list[str]:
+    columns = [result["summary"][m][key] for m in methods(result)]
+    return [
+        f"{name:<{_NAME}}" + "".join(_cell(column[name], 12) for column in columns) + _cell(theirs.get(name), 9)
+        for name in names
+    ]
+
+
+def _cell(value: float | None, width: int = 12) -> str:
+    return f"{'-':>{width}}" if value is None else f"{value:>{width}.2f}"

@@ -1,0 +1,177 @@
+"""Walks whose coming steps are told: recorded with camera and insoles, predicted by each method, scored.
+
+The whole chain: pictures with noise, visual-inertial odometry, map, prediction. Every method reads the same samples,
+and but for the one that forgets, the same map.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import METHODS, LocomotionMode, ModeEstimate
+from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
+from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.odometry_walks import HEALTHY, dvio, recorded
+from stridetwin.scenarios.experiments.walks import fell_at_s
+from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.mode_files import INSOLES
+from stridetwin.scenarios.mode_score import Laid, score_modes
+from stridetwin.scenarios.norms import reference
+from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample, posed_depth
+from stridetwin.scenarios.truth import TruePath
+from stridetwin.scenarios.walk_spread import walk_spread
+from stridetwin.sim.body import wearer
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.fitting import Fitting
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.samples import Depth, Image, Imu, Insole, Odometry, Sample
+from stridetwin.streams.trajectory import Trajectory
+
+MOUNTS = ("head", "chest")
+GROUPS = ("I", "II", "III", "IV", "V")
+POSES = ("dvio", "given")
+SENSORS = ("insole", "head_imu", "head_camera")
+FORGETFUL = "single_picture"
+"""Our prediction without a map: what it knows of the ground is the last picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Telling:
+    """How the steps of a walk are told.
+
+    Attributes:
+        poses: Of `POSES`.
+        methods: Of the predictor's `METHODS`, or `FORGETFUL`; the first one's time counts the map's too.
+        pitch_down: How far the camera looks down: a name in `reference/zhao2023.yaml`.
+    """
+
+    poses: str = "dvio"
+    methods: tuple[str, ...] = METHODS
+    pitch_down: str = "nominal"
+
+
+def told_walk(config: TwinConfig, case: Case, telling: Telling) -> dict[str, Any]:
+    """One walk, by each method.
+
+    Args:
+        config: Who walks where, and how; sensors, physics and the camera's pitch are set here.
+        case: Which seed, and how.
+        telling: How its steps are told.
+
+    Returns:
+        `seed`, `physics`, `fell_at_s`, `mount`, `spread` (`walk_spread`), and `methods`: method to `steps`,
+        `approaches` and `time_ms`.
+    """
+    pitch = np.radians(reference("zhao2023")["protocol"]["mount_pitch_down_deg"][telling.pitch_down])
+    camera = replace(config.fittings.get("head_camera", Fitting()), pitch_down_rad=float(pitch))
+    fittings = {**config.fittings, "head_camera": camera}
+    config = replace(config, sensors=SENSORS, fittings=fittings, physics=case.physics, exo=None)
+    mount, sole_m = config.rig_mount, wearer(config.person, with_exo=False).body.shoe_length_m
+    with recorded(config, case, mount) as recording:
+        return {
+            "seed": case.seed,
+            "physics": case.physics,
+            "fell_at_s": fell_at_s(recording),
+            "mount": mount,
+            "spread": walk_spread(recording, mount),
+            "methods": predicted(recording, mount, telling, sole_m),
+        }
+
+
+class SharedMap(TerrainMap):
+    """A map that several predictors feed with the same samples: it takes each once."""
+
+    _last: Sample | None = None
+    _told: TerrainEstimate | None = None
+
+    def update(self, sample: Sample) -> TerrainEstimate | None:
+        """As `TerrainMap.update`; the same sample again tells the same."""
+        if sample is not self._last:
+            self._told, self._last = super().update(sample), sample
+        return self._told
+
+
+class ForgetfulMap(TerrainMap):
+    """A map that is empty before every picture: planes of that picture alone."""
+
+    def update(self, sample: Sample) -> TerrainEstimate | None:
+        """As `TerrainMap.update`, of this sample alone."""
+        if isinstance(sample, Depth):
+            self._forget()
+        return super().update(sample)
+
+
+def predicted(recording: Recording, mount: str, telling: Telling, sole_m: float) -> dict[str, dict[str, Any]]:
+    """By method: rows of the scored steps and changes, and time a depth picture, ms.
+
+    Args:
+        recording: Of the walk.
+        mount: Where the camera sits.
+        telling: How its steps are told.
+        sole_m: Length of the walker's soles.
+    """
+    camera = depth_camera(recording.rig)
+    topic, place = given_poses(recording, camera)
+    shared = SharedMap(recording.rig, mount=place)
+    predictors = {
+        m: LocomotionMode(ForgetfulMap(recording.rig, mount=place), camera, mount=place)
+        if m == FORGETFUL
+        else LocomotionMode(shared, camera, mount=place, method=m)
+        for m in telling.methods
+    }
+    estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
+    frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
+    told: list[Odometry] = []
+    for sample in posed(recording, mount, telling.poses):
+        if isinstance(sample, Odometry):
+            told.append(sample)
+        for method, predictor in predictors.items():
+            began = time.process_time()
+            estimate = predictor.update(sample)
+            own = 1e3 * (time.process_time() - began)
+            if isinstance(sample, Depth):
+                frame_ms[method].append(own)
+            if estimate is not None:
+                estimates[method].append(estimate)
+    truth = TruePath.of(recording.block(topic))
+    path = _trajectory([o for o in told if truth.t_ns[0] <= o.t_ns <= truth.t_ns[-1]])
+    laid = Laid(path, truth.at(path.t_ns))
+    footprints, layout = list(recording.block("/truth/footprints")), from_metadata(recording.metadata)
+    return {
+        method: score_modes(footprints, estimates[method], laid, layout, sole_m).rows()
+        | {"time_ms": _time(frame_ms[method])}
+        for method in predictors
+    }
+
+
+def posed(recording: Recording, mount: str, poses: str) -> Iterator[Sample]:
+    """Poses of the camera's IMU, depth and insoles in order of time."""
+    camera = depth_camera(recording.rig)
+    if poses == "given":
+        yield from posed_depth(recording, camera, more=INSOLES)[1]
+        return
+    odometer = dvio("stridetwin", recording.rig, mount)
+    for sample in recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]):
+        if isinstance(sample, Imu | Image | Depth):
+            estimate = odometer.update(sample)
+            if estimate is not None and estimate.health in HEALTHY:
+                yield matrix_sample(estimate.t_ns, estimate.T_world_imu)
+        if isinstance(sample, Depth | Insole):
+            yield sample
+
+
+def _trajectory(path: list[Odometry]) -> Trajectory:
+    return Trajectory(
+        t_ns=np.array([o.t_ns for o in path], np.int64),
+        p_frame_in_world=np.array([o.p_frame_in_world for o in path]),
+        q_world_frame=np.array([o.q_world_frame for o in path]),
+    )
+
+
+def _time(frame_ms: list[float]) -> Mapping[str, float]:
+    return {"mean": float(np.mean(frame_ms)), "p95": float(np.percentile(frame_ms, 95))}

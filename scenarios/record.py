@@ -1,0 +1,56 @@
+"""A walk becomes a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stridetwin.scenarios import exo_geometry, ground, injected
+from stridetwin.sim.fault_plan import check_times, plan_faults
+from stridetwin.sim.faults import arrivals
+from stridetwin.streams.recording import RecordingWriter
+from stridetwin.streams.samples import Block, Sample
+
+if TYPE_CHECKING:
+    from stridetwin.sim.twin import Twin
+
+Progress = Callable[[str, float], None]
+
+
+def record(twin: Twin, path: Path, progress: Progress) -> None:
+    """Lets the twin walk and writes what arrives of what its sensors say, and the truth, as one recording.
+
+    Raises:
+        ConfigError: A fault that begins after the walk's end.
+    """
+    config = twin.config
+    metadata = {
+        "scenario": config.name,
+        "seed": str(twin.seed),
+        "physics": config.physics,
+        "person_height_m": f"{config.person.height_m:g}",
+        "person_mass_kg": f"{config.person.mass_kg:g}",
+        ground.KEY: ground.to_text(twin.terrain.layout),
+        **exo_geometry.metadata(twin),
+    }
+    if twin.fell_at is None:
+        check_times(config.name, config.faults, twin.duration_s)
+    else:
+        metadata["fell_at_s"] = f"{twin.fell_at:g}"
+    planned = plan_faults(config.faults, twin.rig, twin.seed, twin.duration_s)
+    if planned:
+        metadata[injected.KEY] = injected.to_text(planned)
+    with RecordingWriter(path, twin.rig, metadata) as writer:
+        for arrival in arrivals(_sensed(twin, progress), planned):
+            writer.write(arrival.item, arrival.log_ns)
+
+
+def _sensed(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
+    t_ns = 0
+    for blocks in twin.blocks():
+        for item in blocks:
+            last = item.t_ns if isinstance(item.t_ns, int) else item.t_ns[-1:].max(initial=0)
+            t_ns = max(t_ns, int(last))
+            yield item
+        progress("walk", t_ns / 1e9 / twin.duration_s)

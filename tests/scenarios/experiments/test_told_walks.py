@@ -1,0 +1,185 @@
+"""Walks whose steps are told: their conditions, what they spread over, tables and page; the map that forgets."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.scenarios.experiments import mode_report, mode_tables
+from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, ForgetfulMap, SharedMap
+from stridetwin.scenarios.experiments.registry import EXPERIMENTS
+from stridetwin.scenarios.experiments.zhao_generality import condition
+from stridetwin.scenarios.experiments.zhao_trials import SEEDS, TRIALS, subject_and_turn, trial_config
+from stridetwin.scenarios.mode_score import ModeScores, ScoredMode, told_and_right
+from stridetwin.scenarios.norms import reference
+from stridetwin.scenarios.walk_spread import EDGES, pitch_down, spread, together
+from stridetwin.sim.config import Turn
+from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.people import PEOPLE
+from stridetwin.sim.route import lay_out
+from stridetwin.sim.standard_rig import standard_rig
+from stridetwin.sim.surroundings import surroundings
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Odometry
+
+
+def step(mode: str, told: str, p: float) -> ScoredMode:
+    others = (1.0 - p) / 4
+    probabilities = tuple(p if m == told else others for m in ("LG", "SA", "SD", "RA", "RD"))
+    return ScoredMode(t_s=1.0, mode=mode, before="LG", told=told, allowed=(mode,), lead_s=1.2 * (mode == told),
+                      probabilities=probabilities)  # fmt: skip
+
+
+def row(seed: int, told: str = "SA", methods: tuple[str, ...] = ("stridetwin", "published")) -> dict:
+    scores = ModeScores(steps=[step("LG", "LG", 0.99), step("SA", told, 0.75)]).rows()
+    angles = np.linspace(0.2, 0.6, 50)
+    return {
+        "seed": seed, "physics": "dynamic", "fell_at_s": None, "mount": "head",
+        "spread": {q: spread(angles, EDGES[q]) for q in EDGES},
+        "methods": {m: scores | {"time_ms": {"mean": 20.0, "p95": 30.0}} for m in methods},
+    }  # fmt: skip
+
+
+def test_each_subject_walks_twice_and_ten_walks_hold_every_group_both_ways() -> None:
+    turns = [subject_and_turn(seed) for seed in SEEDS]
+    assert len(set(turns)) == len(SEEDS) == 30
+    assert {who for who, _ in turns} == {name for name in PEOPLE if name.startswith("zhao_")}
+    for first in (0, 10, 20):
+        some = [(who.split("_")[1].upper(), turn) for who, turn in turns[first : first + 10]]
+        assert Counter(some) == {(group, turn): 1 for group in GROUPS for turn in (0, 1)}
+    assert subject_and_turn(0) in turns
+
+
+def test_the_second_walk_is_on_the_chest_or_to_the_other_side() -> None:
+    first, second = (next(s for s in SEEDS if subject_and_turn(s)[1] == turn) for turn in (0, 1))
+    for name in ("zhao_directions", "zhao_disturbance"):
+        configs = [trial_config(name, seed) for seed in (first, second)]
+        assert [c.rig_mount for c in configs] == ["head", "chest"]
+        assert all(c.gait.gaze.kind == "wandering" for c in configs)
+    assert trial_config("zhao_disturbance", first).route.bystanders == 2
+    assert trial_config("zhao_directions", first).fittings["head_camera"].part is not None
+    views = [trial_config("zhao_view", seed) for seed in (first, second)]
+    turns = [[s.angle_rad for s in c.route.segments if isinstance(s, Turn)] for c in views]
+    assert turns == [[pytest.approx(math.pi / 2)], [pytest.approx(-math.pi / 2)]]
+    assert all(c.gait.gaze.sway_yaw_rad > 0.6 and c.rig_mount == "head" for c in views)
+
+
+def test_walls_of_a_corridor_stand_at_its_borders_and_nowhere_on_the_way() -> None:
+    config = trial_config("zhao_view", SEEDS[0])
+    layout = lay_out(config.route)
+    walls = [mark.box for mark in surroundings("corridor", layout, -1.0)]
+    for s in np.arange(0.5, layout.profile[-1].s1 - 1.0, 0.25):
+        beside = layout.way.point(s)
+        distances = [_distance(wall, beside) for wall in walls]
+        assert min(distances) > 0.7
+        if all(abs(s - p.s0) > 2.5 and abs(s - p.s1) > 2.5 for p in layout.way.pieces if p.curvature):
+            left, right = (layout.way.point(s, side * 0.86) for side in (-1.0, 1.0))
+            assert all(min(_distance(wall, p) for wall in walls) < 0.01 for p in (left, right))
+
+
+def _distance(box, p) -> float:
+    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
+    dx, dy = p[0] - box.x, p[1] - box.y
+    along, across = abs(cos * dx + sin * dy) - box.length / 2, abs(cos * dy - sin * dx) - box.width / 2
+    return math.hypot(max(along, 0.0), max(across, 0.0))
+
+
+@pytest.mark.parametrize("mount", ["head", "chest"])
+def test_the_camera_looks_as_far_down_as_it_is_fitted(mount) -> None:
+    config = replace(trial_config("zhao_view", SEEDS[0]), rig_mount=mount, sensors=("head_imu", "head_camera"))
+    pitch = {}
+    for degrees in (None, 8.0):
+        asked = None if degrees is None else math.radians(degrees)
+        rig = standard_rig(replace(config, fittings={"head_camera": Fitting(pitch_down_rad=asked)}))
+        (camera,), (imu,) = rig.cameras.values(), rig.imus.values()
+        assert np.allclose(camera.mount.T_body_sensor[:3, :3], imu.mount.T_body_sensor[:3, :3])
+        axis = camera.mount.T_body_sensor[:3, 2]
+        pitch[degrees] = math.degrees(math.asin(-axis[2]))
+    protocol = reference("zhao2023")["protocol"]["mount_pitch_down_deg"]
+    assert pitch == {None: pytest.approx(protocol["nominal"]), 8.0: pytest.approx(protocol["shallow"])}
+
+
+def test_pitch_is_that_of_the_optical_axis_below_the_horizon() -> None:
+    forward = np.column_stack([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    turns = Rotation.from_euler("ZY", [[0.3, 0.4], [-2.0, -0.2]]) * Rotation.from_matrix(forward)
+    assert pitch_down(turns.as_quat(scalar_first=True)) == pytest.approx([0.4, -0.2])
+
+
+def test_spreads_add_up_as_if_all_values_were_one_walks() -> None:
+    rng = np.random.default_rng(1)
+    parts = [rng.normal(0.3, 0.4, 80), rng.normal(0.6, 0.1, 200)]
+    edges = EDGES["camera_pitch_rad"]
+    whole, added = spread(np.concatenate(parts), edges), together([spread(part, edges) for part in parts])
+    assert added.pop("bins") == whole.pop("bins")
+    assert added == pytest.approx(whole)
+    assert sum(spread(np.array([-9.0, 9.0]), edges)["bins"]) == 2
+
+
+def test_told_probabilities_stand_beside_the_share_that_was_right() -> None:
+    steps = [step("SA", "SA", 0.95), step("SA", "LG", 0.95), step("LG", "LG", 0.55)]
+    assert told_and_right(steps) == [(pytest.approx(0.55), 1.0, 1), (pytest.approx(0.95), 0.5, 2)]
+    assert told_and_right([]) == []
+
+
+@pytest.mark.parametrize("name", [*TRIALS, "zhao_generality", "zhao_baselines"])
+def test_table_and_page_have_the_papers_figures(name) -> None:
+    methods = ("stridetwin", "published", *([FORGETFUL] if name == "zhao_baselines" else []))
+    more = {} if name in TRIALS else vars(condition(1000))
+    results = [row(1000, methods=methods) | more, row(1001, "LG", methods) | more]
+    experiment = EXPERIMENTS[name]
+    result = json.loads(json.dumps({"experiment": name, **experiment.collect(results), "cases": results}))
+    assert result["summary"]["stridetwin"]["accuracy_pct"]["mean"] == 75.0
+    assert result["summary"]["stridetwin"]["accuracy_pct"]["sd"] == 25.0
+    lines = experiment.table(result)
+    accuracy = next(line for line in lines if line.startswith("accuracy %"))
+    theirs = mode_tables.paper(name)["published"]["accuracy_pct"]["mean"]
+    assert accuracy.split()[2 : 3 + len(methods)] == [*["75.00"] * len(methods), f"{theirs:.2f}"]
+    assert ("Table II" in lines) == (name not in TRIALS)
+    assert ("one picture" in "\n".join(lines)) == (FORGETFUL in methods)
+    assert sum("0.26" in line for line in lines if line.startswith("  paper")) == (name not in TRIALS)
+    assert experiment.report is not None
+    html = experiment.report(result)
+    assert all(f"<h2>{title}</h2>" in html for title in ("Accuracy", "Figure 4", "Lead", "Calibration"))
+    assert ("<h2>Table II</h2>" in html) == (name not in TRIALS)
+    assert not re.search(r'<script|@import|url\(|(src|href)="(?!data:)', html)
+    assert "nan" not in html.lower().replace("dominant", "")
+    assert mode_report.report is experiment.report
+
+
+def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
+    """Pose of a camera 1.5 m above a level floor that looks 45 degrees down along x, and its picture."""
+    (camera,) = rig.cameras.values()
+    fx, fy, cx, cy = camera.intrinsics
+    v, u = np.mgrid[: camera.height, : camera.width]
+    rays = np.stack([(u - cx) / fx, (v - cy) / fy, np.ones(u.shape)], -1)
+    forward, right = np.array([1.0, 0.0, -1.0]) / math.sqrt(2.0), np.array([0.0, -1.0, 0.0])
+    R = np.column_stack([right, np.cross(forward, right), forward])
+    down = -(rays @ R.T)[..., 2]
+    depth = np.where(down > 0.3, 1.5 / np.maximum(down, 0.3), 0.0).astype(np.float32)
+    still = np.zeros(3)
+    q = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    pose = Odometry(topic="/poses", t_ns=t_ns, p_frame_in_world=np.array([x, 0.0, 1.5]), q_world_frame=q,
+                    v_frame_in_world=still, angular_rate=still)  # fmt: skip
+    return pose, Depth(topic=camera.depth_topic, t_ns=t_ns, depth=depth)
+
+
+def test_a_map_that_forgets_knows_the_last_picture_alone() -> None:
+    rig = standard_rig(replace(trial_config("zhao_view", SEEDS[0]), sensors=("head_imu", "head_camera")))
+    places = np.array([[1.5, 0.0], [3.0, 0.0]])
+    known = {}
+    for kind in (TerrainMap, SharedMap, ForgetfulMap):
+        ground = kind(rig)
+        for t_ns, x in ((0, 0.0), (1_000_000_000, 1.5)):
+            for sample in floor_seen_from(rig, x, t_ns):
+                ground.update(sample)
+        known[kind] = np.isfinite(ground.heights(places)).tolist()
+        assert ground.heights(places)[1] == pytest.approx(0.0, abs=0.01)
+    assert known == {TerrainMap: [True, True], SharedMap: [True, True], ForgetfulMap: [False, True]}

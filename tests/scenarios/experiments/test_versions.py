@@ -1,0 +1,80 @@
+"""Digests of the sources that a figure comes from: what changes them, and what does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stridetwin.scenarios.experiments import versions
+from stridetwin.scenarios.experiments.versions import digest
+
+GENERALITY = "stridetwin.scenarios.experiments.zhao_generality"
+
+
+@pytest.fixture
+def copied(tmp_path, monkeypatch):
+    """A copy of the sources, which may be changed; a function that adds a line to one of them."""
+    for package in ("streams", "sim", "assets", "estimators", "scenarios"):
+        real = versions._root(f"stridetwin.{package}")
+        for file in real.rglob("*"):
+            if file.is_file() and "__pycache__" not in file.parts:
+                copy = tmp_path / package / file.relative_to(real)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                copy.write_bytes(file.read_bytes())
+    monkeypatch.setattr(versions, "_root", lambda package: tmp_path / package.split(".")[1])
+
+    def touch(place: str) -> None:
+        with (tmp_path / place).open("a", encoding="utf-8") as file:
+            file.write("\n# changed\n")
+
+    return touch
+
+
+def test_what_makes_the_figure_changes_the_digest(copied) -> None:
+    seen = {digest(GENERALITY)}
+    for place in (
+        "streams/samples.py",
+        "sim/gait/gaze.py",
+        "sim/parts/D455.yaml",
+        "scenarios/catalogue/zhao_stair_15cm.yaml",
+        "estimators/dvio/solver.py",
+        "estimators/locomotion_mode/rollout.py",
+        "scenarios/mode_score.py",
+        "scenarios/record.py",
+        "scenarios/experiments/mode_walks.py",
+        "scenarios/experiments/zhao_generality.py",
+    ):
+        copied(place)
+        seen.add(digest(GENERALITY))
+    assert len(seen) == 11
+
+
+def test_pages_tables_and_other_experiments_do_not(copied) -> None:
+    before = digest(GENERALITY)
+    for place in (
+        "scenarios/report.py",
+        "scenarios/cli.py",
+        "scenarios/experiments/registry.py",
+        "scenarios/experiments/mode_tables.py",
+        "scenarios/experiments/mode_report.py",
+        "scenarios/experiments/zhao_trials.py",
+        "scenarios/experiments/shim_table5.py",
+        "estimators/foot_to_foot/filter.py",
+    ):
+        copied(place)
+    assert digest(GENERALITY) == before
+
+
+def test_a_walk_is_as_it_was_whatever_the_estimators_do(copied) -> None:
+    before = digest(GENERALITY, estimators=False)
+    copied("estimators/dvio/solver.py")
+    assert digest(GENERALITY, estimators=False) == before
+    copied("sim/twin.py")
+    assert digest(GENERALITY, estimators=False) != before
+
+
+def test_a_module_elsewhere_is_no_source() -> None:
+    assert versions._imported("test_versions") == {}
+    assert versions._imported("stridetwin.sim.twin") == {}  # counts as a whole, with all else there
+    assert all(isinstance(file, Path) for file in versions._imported(GENERALITY).values())
