@@ -9,12 +9,14 @@ from stridetwin.scenarios.scoring import Scores
 from stridetwin.streams.errors import StrideTwinError
 
 # what rounding between machines may do, in the unit of the key
-_SLACK = {"_m": 0.002, "_mm": 0.2, "_deg": 0.02, "_pct": 0.02}
+_SLACK = {"_m": 0.002, "_mm": 0.2, "_deg": 0.02, "_pct": 0.02, "_s": 0.05, "_error": 0.02}
 _HIGHER_IS_BETTER = (
     "nees_position_within_95_pct", "coverage_pct", "classification_accuracy_pct", "slope_in_95_pct",
-    "elevation_in_95_pct",
+    "elevation_in_95_pct", "accuracy_pct", "strict_accuracy_pct", "transition_accuracy_pct", "changes_found_pct",
+    "lead_median_s", "lead_p5_s", "transition_lead_median_s", "completeness_pct", "found_pct",
 )  # fmt: skip
-_NOT_JUDGED = ("distance_m", "duration_s", "nees_position_mean", "end_height_error_m", "nis_", "steps")
+_NOT_JUDGED = ("distance_m", "duration_s", "nees_position_mean", "end_height_error_m", "nis_", "steps", "transitions",
+               "straddling_pct", "edge_mean_mm")  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

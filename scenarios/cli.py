@@ -135,6 +135,7 @@ def parser() -> argparse.ArgumentParser:
         help="terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame (default: poses of the "
         "recording)",
     )
+    p.add_argument("--mesh", action="store_true", help="terrain_map: write the ground as a .glb as well")
     p.add_argument(
         "--exoskeleton", type=Path, metavar="FILE", help="contact_terrain: geometry, where the recording tells none"
     )

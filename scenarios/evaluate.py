@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stridetwin.scenarios.alignment import Rigid
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
@@ -24,6 +27,7 @@ class Estimate:
         ready_ns: From when on it is scored: an estimator may look for the vertical first.
         nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
         world: Estimates of one world are laid over the truth together, as the first of them is; "" = each has its own.
+        healthy: (N,) where the estimator trusts its pose; None: it tells of no such thing.
     """
 
     name: str
@@ -32,6 +36,7 @@ class Estimate:
     ready_ns: int = 0
     nis: Mapping[str, float] = field(default_factory=dict)
     world: str = ""
+    healthy: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -67,7 +67,7 @@ def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
 
 def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Block[Footprint] | None) -> str:
     """The walk from above: ground, footprints, true and estimated paths; true to scale where it turns."""
-    prints = [] if footprints is None else [_outline(p) for p in footprints]
+    prints = [] if footprints is None else [outline(p) for p in footprints]
     lines = [_from_above(result) for result in results]
     every_x = [x for line in lines for x, _ in line] + [p[:, 0] for p in prints]
     every_y = [y for line in lines for _, y in line] + [p[:, 1] for p in prints]
@@ -154,7 +154,7 @@ def _along(layout: Layout | None, result: Result) -> _Lines:
     return (s, truth[:, 2]), (s + ahead, estimate[:, 2])
 
 
-def _outline(footprint: Footprint) -> Array:
+def outline(footprint: Footprint) -> Array:
     """(4, 2) corners of a print in the world."""
     w, x, y, z = footprint.q_world_foot
     toes = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])

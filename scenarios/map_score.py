@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.scenarios.flights import edges, flights
+from stridetwin.scenarios.laying import Laying
+from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.terrain_files import depth_camera, given_poses
-from stridetwin.sim.route import Layout, Strip
-from stridetwin.sim.solids import Solid, corners
-from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.route import Layout, Slab, Strip
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
+
+if TYPE_CHECKING:
+    from stridetwin.sim.terrain import Terrain
 
 LEAD_S = 1.5
 """How long before the foot lands beyond a change it is asked for."""
@@ -30,6 +32,11 @@ _MATCH_M = 0.35
 _KNOWN_M = 0.03
 """An edge whose standard deviation is larger is told as not seen."""
 _TICK_S = 0.5
+_LATE_NS = 200_000_000
+_FLOOR_BELOW_M = 0.1
+_STRAIGHT_M = 0.05
+_EVERY = 5
+"""One point in so many is measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,20 +141,48 @@ class Drift:
             )  # fmt: skip
 
 
-def mesh_of(solids: Sequence[Solid]) -> trimesh.Trimesh:
-    """The exact terrain as one mesh."""
-    parts = [trimesh.convex.convex_hull(corners(solid)) for solid in solids]
-    return cast(trimesh.Trimesh, trimesh.util.concatenate(parts))
+def mesh_of(slabs: Sequence[Slab]) -> Array:
+    """(T, 3, 3) m, the true ground as triangles: the top of each slab, and its sides down to below the lowest."""
+    tops = [
+        slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left]) for slab in slabs
+    ]
+    floor = min(float(top[:, 2].min()) for top in tops) - _FLOOR_BELOW_M
+    faces = []
+    for top in tops:
+        under = np.column_stack([top[:, :2], np.full(4, floor)])
+        faces += [top, *(np.array([under[i], under[j], top[j], top[i]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)))]
+    return np.array([face[corners] for face in faces for corners in ([0, 1, 2], [0, 2, 3])])
 
 
-def distance_to(mesh: trimesh.Trimesh, points: Array) -> Array:
-    """(N,) m, of (N, 3) points from the surface of a mesh of a few hundred triangles."""
-    triangles = np.asarray(mesh.triangles)
+def distance_to(triangles: Array, points: Array) -> Array:
+    """(N,) m, of (N, 3) points from the surface of (T, 3, 3) triangles.
+
+    A triangle is looked at by those points alone that are nearer to the box around it than to what they have seen.
+    """
     nearest = np.full(len(points), np.inf)
-    for triangle in triangles:
-        closest = trimesh.triangles.closest_point(np.broadcast_to(triangle, (len(points), 3, 3)), points)
-        nearest = np.minimum(nearest, np.linalg.norm(points - closest, axis=1))
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    flat = np.argsort(high[:, 2] - low[:, 2], kind="stable")  # tops first: most points lie on them
+    for i in flat.tolist():
+        apart = np.maximum(np.maximum(low[i] - points, points - high[i]), 0.0)
+        near = np.flatnonzero((apart**2).sum(axis=1) < nearest**2)
+        if len(near):
+            nearest[near] = np.minimum(nearest[near], _from_triangle(triangles[i], points[near]))
     return nearest
+
+
+def _from_triangle(triangle: Array, points: Array) -> Array:
+    """(N,) m, of (N, 3) points from one triangle: its plane where they lie over it, else the nearest of its sides."""
+    a, b, c = triangle
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    over = np.ones(len(points), bool)
+    sides = []
+    for start, end in ((a, b), (b, c), (c, a)):
+        along, offset = end - start, points - start
+        over &= offset @ np.cross(normal, along) >= 0.0
+        share = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+        sides.append(np.linalg.norm(offset - share[:, None] * along, axis=1))
+    return np.where(over, np.abs((points - a) @ normal), np.min(sides, axis=0))
 
 
 def true_changes(profile: Sequence[Strip]) -> list[TrueChange]:
@@ -181,11 +216,11 @@ def score_recording(
     truth = {pose.t_ns: pose for pose in poses}
     told = drift.applied(poses, rng)
     samples: Iterator[Sample] = iter(recording.samples([camera.depth_topic]))
-    return score_samples(samples, truth, told, path, terrain, mapper)
+    return score_samples(samples, truth, told, path, terrain.layout, mapper)
 
 
 def score_samples(
-    pictures: Iterable[Sample], truth: dict[int, Odometry], told: Iterator[Odometry], path: Array, terrain: Terrain,
+    pictures: Iterable[Sample], truth: dict[int, Odometry], told: Iterator[Odometry], path: Array, layout: Layout,
     mapper: TerrainMap,
 ) -> MapScores:  # fmt: skip
     """As `score_recording`, from its parts.
@@ -195,14 +230,10 @@ def score_samples(
         truth: True poses by their stamps.
         told: The same poses as the odometry tells them, in order.
         path: (F, 2) times (ns) and arc lengths (m) of the true footprints.
-        terrain: What was walked on.
+        layout: Of what was walked on.
         mapper: The map.
     """
-    mesh = mesh_of(terrain.solids)
-    asked = [(change, _asked_ns(change, path)) for change in true_changes(terrain.layout.profile)]
-    scored: list[ScoredChange] = []
-    distances, complete, edge_errors = [], [], []
-    tick_ns = 0
+    scorer = MapScorer(layout, path)
     pose = next(told)
     pending: Odometry | None = next(told, None)
     for picture in pictures:
@@ -212,28 +243,96 @@ def score_samples(
             mapper.update(pose)
             pose, pending = pending, next(told, None)
         mapper.update(pose)
-        estimate = mapper.update(picture)
-        if estimate is None:
-            continue
-        off = pose.p_frame_in_world - truth[pose.t_ns].p_frame_in_world
-        begin = float(np.interp(pose.t_ns, *path.T))
-        here = float(terrain.layout.way.project(truth[pose.t_ns].p_frame_in_world[None, :2], begin=begin)[0])
-        for change, at_ns in asked:
-            if picture.t_ns <= at_ns < picture.t_ns + 33_000_000:
-                scored.append(_score_change(change, mapper, here, off, terrain.layout))
-        if picture.t_ns >= tick_ns:
-            tick_ns = picture.t_ns + int(_TICK_S * 1e9)
-            distances.append(_distances(mapper, here, off, terrain, mesh))
-            complete.append(_completeness(mapper, here, off, terrain))
-            edge_errors.append(_edge_errors(mapper, here, off, terrain.layout))
-    far = np.concatenate(distances) if distances else np.zeros(0)
-    return MapScores(
-        changes=tuple(scored),
-        accuracy_m=float(np.sqrt(np.mean(far**2))) if len(far) else math.nan,
-        accuracy_p95_m=float(np.percentile(far, 95)) if len(far) else math.nan,
-        completeness=float(np.mean(complete)) if complete else math.nan,
-        edge_errors=np.concatenate(edge_errors) if edge_errors else np.zeros(0),
-    )
+        if mapper.update(picture) is not None:
+            true = truth[pose.t_ns].p_frame_in_world
+            begin = float(np.interp(pose.t_ns, *path.T))
+            here = float(layout.way.project(true[None, :2], begin=begin)[0])
+            scorer.look(picture.t_ns, mapper, Laying(told=pose.p_frame_in_world, true=true), here)
+    return scorer.scores()
+
+
+class MapScorer:
+    """Looks at a map as it arises, and tells its scores.
+
+    Args:
+        layout: What is walked on.
+        path: (F, 2) times (ns) and arc lengths (m) of the true footprints.
+    """
+
+    def __init__(self, layout: Layout, path: Array) -> None:
+        self._layout = layout
+        self._asked = [(change, _asked_ns(change, path)) for change in true_changes(layout.profile)]
+        self._changes: list[ScoredChange] = []
+        self._points: list[Array] = []
+        self._complete: list[float] = []
+        self._edges: list[Array] = []
+        self._tick_ns = 0
+
+    def look(self, t_ns: int, mapper: TerrainMap, laid: Laying, here: float) -> bool:
+        """Looks at a map after a picture.
+
+        Args:
+            t_ns: Time of the picture.
+            mapper: The map.
+            laid: Its world over the true one.
+            here: Where the camera is along the way, m.
+
+        Returns:
+            Whether its whole ground was looked at, which is each half second.
+        """
+        for change, at_ns in list(self._asked):
+            if t_ns >= at_ns:
+                self._asked.remove((change, at_ns))
+                if t_ns < at_ns + _LATE_NS:
+                    self._changes.append(_score_change(change, mapper, here, laid, self._layout))
+        if t_ns < self._tick_ns:
+            return False
+        self._tick_ns = t_ns + int(_TICK_S * 1e9)
+        self._points.append(_ground_ahead(mapper, here, laid, self._layout))
+        self._complete.append(_completeness(mapper, here, laid, self._layout))
+        self._edges.append(_edge_errors(mapper, here, laid, self._layout))
+        return True
+
+    def scores(self) -> MapScores:
+        """Of all that was looked at."""
+        points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
+        far = distance_to(mesh_of(self._layout.slabs), points)
+        return MapScores(
+            changes=tuple(self._changes),
+            accuracy_m=_rms(far),
+            accuracy_p95_m=float(np.percentile(far, 95)) if len(far) else math.nan,
+            completeness=float(np.nanmean(self._complete)) if np.isfinite(self._complete).any() else math.nan,
+            edge_errors=np.concatenate(self._edges) if self._edges else np.zeros(0),
+        )
+
+
+def map_figures(scores: MapScores) -> Scores:
+    """The scores of one walk's map, in the units of a report; what there is nothing to tell of is left out.
+
+    Returns:
+        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm`; of the changes
+        `found_pct`, and of those found `begin_rmse_mm`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`.
+    """
+    changes = scores.changes
+    found = {
+        "accuracy_rmse_mm": 1e3 * scores.accuracy_m,
+        "accuracy_p95_mm": 1e3 * scores.accuracy_p95_m,
+        "completeness_pct": 100.0 * scores.completeness,
+        "edge_rmse_mm": 1e3 * _rms(scores.edge_errors),
+        "edge_mean_mm": 1e3 * float(scores.edge_errors.mean()) if len(scores.edge_errors) else math.nan,
+        "found_pct": 100.0 * float(np.mean([c.found for c in changes])) if changes else math.nan,
+        "begin_rmse_mm": 1e3 * _rms([c.edge_error for c in changes]),
+        "riser_rmse_mm": 1e3 * _rms([c.riser_error for c in changes]),
+        "tread_rmse_mm": 1e3 * _rms([c.tread_error for c in changes]),
+        "slope_rmse_deg": math.degrees(_rms([c.slope_error for c in changes])),
+    }
+    return {name: float(value) for name, value in found.items() if math.isfinite(value)}
+
+
+def _rms(values: Array | Sequence[float]) -> float:
+    """Of those that are known; NaN of none."""
+    known = np.asarray(values, float)[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
 def _asked_ns(change: TrueChange, path: Array) -> float:
@@ -242,21 +341,21 @@ def _asked_ns(change: TrueChange, path: Array) -> float:
     return float(beyond[0, 0]) - LEAD_S * 1e9 if len(beyond) else math.inf
 
 
-def _ahead(mapper: TerrainMap, here: float, off: Array, layout: Layout) -> Profile:
-    """The map's profile along the way, as if the walker had not drifted."""
+def _ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Profile:
+    """The map's profile straight ahead of the way, as if the walker had not drifted."""
     heading = float(layout.way.heading(here))
-    return mapper.profile(layout.way.point(here) + off[:2], heading)
+    return mapper.profile(laid.to_told(layout.way.point(here)), heading - laid.turn)
 
 
-def _score_change(change: TrueChange, mapper: TerrainMap, here: float, off: Array, layout: Layout) -> ScoredChange:
+def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> ScoredChange:
     estimate = mapper.estimate
-    heading = float(layout.way.heading(change.s))
+    heading = float(layout.way.heading(change.s)) - laid.turn
     forward = np.array([math.cos(heading), math.sin(heading)])
-    place = layout.way.point(change.s) + off[:2]
+    place = laid.to_told(layout.way.point(change.s))
     if estimate is None:
         return ScoredChange(true=change, found=False)
     if change.kind == "ramp":
-        near = [c for c in _ahead(mapper, here, off, layout).changes if c.kind == "knee"]
+        near = [c for c in _ahead(mapper, here, laid, layout).changes if c.kind == "knee"]
         edge = min((here + c.s - change.s for c in near), key=abs, default=math.nan)
         at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
         if at is None or at[0].slope < math.radians(5):
@@ -279,35 +378,58 @@ def _score_change(change: TrueChange, mapper: TerrainMap, here: float, off: Arra
     return ScoredChange(true=change, found=False)
 
 
-def _distances(mapper: TerrainMap, here: float, off: Array, terrain: Terrain, mesh: trimesh.Trimesh) -> Array:
-    """Distances of the map's ground ahead from the mesh, or from the ground all around."""
-    layout = terrain.layout
+def _ground_ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
+    """(N, 3) m, some of the map's points on the way ahead, in the true world."""
     points, plane = mapper.surface_points()
-    points = points[plane >= 0] - off
-    heading = float(layout.way.heading(here))
-    forward, left = np.array([math.cos(heading), math.sin(heading)]), np.array([-math.sin(heading), math.cos(heading)])
-    offset = points[:, :2] - layout.way.point(here)
-    along, aside = offset @ forward, offset @ left
-    there = (along > _NEAR_M) & (along < _FAR_M) & (np.abs(aside) < _HALF_WIDTH_M)
-    points = points[there][::5]
-    return np.minimum(distance_to(mesh, points), np.abs(points[:, 2] - terrain.ground_m))
+    points = laid.to_true(points[plane >= 0][::_EVERY])
+    near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < _FAR_M]
+    s = _places_ahead(here, layout)
+    if not len(s) or not len(near):
+        return np.zeros((0, 3))
+    way, heading = layout.way.point(s), layout.way.heading(s)
+    offset = near[:, None, :2] - way
+    k = np.argmin((offset**2).sum(axis=-1), axis=1)
+    offset = offset[np.arange(len(near)), k]
+    c, s_ = np.cos(heading[k]), np.sin(heading[k])
+    along, aside = offset[:, 0] * c + offset[:, 1] * s_, offset[:, 1] * c - offset[:, 0] * s_
+    return np.asarray(near[(np.abs(along) < _CELL_M) & (np.abs(aside) < _HALF_WIDTH_M)])
 
 
-def _completeness(mapper: TerrainMap, here: float, off: Array, terrain: Terrain) -> float:
+def _places_ahead(here: float, layout: Layout) -> Array:
+    """(N,) m along the way, where the ground ahead is looked at."""
+    return np.arange(here + _NEAR_M, min(here + _FAR_M, layout.profile[-1].s1), _CELL_M)
+
+
+def _completeness(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> float:
     """Share of the ground ahead whose height the map knows."""
-    s, aside = np.meshgrid(np.arange(here + _NEAR_M, here + _FAR_M, _CELL_M),
-                           np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M))  # fmt: skip
-    xy = terrain.layout.way.point(s.ravel(), aside.ravel())
-    told = mapper.heights(xy + off[:2]) - off[2]
-    return float(np.mean(np.abs(told - terrain.height(xy)) < _COMPLETE_M))
+    s, aside = (grid.ravel() for grid in np.meshgrid(
+        _places_ahead(here, layout), np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
+    ))  # fmt: skip
+    if not len(s):
+        return math.nan
+    xy = laid.to_told(layout.way.point(s, aside))
+    told = mapper.heights(xy) - laid.told[2] + laid.true[2]
+    return float(np.mean(np.abs(told - true_heights(layout.profile, s, aside)) < _COMPLETE_M))
 
 
-def _edge_errors(mapper: TerrainMap, here: float, off: Array, layout: Layout) -> Array:
+def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) -> Array:
+    """(N,) m, of the ground at (N,) arc lengths and m to the left of the way."""
+    starts = np.array([strip.s0 for strip in profile])
+    strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
+    s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T
+    return np.asarray(z0 + slope * (s - s0) + cross * left)
+
+
+def _edge_errors(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
     """Errors of the edges that the profile ahead tells, m, each against the true edge next to it."""
     jumps = np.array([s for s, _, _ in edges(layout.profile)])
-    told = np.array(
-        [here + c.s for c in _ahead(mapper, here, off, layout).changes if c.kind == "edge" and c.sd < _KNOWN_M]
-    )
+    changes = _ahead(mapper, here, laid, layout).changes
+    told = np.array([here + c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
+    heading = float(layout.way.heading(here))
+    ahead = layout.way.point(here) + (told - here)[:, None] * [math.cos(heading), math.sin(heading)]
+    told = told[
+        np.linalg.norm(layout.way.point(told) - ahead, axis=1) < _STRAIGHT_M
+    ]  # where the way does not turn away
     if not len(jumps) or not len(told):
         return np.zeros(0)
     errors = told - jumps[np.argmin(np.abs(told[:, None] - jumps), axis=1)]

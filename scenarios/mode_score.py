@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
 from stridetwin.scenarios.flights import flights
+from stridetwin.scenarios.laying import Laying
 from stridetwin.sim.route import Layout, Strip
 from stridetwin.streams.samples import Array, Footprint
 from stridetwin.streams.trajectory import Trajectory
@@ -26,9 +27,9 @@ ASKED_S = 1.5
 """How long before the foot lands beyond a change its place and size are asked for."""
 _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045
-_STRIDE_MAX_M = 2.0
 _STAIR_M = 0.07
 _BINS = 10
+_REACH_M = 1.5  # no step is longer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,13 +177,14 @@ class Laid:
         self._told, self._true = told.p_frame_in_world, truth.p_frame_in_world
         self._turn = _yaw(truth.q_world_frame) - _yaw(told.q_world_frame)
 
-    def point(self, t_ns: int, p: Array) -> Array:
-        """(3,) m in the true world, of (2,) or (3,) in the estimator's at a time."""
+    def at(self, t_ns: int) -> Laying:
+        """As it is laid at a time."""
         i = max(0, int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1)
-        c, s = math.cos(self._turn[i]), math.sin(self._turn[i])
-        offset = np.zeros(3)
-        offset[: len(p)] = p - self._told[i, : len(p)]
-        return self._true[i] + np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ offset
+        return Laying(told=self._told[i], true=self._true[i], turn=float(self._turn[i]))
+
+    def point(self, t_ns: int, p: Array) -> Array:
+        """(2,) or (3,) m in the true world, of as many in the estimator's at a time."""
+        return self.at(t_ns).to_true(p)
 
 
 def _yaw(q: Array) -> Array:
@@ -221,22 +223,19 @@ def score_modes(
         sole_m: Length of the soles.
     """
     landed = footprints[2:]
-    by_step = _told_by_step(landed, told)
-    straddled: list[tuple[str, ...]] = [() for _ in landed]
-    approaches: list[ScoredApproach] = []
-    if layout is not None:
-        places = _along(landed, layout)
-        straddled = [_straddled(f.mode, s, layout, sole_m) for f, s in zip(landed, places.tolist())]
-        approaches = _approaches(landed, places, told, laid, layout)
+    by_step = told_by_step(landed, told)
+    first = first_told(landed, by_step)
+    places = None if layout is None else _places(footprints, layout)[2:]
     steps = []
     before = "LG"
     for i, print_ in enumerate(landed):
-        allowed = (print_.mode, *straddled[i])
+        straddled = () if layout is None or places is None else _straddled(print_.mode, places[i], layout, sole_m)
+        allowed = (print_.mode, *straddled)
         own = by_step[i]
         last = own[-1] if own else None
         wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
         since = [e.t_ns for e, k in own if not wrong or e.t_ns > wrong[-1]]
-        forward, left = _miss(print_, own, landed[i - 1].t_ns if i else None, laid)
+        forward, left = _miss(print_, first[i], laid)
         steps.append(
             ScoredMode(
                 t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
@@ -247,10 +246,41 @@ def score_modes(
             )
         )  # fmt: skip
         before = print_.mode
+    approaches = [] if layout is None or places is None else _approaches(landed, places, told, laid, layout)
     return ModeScores(steps=steps, approaches=approaches)
 
 
-def _told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> list[list[tuple[ModeEstimate, int]]]:
+def first_steps(
+    footprints: Sequence[Footprint], told: Sequence[ModeEstimate]
+) -> list[tuple[ModeEstimate, StepPrediction] | None]:
+    """For each true step what was first told of it once the foot before it had landed; None where nothing was.
+
+    Args:
+        footprints: As of `score_modes`; those that stand at the start are no steps.
+        told: Likewise.
+    """
+    landed = footprints[2:]
+    first = first_told(landed, told_by_step(landed, told))
+    return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
+
+
+def first_told(
+    landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
+) -> list[tuple[ModeEstimate, int] | None]:
+    """Of each step the first estimate that tells it as the next one."""
+    found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
+    for i in range(1, len(landed)):
+        asked = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
+        found[i] = next(asked, None)
+    return found
+
+
+def _places(footprints: Sequence[Footprint], layout: Layout) -> Array:
+    """(F,) m along the way."""
+    return layout.way.project(np.array([f.p_foot_in_world[:2] for f in footprints]).reshape(-1, 2), _REACH_M)
+
+
+def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> list[list[tuple[ModeEstimate, int]]]:
     """For each step the estimates before its touch-down that tell of it, and under which number.
 
     An insole tells of a touch-down a little after it: an estimate in between still waits for the foot that is there.
@@ -267,14 +297,8 @@ def _told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> 
     return found
 
 
-def _along(landed: Sequence[Footprint], layout: Layout) -> Array:
-    """(N,) m along the way, of footprints in order."""
-    path = np.array([f.p_foot_in_world[:2] for f in landed]).reshape(-1, 2)
-    return layout.way.project(path, reach_m=_STRIDE_MAX_M)
-
-
 def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
-    """Other modes than its own that a footprint at a place along the way may count as, across a ramp's edge."""
+    """Other modes that a footprint at an arc length, across a ramp's edge, may count as."""
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     found = []
     for before, after in pairwise(layout.profile):
@@ -283,19 +307,16 @@ def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str,
     return tuple(found)
 
 
-def _miss(
-    print_: Footprint, own: Sequence[tuple[ModeEstimate, int]], before_ns: int | None, laid: Laid
-) -> tuple[float, float]:
-    """Error of the footprint as it was predicted when the other foot had just landed, forward and left, m."""
-    asked = [(e, k) for e, k in own if k == 0 and before_ns is not None and e.t_ns > before_ns]
-    if not asked:
+def _miss(print_: Footprint, told: tuple[ModeEstimate, int] | None, laid: Laid) -> tuple[float, float]:
+    """Error of the footprint as it was first told as the next one, forward and left, m."""
+    if told is None:
         return math.nan, math.nan
-    estimate, k = asked[0]
+    estimate, k = told
     p = laid.point(estimate.t_ns, estimate.steps[k].p_foot_in_world[:2])
     w, x, y, z = print_.q_world_foot
     forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
     forward /= np.linalg.norm(forward)
-    off = (p - print_.p_foot_in_world)[:2]
+    off = p - print_.p_foot_in_world[:2]
     return float(off @ forward), float(off @ [-forward[1], forward[0]])
 
 
@@ -320,7 +341,7 @@ def _approach(change: ModeChange, estimate: ModeEstimate, laid: Laid, layout: La
     if found is None or found.mode != change.mode:
         return ScoredApproach(mode=change.mode, found=False)
     heading = float(layout.way.heading(change.s))
-    beyond = laid.point(estimate.t_ns, found.p_in_world)[:2] - layout.way.point(change.s)
+    beyond = laid.point(estimate.t_ns, found.p_in_world) - layout.way.point(change.s)
     off = float(beyond @ [math.cos(heading), math.sin(heading)])
     if abs(off) > 0.4:
         return ScoredApproach(mode=change.mode, found=False)

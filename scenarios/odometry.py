@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import MOUNTS, Dvio
+from stridetwin.estimators.dvio.estimate import LOST
 from stridetwin.estimators.dvio.parameters import named
 from stridetwin.estimators.dvio.stereo import Stereo, with_stereo
 from stridetwin.scenarios.evaluate import Estimate
@@ -94,7 +95,8 @@ def estimate_odometry(
         raise RecordingError(f"{recording.path}: dvio never starts; it needs a second of IMU and pictures together")
     path = path_of(estimates)
     name = "dvio" if method == "stridetwin" else f"dvio_{method}"
-    return Estimate(name=name, frame=f"{mount}/imu", path=path, ready_ns=int(path.t_ns[0]))
+    healthy = np.array([e.health != LOST for e in estimates], bool)
+    return Estimate(name=name, frame=f"{mount}/imu", path=path, ready_ns=int(path.t_ns[0]), healthy=healthy)
 
 
 def path_of(estimates: Sequence[PoseEstimate]) -> Trajectory:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stridetwin.scenarios import exo_geometry, ground, injected
+from stridetwin.sim.anthropometry import anthropometry
 from stridetwin.sim.fault_plan import check_times, plan_faults
 from stridetwin.sim.faults import arrivals
 from stridetwin.streams.recording import RecordingWriter
@@ -31,6 +32,7 @@ def record(twin: Twin, path: Path, progress: Progress) -> None:
         "physics": config.physics,
         "person_height_m": f"{config.person.height_m:g}",
         "person_mass_kg": f"{config.person.mass_kg:g}",
+        "shoe_length_m": f"{anthropometry(config.person).shoe_length_m:g}",
         ground.KEY: ground.to_text(twin.terrain.layout),
         **exo_geometry.metadata(twin),
     }

@@ -10,8 +10,16 @@ from string import Template
 
 import numpy as np
 
+from stridetwin.scenarios.ahead import Ahead
 from stridetwin.scenarios.estimates import FEET
 from stridetwin.scenarios.evaluate import Result
+from stridetwin.scenarios.figures_ahead import (
+    ground_errors,
+    ground_from_above,
+    ground_from_aside,
+    lead_times,
+    mode_ribbon,
+)
 from stridetwin.scenarios.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
 from stridetwin.scenarios.figures_path import error_over_time, label_of, part_of, plan_view, side_view
 from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
@@ -50,6 +58,26 @@ _ROWS = (
     ("nis_echoes", "Innovations of the sonars' echoes, NIS per degree of freedom", "", 2),
     ("distance_m", "Distance travelled by the frame", "m", 2),
 )
+_AHEAD_ROWS = (
+    ("locomotion_mode", "accuracy_pct", "Steps whose mode was told rightly", "%", 1),
+    ("locomotion_mode", "strict_accuracy_pct", "the same, soles across a ramp's edge in one mode alone", "%", 1),
+    ("locomotion_mode", "transition_accuracy_pct", "Steps that change the mode, told rightly", "%", 1),
+    ("locomotion_mode", "steps", "Steps", "", 0),
+    ("locomotion_mode", "transitions", "of which change the mode", "", 0),
+    ("locomotion_mode", "lead_median_s", "Known for good before touch-down, median", "s", 2),
+    ("locomotion_mode", "lead_p5_s", "the same, 5th percentile", "s", 2),
+    ("locomotion_mode", "footprint_forward_rmse_m", "Footprint one step ahead, forward, RMS", "m", 3),
+    ("locomotion_mode", "footprint_left_rmse_m", "the same, sideways", "m", 3),
+    ("locomotion_mode", "calibration_error", "Told probabilities, calibration error", "", 3),
+    ("locomotion_mode", "changes_found_pct", "Changes of the ground told 1.5 s before", "%", 1),
+    ("locomotion_mode", "riser_rmse_mm", "their risers, RMS", "mm", 1),
+    ("locomotion_mode", "tread_rmse_mm", "their treads, RMS", "mm", 1),
+    ("locomotion_mode", "slope_rmse_deg", "their slopes, RMS", "°", 2),
+    ("terrain_map", "accuracy_rmse_mm", "Mapped ground ahead to the true surface, RMS", "mm", 1),
+    ("terrain_map", "accuracy_p95_mm", "the same, 95th percentile", "mm", 1),
+    ("terrain_map", "completeness_pct", "Ground 0.5 to 2.5 m ahead known within 3 cm", "%", 1),
+    ("terrain_map", "edge_rmse_mm", "Edges along the way, RMS", "mm", 1),
+)
 _RESIDUAL = "/truth/root_residual"
 _G = 9.81
 _PUBLISHED = (
@@ -71,6 +99,7 @@ class Story:
         recording: The walk.
         results: Scored estimates.
         steps: What the legs of an exoskeleton told, or None.
+        ahead: What was seen ahead, or None.
         film: Third-person film, or None.
     """
 
@@ -83,6 +112,7 @@ class Story:
     results: Sequence[Result]
     steps: StepResult | None
     film: Film | None
+    ahead: Ahead | None = None
 
 
 def render_report(story: Story) -> str:
@@ -108,6 +138,7 @@ def render_report(story: Story) -> str:
         _views(story),
         _paths(story),
         _steps(story),
+        _ahead(story),
         _gait(story),
         _streams(story),
         _faults(story),
@@ -239,6 +270,39 @@ def _steps(story: Story) -> str:
         f"{scores['steps']:.0f} classes right; {_number(scores['end_error_m'], 2)} m off at the end."
     )
     return section("What the legs told", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
+
+
+def _ahead(story: Story) -> str:
+    ahead = story.ahead
+    if ahead is None:
+        return ""
+    figures = [
+        ground_from_above(ahead), ground_from_aside(ahead), ground_errors(ahead), mode_ribbon(ahead), lead_times(ahead)
+    ]  # fmt: skip
+    lead = (
+        "Depth camera, its odometry's poses and insoles: the ground as it was mapped before the walker stood on it, "
+        "the mode of each coming step, and the footprints as they were told when the foot before them had just landed, "
+        "with the ellipses that should hold 95 % of them. The drift of the odometry is taken out; its scores have it."
+    )
+    body = "".join(f'<div class="card">{f}</div>' for f in figures if f) + _ahead_table(ahead)
+    return section("What lay ahead", lead, body, "stack")
+
+
+def _ahead_table(ahead: Ahead) -> str:
+    paper = reference("zhao2023")["generality"]["accuracy_pct"]
+    rows = ""
+    for estimator, key, words, unit, digits in _AHEAD_ROWS:
+        if key in ahead.scores.get(estimator, {}):
+            value = _number(ahead.scores[estimator][key], digits)
+            theirs = f"{paper['mean']:.2f} ± {paper['sd']:.2f}" if key == "accuracy_pct" else "–"
+            numbers = f'<td class="n">{value}</td><td class="n">{theirs}</td>'
+            rows += f"<tr><td>{words}</td>{numbers}<td>{unit or '–'}</td></tr>"
+    head = '<tr><th>Score</th><th class="n">this walk</th><th class="n">Zhao et al. 2023</th><th>Unit</th></tr>'
+    note = (
+        "Zhao et al. 2023, tables II and III: mean and deviation over 540 walks of real people; the paper gives no "
+        "more of these figures. For scale, not for ranking."
+    )
+    return f'<div class="card"><div class="scroll"><table>{head}{rows}</table></div><p class="note">{note}</p></div>'
 
 
 def _gait(story: Story) -> str:

@@ -1,4 +1,4 @@
-"""A walk as a Rerun file: terrain, paths, cameras and curves on one time line."""
+"""A walk as a Rerun file: terrain, paths, cameras, curves and what was seen ahead on one time line."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.scenarios.ahead import Ahead
 from stridetwin.scenarios.evaluate import Result, true_frames
 from stridetwin.scenarios.figures_path import part_of
 from stridetwin.scenarios.figures_streams import curves_of, scalar_topics
@@ -27,22 +28,27 @@ def rerun_installed() -> bool:
     return importlib.util.find_spec("rerun") is not None
 
 
-def write_rerun(path: Path, recording: Recording, results: Sequence[Result]) -> None:
+def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahead: Ahead | None = None) -> None:
     """Writes the file.
 
     Args:
         path: File to write, `.rrd`.
         recording: The walk.
         results: Scored estimates.
+        ahead: What was seen ahead, or None.
     """
     import rerun as rr
 
+    from stridetwin.scenarios.rerun_ahead import write_ahead
+
     stream = rr.RecordingStream("stridetwin", recording_id=f"stridetwin-{recording.metadata.get('scenario', 'walk')}")
-    stream.save(path, default_blueprint=_blueprint(recording, results))
+    stream.save(path, default_blueprint=_blueprint(recording, results, ahead))
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _terrain(rr, stream, from_metadata(recording.metadata))
     _paths(rr, stream, recording, results)
     _curves(rr, stream, recording, results)
+    if ahead is not None:
+        write_ahead(rr, stream, ahead)
     for topic in camera_topics(recording):
         for picture in pictures_of(recording, topic, _PICTURES_HZ):
             stream.set_time("time", duration=picture.t_ns / 1e9)
@@ -119,11 +125,17 @@ def _thinned(t_ns: Any, rate_hz: float, *columns: Array) -> tuple[Array, ...]:
     return seconds[::step], *(np.asarray(c[::step], dtype=float) for c in columns)
 
 
-def _blueprint(recording: Recording, results: Sequence[Result]) -> Any:
+def _blueprint(recording: Recording, results: Sequence[Result], ahead: Ahead | None) -> Any:
     import rerun.blueprint as rrb
 
     cameras = [rrb.Spatial2DView(origin=f"cameras{t}", name=t.strip("/")) for t in camera_topics(recording)]
-    series = [rrb.TimeSeriesView(origin="error_mm", name="position error, mm")] if results else []
+    series: list[Any] = []
+    if ahead is not None and ahead.estimates:
+        series += [
+            rrb.TextDocumentView(origin="modes/told", name="told"),
+            rrb.TimeSeriesView(origin="modes/probability", name="next step"),
+        ]
+    series += [rrb.TimeSeriesView(origin="error_mm", name="position error, mm")] if results else []
     series += [
         rrb.TimeSeriesView(origin=f"streams/{name}", name=name)
         for name in ("foot_l/imu", "foot_r/imu", "foot_l/insole", "foot_r/insole")

@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios import injected
+from stridetwin.scenarios.ahead import Ahead, look_ahead, odometry_of
 from stridetwin.scenarios.estimates import estimates
 from stridetwin.scenarios.evaluate import evaluate
 from stridetwin.scenarios.files import json_text, staged
+from stridetwin.scenarios.mode_files import predicted_steps, write_modes
 from stridetwin.scenarios.record import Progress, record
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
 from stridetwin.scenarios.steps import write_steps
+from stridetwin.scenarios.terrain_files import write_terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.tum import write_tum
@@ -76,7 +79,8 @@ def run_scenario(
         scenario: Who walks where.
         seed: Fixes every byte of the recording and of the scores.
         folder: Gets `recording.mcap`, `scores.json`, `report.html`, `run.rrd` (where there is Rerun), a TUM
-            file an estimator of paths and a table of steps; all of them at the end, none of them if anything fails.
+            file an estimator of paths, a table an estimator of steps, and the last of the terrain map; all of them at
+            the end, none of them if anything fails.
         command: How a reader of the report makes it again.
         progress: Told the stage and how far it is (0-1).
         pictures: The report shows a film, and the views of the cameras that are on.
@@ -93,7 +97,8 @@ def run_scenario(
         record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
-        results = evaluate(recording, estimates(recording))
+        made = estimates(recording)
+        results = evaluate(recording, made)
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
         scores = {r.estimate.name: r.scores for r in results}
@@ -101,6 +106,11 @@ def run_scenario(
         if steps is not None:
             write_steps(steps.estimates, out / "contact_terrain.csv")
             scores["contact_terrain"] = steps.scores
+        odometry = odometry_of(recording, made)
+        ahead = look_ahead(recording, odometry, progress) if odometry is not None else None
+        if ahead is not None:
+            scores |= ahead.scores
+            write_ahead_files(ahead, out)
         faults = injected.from_metadata(recording.metadata)
         document = scores_document(scenario, seed, scores, twin.fell_at, faults)
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
@@ -118,13 +128,22 @@ def run_scenario(
             results=results,
             steps=steps,
             film=film,
+            ahead=ahead,
         )
         (out / "report.html").write_text(render_report(story), encoding="utf-8")
         if rerun_installed():
             progress("rerun", 0.0)
-            write_rerun(out / "run.rrd", recording, results)
+            write_rerun(out / "run.rrd", recording, results, ahead)
         files = tuple(sorted(p.name for p in out.iterdir()))
     return Run(folder=folder, files=files, scores=scores)
+
+
+def write_ahead_files(ahead: Ahead, folder: Path) -> None:
+    """A row a step as it was last told, `locomotion_mode.csv`, and the map as it was at the end, `terrain_map.*`."""
+    if ahead.modes is not None:
+        write_modes(predicted_steps(ahead.estimates), folder / "locomotion_mode.csv")
+    if ahead.terrain_map.estimate is not None:
+        write_terrain(ahead.terrain_map, folder / "terrain_map.json")
 
 
 def scores_document(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from itertools import pairwise
@@ -64,6 +64,7 @@ class Plot:
         x_label: Text below the axis.
         y_label: Text at the top left.
         x_names: What stands at x = 0, 1, 2 and so on in place of numbers.
+        y_names: What stands at which y in place of numbers and their lines.
     """
 
     width: float
@@ -74,6 +75,7 @@ class Plot:
     x_label: str = ""
     y_label: str = ""
     x_names: Sequence[str] = ()
+    y_names: Mapping[float, str] = field(default_factory=dict)
     _marks: list[str] = field(default_factory=list)
     _legend: list[tuple[str, str, str]] = field(default_factory=list)
 
@@ -128,6 +130,28 @@ class Plot:
         if label:
             self._legend.append((label, color, "dot"))
 
+    def ellipse(self, middle: Array, covariance: Array, within: float, fill: str) -> None:
+        """The ellipse of a (2, 2) covariance about a (2,) place, so many deviations wide; both axes have one scale."""
+        variances, axes = np.linalg.eigh(covariance)
+        scale = abs(float(self._px(1.0) - self._px(0.0)))
+        short, long = within * scale * np.sqrt(np.maximum(variances, 0.0))
+        turn = -math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
+        at = f"{float(self._px(middle[0])):.1f} {float(self._py(middle[1])):.1f}"
+        self._marks.append(
+            f'<ellipse rx="{long:.1f}" ry="{short:.1f}" transform="translate({at}) rotate({turn:.0f})" fill="{fill}"/>'
+        )
+
+    def image(self, x: Range, y: Range, uri: str) -> None:
+        """A picture stretched over a range of the data, its pixels sharp."""
+        (left, right), (bottom, top) = self._px(x), self._py(y)
+        box = f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}"'
+        how = 'preserveAspectRatio="none" style="image-rendering:pixelated"'
+        self._marks.append(f'<image {box} {how} href="{uri}"/>')
+
+    def legend(self, label: str, color: str, style: str = "") -> None:
+        """An entry of the key: a line, of dashes where the style tells them, a `band` or a `dot`."""
+        self._legend.append((label, color, style))
+
     def note(self, x: float, y: float, words: str, *, anchor: str = "middle") -> None:
         """Words at a place in the data."""
         at = f'x="{float(self._px(x)):.1f}" y="{float(self._py(y)):.1f}"'
@@ -136,7 +160,10 @@ class Plot:
     def _grid(self) -> list[str]:
         out = []
         left, right, bottom = _LEFT, self.width - _RIGHT, self.height - self._bottom
-        for value in ticks(self.y, int(self.height / 45)):
+        for value, words in self.y_names.items():
+            at = float(self._py(value)) + 4
+            out.append(f'<text x="{left - 6}" y="{at:.1f}" text-anchor="end">{escape(words)}</text>')
+        for value in () if self.y_names else ticks(self.y, int(self.height / 45)):
             at = float(self._py(value))
             out.append(f'<line x1="{left}" x2="{right:g}" y1="{at:.1f}" y2="{at:.1f}" stroke="{_GRID}"/>')
             out.append(f'<text x="{left - 6}" y="{at + 4:.1f}" text-anchor="end">{_number(value)}</text>')

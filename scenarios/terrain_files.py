@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
 from stridetwin.scenarios.files import json_text
-from stridetwin.streams.errors import RecordingError
+from stridetwin.scenarios.ground_grid import GroundGrid
+from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
@@ -23,6 +24,7 @@ from stridetwin.streams.trajectory import Trajectory
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by what it belongs to."""
 _POSES = "/poses"
+_Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def depth_camera(rig: Rig) -> CameraCalibration:
@@ -128,22 +130,62 @@ def document(estimate: TerrainEstimate) -> dict[str, Any]:
     }
 
 
-def write_terrain(terrain_map: TerrainMap, file: Path) -> list[Path]:
+def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) -> list[Path]:
     """Writes planes and terrains as JSON, and the ground as a `.ply` of the same name.
+
+    Args:
+        terrain_map: The map.
+        file: The JSON.
+        mesh: Writes a `.glb` as well, the ground as a surface.
 
     Raises:
         RecordingError: The map has seen nothing.
+        StrideTwinError: A mesh is asked for, and what writes it is not installed.
     """
     estimate = terrain_map.estimate
     if estimate is None:
         raise RecordingError("no depth picture has a pose; nothing is mapped")
+    extra = {file.with_suffix(".glb"): ground_glb(terrain_map, estimate)} if mesh else {}
     points, plane = terrain_map.surface_points()
     cloud = file.with_suffix(".ply")
     with whole_file(cloud) as out:
         _write_ply(points, [_kind(estimate.terrain_of(int(p))) for p in plane], plane, out)
     with whole_file(file) as out:
         out.write_text(json_text(document(estimate)), encoding="utf-8")
-    return [file, cloud]
+    for surface, content in extra.items():
+        with whole_file(surface) as out:
+            out.write_bytes(content)
+    return [file, cloud, *extra]
+
+
+def ground_glb(terrain_map: TerrainMap, estimate: TerrainEstimate) -> bytes:
+    """The ground as a mesh, binary glTF: a vertex a column of the map, coloured by class; m.
+
+    Its vertices are in the map's world, z up; the scene's node turns them so that y is up, as glTF wants it.
+
+    Raises:
+        StrideTwinError: trimesh is not installed.
+    """
+    try:
+        import trimesh
+    except ModuleNotFoundError as error:
+        raise StrideTwinError("trimesh is not installed; a .glb needs it: pip install 'stridetwin[twin]'") from error
+    grid = GroundGrid.of(terrain_map)
+    points, plane = grid.points()
+    known = np.isfinite(grid.height)
+    number = np.full(known.shape, -1, np.int64)
+    number[known] = np.arange(len(points))
+    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
+    whole = corners[(corners >= 0).all(axis=-1)]
+    faces = np.concatenate([whole[:, [0, 1, 2]], whole[:, [0, 2, 3]]])
+    ids, where = np.unique(plane, return_inverse=True)
+    rgb = np.array([COLORS[_kind(estimate.terrain_of(int(i)))] for i in ids], np.uint8)[where]
+    surface = trimesh.Trimesh(vertices=points, faces=faces, vertex_colors=rgb, process=False)
+    surface.remove_unreferenced_vertices()
+    surface.vertex_normals  # noqa: B018  (computed here, and so written)
+    scene = trimesh.Scene()
+    scene.add_geometry(surface, node_name="ground", geom_name="ground", transform=_Y_UP)
+    return bytes(scene.export(file_type="glb", include_normals=True))
 
 
 def _kind(terrain: Terrain | None) -> str:

@@ -26,6 +26,8 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
 
+    if arguments.mesh and arguments.estimator != "terrain_map":
+        raise StrideTwinError("--mesh goes with terrain_map, which writes the ground")
     if arguments.estimator == "contact_terrain":
         return _estimate_steps(arguments, progress)
     if arguments.estimator == "terrain_map":
@@ -82,7 +84,7 @@ def _estimate_terrain(arguments: Namespace, progress: Progress) -> Outcome:
         raise StrideTwinError("--foot goes with foot_ins; terrain_map looks through the depth camera")
     progress("estimate", 0.0)
     terrain_map = map_recording(imported(arguments), read_tum(arguments.poses) if arguments.poses else None)
-    files = [str(f) for f in write_terrain(terrain_map, arguments.output)]
+    files = [str(f) for f in write_terrain(terrain_map, arguments.output, mesh=arguments.mesh)]
     found = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
     kinds = [t["type"] for t in found["terrains"]]
     data = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": len(found["planes"])}

@@ -69,6 +69,7 @@ def check_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def view_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`view`."""
+    from stridetwin.scenarios.ahead import look_ahead, odometry_of
     from stridetwin.scenarios.estimates import estimates
     from stridetwin.scenarios.evaluate import evaluate, true_frames
     from stridetwin.scenarios.rerun_file import rerun_installed, write_rerun
@@ -79,10 +80,13 @@ def view_command(arguments: Namespace, progress: Progress) -> Outcome:
     recording = opened(arguments.source, arguments.lenient)
     progress("rerun", 0.0)
     known = true_frames(recording.topics)
-    results = evaluate(recording, [e for e in estimates(recording) if e.frame in known])
+    made = estimates(recording)
+    results = evaluate(recording, [e for e in made if e.frame in known])
+    odometry = odometry_of(recording, made)
+    ahead = look_ahead(recording, odometry, progress) if odometry is not None else None
     target = arguments.output or arguments.source.with_suffix(".rrd")
     with whole_file(target) as file:
-        write_rerun(file, recording, results)
+        write_rerun(file, recording, results, ahead)
     display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
     if display:
         subprocess.Popen([sys.executable, "-m", "rerun", str(target)])

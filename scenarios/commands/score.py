@@ -25,6 +25,28 @@ _SHOWN_STEPS = {
     "end_error_m": "end m",
     "end_error_pct": "end %",
 }
+_SHOWN_MODES = {
+    "accuracy_pct": "right %",
+    "strict_accuracy_pct": "strict %",
+    "transition_accuracy_pct": "transitions %",
+    "lead_median_s": "lead s",
+    "lead_p5_s": "lead 5 % s",
+    "changes_found_pct": "changes found %",
+    "riser_rmse_mm": "riser mm",
+    "tread_rmse_mm": "tread mm",
+    "slope_rmse_deg": "slope °",
+}
+_SHOWN_MAP = {
+    "accuracy_rmse_mm": "accuracy mm",
+    "accuracy_p95_mm": "accuracy 95 % mm",
+    "completeness_pct": "complete %",
+    "edge_rmse_mm": "edges mm",
+    "found_pct": "changes found %",
+    "begin_rmse_mm": "begin mm",
+    "riser_rmse_mm": "riser mm",
+    "tread_rmse_mm": "tread mm",
+    "slope_rmse_deg": "slope °",
+}
 _SHOWN = {
     "end_error_m": "end m",
     "end_error_pct": "end %",
@@ -34,10 +56,16 @@ _SHOWN = {
     "armse_2d_m": "2-D ARMSE m",
     "nees_position_within_95_pct": "in 95 % bound %",
 }
+_KINDS = (
+    ("elevation_rmse_mm", _SHOWN_STEPS), ("completeness_pct", _SHOWN_MAP), ("strict_accuracy_pct", _SHOWN_MODES),
+    ("", _SHOWN),
+)  # fmt: skip
+"""A score that tells an estimator's kind, and what is shown of it."""
 
 
 def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`score`."""
+    from stridetwin.scenarios.ahead import look_ahead, odometry_of
     from stridetwin.scenarios.baseline import regressions
     from stridetwin.scenarios.estimates import estimates
     from stridetwin.scenarios.evaluate import Estimate, evaluate, summary
@@ -62,6 +90,9 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
         scores.append({r.estimate.name: r.scores for r in evaluate(recording, made, arguments.align)})
         if steps:
             scores[-1]["contact_terrain"] = evaluate_steps(recording).scores
+        odometry = None if named else odometry_of(recording, made)
+        if odometry is not None:
+            scores[-1] |= look_ahead(recording, odometry, progress).scores
         entries.append({"name": path.stem, "metadata": _public(recording.metadata), "estimators": scores[-1]})
     mean = summary(scores)
     data: dict[str, Any] = {"recordings": entries, "estimators": mean}
@@ -74,11 +105,13 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 
 def score_table(scores: dict[str, Scores]) -> list[str]:
-    """The main scores as lines of text, one an estimator: those of paths, then those of steps."""
-    steps = {name: values for name, values in scores.items() if "slope_rmse_deg" in values}
-    paths = {name: values for name, values in scores.items() if name not in steps}
-    lines = _score_lines(paths, _SHOWN) if paths or not steps else []
-    return [*lines, *([""] if lines and steps else []), *(_score_lines(steps, _SHOWN_STEPS) if steps else [])]
+    """The main scores as lines of text, one an estimator: those of paths, then of steps, of the map, of modes."""
+    parts: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
+    for name, values in scores.items():
+        parts[next(key for key, _ in _KINDS if not key or key in values)][name] = values
+    shown = dict(_KINDS)
+    blocks = [_score_lines(found, shown[key]) for key, found in parts.items() if found]
+    return [line for block in blocks for line in ("", *block)][1:] or _score_lines({}, _SHOWN)
 
 
 def _score_lines(scores: dict[str, Scores], shown: dict[str, str]) -> list[str]:

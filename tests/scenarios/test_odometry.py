@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ description: a few steps in a room
 terrain:
   - level: {length_m: 1.5}
 scenery: room
-sensors: [head_imu, head_camera]
+sensors: [insole, head_imu, head_camera]
+gait: {stand_s: 1.2}
 """
 
 
@@ -45,11 +47,38 @@ def test_a_walk_with_rendered_pictures_is_followed_to_its_end(walked, tmp_path, 
     assert np.linalg.norm(fitted.error_m, axis=1).max() < 0.05
     capsys.readouterr()
     assert main(["score", str(recording), "--align", "yaw", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["estimators"]["dvio"]["ape_rmse_m"]
+    scores = json.loads(capsys.readouterr().out)["estimators"]
+    told = scores["dvio"]["ape_rmse_m"]
     assert told == pytest.approx(np.sqrt((fitted.error_m**2).sum(axis=1).mean()), rel=1e-3)
     report = (walked / "report.html").read_text()
     assert 'class="camera"' in report
     assert "visual-inertial odometry" in report
+    own = json.loads((walked / "scores.json").read_text())["estimators"]
+    assert {k: scores[k] for k in ("terrain_map", "locomotion_mode")} == {
+        k: own[k] for k in ("terrain_map", "locomotion_mode")
+    }
+
+
+def test_the_ground_and_the_steps_ahead_are_scored_and_shown(walked):
+    scores = json.loads((walked / "scores.json").read_text())["estimators"]
+    footprints = Recording(walked / "recording.mcap").topics["/truth/footprints"].count
+    modes, ground = scores["locomotion_mode"], scores["terrain_map"]
+    assert modes["steps"] == footprints - 2
+    assert modes["accuracy_pct"] == 100.0
+    assert modes["footprint_left_rmse_m"] < 0.1  # so that each foot lands on its own side
+    assert ground["accuracy_rmse_mm"] < 15.0
+    assert ground["completeness_pct"] > 80.0
+    assert not {"edge_rmse_mm", "riser_rmse_mm", "slope_rmse_deg"} & (set(modes) | set(ground))
+    assert len((walked / "locomotion_mode.csv").read_text().splitlines()) > modes["steps"] - 2
+    assert (walked / "terrain_map.ply").read_bytes().startswith(b"ply")
+    report = (walked / "report.html").read_text()
+    part = report[report.index("What lay ahead") :]
+    plan = "".join(re.findall(r'<svg class="wide"[^>]*aria-label="The ground from above".*?</svg>', part, re.S))
+    assert plan.count('stroke="#46546a"') - 1 == footprints  # one is the key's
+    assert "99.00 ± 0.95" in part
+    live = (walked / "run.rrd").read_bytes()
+    for entity in ("/world/ahead/ground", "/world/steps/told", "/modes/probability/SA", "/modes/told"):
+        assert entity.encode() in live
 
 
 @pytest.mark.parametrize(

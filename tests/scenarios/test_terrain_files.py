@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.ground_grid import KINDS, GroundGrid, kinds_at
 from stridetwin.scenarios.map_score import Drift, distance_to, mesh_of, true_changes
+from stridetwin.scenarios.terrain_files import COLORS, map_recording
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
-from stridetwin.sim.solids import Box
+from stridetwin.sim.route import Slab
 from stridetwin.sim.terrain import Terrain
+from stridetwin.streams.opening import open_any
 from stridetwin.streams.samples import Odometry
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
@@ -64,6 +67,52 @@ def test_estimate_writes_planes_terrains_and_points(folder, tmp_path, capsys):
     assert len(points) == 19 * count > 0
 
 
+def test_the_ground_is_a_mesh_as_well_where_one_is_asked_for(folder, tmp_path, capsys):
+    trimesh = pytest.importorskip("trimesh")
+    file = tmp_path / "map.json"
+    assert main(["estimate", "terrain_map", str(folder), "-o", str(file), "--mesh", "--json"]) == 0
+    surface = tmp_path / "map.glb"
+    assert json.loads(capsys.readouterr().out)["files"][-1] == str(surface)
+    scene = trimesh.load(surface)
+    (mesh,) = scene.geometry.values()
+    points = (tmp_path / "map.ply").read_bytes().partition(b"end_header\n")[2]
+    rows = np.frombuffer(points, [("xyz", "<f4", 3), ("rgb", "u1", 3), ("plane", "<i4")])
+    low, high = rows["xyz"].min(axis=0), rows["xyz"].max(axis=0)
+    assert high[2] - low[2] == pytest.approx(3 * RISER, abs=0.05)
+    # the file's own vertices are the map's, in metres; the scene shows them with y up, as every glTF viewer takes it
+    column = 0.02  # a column at the border with no three beside it is part of no triangle
+    np.testing.assert_allclose(mesh.bounds, [low, high], atol=column)
+    np.testing.assert_allclose(scene.bounds, [[low[0], low[2], -high[1]], [high[0], high[2], -low[1]]], atol=column)
+    assert 0.98 * len(rows) < len(mesh.vertices) <= len(rows)
+    assert np.all(mesh.face_normals[:, 2] > 0.0)
+    assert np.all(mesh.vertex_normals[:, 2] > 0.0)
+    plan = (mesh.area_faces * mesh.face_normals[:, 2]).sum()
+    assert 0.5 * column**2 * len(rows) < plan < column**2 * len(rows)
+    assert {tuple(c[:3]) for c in mesh.visual.vertex_colors.tolist()} == {tuple(c) for c in rows["rgb"].tolist()}
+    assert COLORS["stairs"] in {tuple(c) for c in rows["rgb"].tolist()}
+
+
+def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):
+    assert main(["estimate", "foot_ins", str(tmp_path), "--mesh", "-o", str(tmp_path / "path.txt")]) == 2
+    assert "--mesh goes with terrain_map" in capsys.readouterr().err
+
+
+def test_a_grid_of_the_ground_tells_heights_and_classes_by_direction(folder):
+    terrain_map = map_recording(open_any(folder))
+    grid = GroundGrid.of(terrain_map)
+    xy = np.random.default_rng(0).uniform([-0.5, -0.4], [0.8, 0.4], (200, 2))
+    height, plane = grid.at(xy.reshape(20, 10, 2))
+    np.testing.assert_array_equal(height.ravel(), terrain_map.heights(xy))
+    points, ids = grid.points()
+    theirs, planes = terrain_map.surface_points()
+    assert sorted(map(tuple, points.round(6))) == sorted(map(tuple, theirs.round(6)))
+    assert sorted(ids) == sorted(planes)
+    tread = plane.ravel()[(xy[:, 0] > 0.05) & (xy[:, 0] < 0.25) & (plane.ravel() >= 0)]
+    names = [{KINDS[k] for k in kinds_at(terrain_map.estimate, np.array(tread), heading)} for heading in (0.0, math.pi)]
+    assert names == [{"SA"}, {"SD"}]
+    assert grid.at(np.array([[99.0, 99.0]]))[1] == -1
+
+
 def test_a_folder_without_poses_is_told(folder, tmp_path, capsys):
     for file in folder.glob("*.depth.png"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
@@ -98,9 +147,13 @@ def test_the_true_changes_of_a_route():
 
 
 def test_distances_from_a_mesh_are_exact():
-    mesh = mesh_of([Box(x=0.0, y=0.0, length=2.0, width=1.0, bottom=0.0, top=0.5)])
-    points = np.array([[0.0, 0.0, 0.7], [0.5, 0.2, 0.5], [2.0, 0.0, 0.5], [1.3, 0.9, 0.5], [0.0, 0.0, 0.4]])
+    low = Slab(x=-1.0, y=0.0, heading=0.0, length=2.0, left=0.5, right=0.5, z0=0.5, z1=0.5, terrain="level")
+    ramp = Slab(x=1.0, y=0.0, heading=0.0, length=4.0, left=0.5, right=0.5, z0=0.5, z1=3.5, terrain="ramp")
+    points = np.array([[0.0, 0.0, 0.7], [0.5, 0.2, 0.5], [-2.0, 0.0, 0.5], [-1.3, 0.9, 0.5], [0.0, 0.0, 0.4]])
+    mesh = mesh_of([low])
     np.testing.assert_allclose(distance_to(mesh, points), [0.2, 0.0, 1.0, 0.5, 0.1], atol=1e-9)
+    over = np.array([[3.0 - 0.6, 0.1, 2.0 + 0.8], [3.0, 0.0, 2.0], [3.0, 1.0, 1.9]])
+    np.testing.assert_allclose(distance_to(mesh_of([low, ramp]), over), [1.0, 0.0, 0.5], atol=1e-9)
 
 
 def test_drift_is_a_share_of_the_way():

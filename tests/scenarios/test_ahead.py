@@ -1,0 +1,263 @@
+"""What was seen ahead, beside the truth: laid worlds, figures, the Rerun stream, scores as lines; on steps made up."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
+from stridetwin.scenarios.ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
+from stridetwin.scenarios.baseline import regressions
+from stridetwin.scenarios.commands.score import score_table
+from stridetwin.scenarios.figures_ahead import (
+    WRONG,
+    ground_errors,
+    ground_from_above,
+    ground_from_aside,
+    lead_times,
+    mode_ribbon,
+    told_runs,
+)
+from stridetwin.scenarios.ground_grid import KINDS
+from stridetwin.scenarios.laying import Laying
+from stridetwin.scenarios.map_score import MapScores, ScoredChange, TrueChange, map_figures, true_heights
+from stridetwin.scenarios.mode_score import Laid, score_modes
+from stridetwin.sim.config import Level, Route, Stairs
+from stridetwin.sim.route import lay_out
+from stridetwin.streams.samples import Footprint
+from stridetwin.streams.trajectory import Trajectory
+
+LAYOUT = lay_out(Route(segments=(Level(length_m=3), Stairs(risers=3, riser_m=0.15, tread_m=0.3), Level(length_m=3))))
+EDGES = (3.0, 3.3, 3.6)
+TURN, SHIFT = 0.4, np.array([5.0, -2.0, 0.3])
+STEP_S, FIRST_S = 0.6, 2.0
+WRONG_STEPS = (2, 6)
+"""Steps of which another mode is told at the last, and of the first of them at the first alone."""
+
+
+def placed(s: float, left: float) -> np.ndarray:
+    return np.array([*LAYOUT.way.point(s, left), true_heights(LAYOUT.profile, np.array([s]))[0]])
+
+
+def walked() -> list[Footprint]:
+    """Two feet that stand, and eleven steps: three of them up."""
+    s = [0.0, 0.0, 0.5, 1.0, 1.6, 2.2, 2.7, 3.05, 3.35, 3.7, 4.2, 4.8, 5.4]
+    modes = ["LG"] * 7 + ["SA"] * 3 + ["LG"] * 3
+    return [
+        Footprint(
+            topic="/truth/footprints", t_ns=round(1e9 * (FIRST_S + STEP_S * max(0, i - 2))), foot="lr"[i % 2],
+            p_foot_in_world=placed(at, 0.1 - 0.2 * (i % 2)), q_world_foot=np.array([1.0, 0, 0, 0]), terrain="level",
+            mode=mode,
+        )
+        for i, (at, mode) in enumerate(zip(s, modes))
+    ]  # fmt: skip
+
+
+def turned(angle: float) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def told(footprints: list[Footprint]) -> list[ModeEstimate]:
+    """Ten estimates a second, each of four steps that land 2 cm too far, in a world that is turned and shifted."""
+    landed = footprints[2:]
+    found = []
+    for t_ns in range(10**9, landed[-1].t_ns, 10**8):
+        next_ = next(i for i, f in enumerate(landed) if f.t_ns >= t_ns)
+        steps = []
+        for k in range(next_, min(next_ + 4, len(landed))):
+            late = landed[k].t_ns - t_ns < 250_000_000
+            mode = landed[k].mode
+            if (k == WRONG_STEPS[0] and late) or k == WRONG_STEPS[1]:
+                mode = "RD"
+            there = turned(-TURN) @ (landed[k].p_foot_in_world + [0.02, 0.0, 0.0] - SHIFT)
+            covariance = (turned(-TURN) @ np.diag([0.03**2, 0.02**2, 1.0]) @ turned(TURN))[:2, :2]
+            steps.append(
+                StepPrediction(
+                    step=k + 1, foot=landed[k].foot, mode=mode, t_ns=landed[k].t_ns, t_sd_s=0.03,
+                    probabilities={m: 0.96 if m == mode else 0.01 for m in MODES}, p_foot_in_world=there,
+                    covariance=covariance,
+                )
+            )  # fmt: skip
+        change = NextChange(
+            mode="SA", p_in_world=(turned(-TURN) @ (placed(3.0, 0.0) - SHIFT))[:2], distance=3.0, distance_sd=0.01,
+            time_s=1.0, time_sd_s=0.1, riser=0.151, riser_sd=0.002, tread=0.302, tread_sd=0.003, slope=math.nan,
+            slope_sd=math.nan,
+        )  # fmt: skip
+        found.append(
+            ModeEstimate(
+                t_ns=t_ns, step=next_, steps=tuple(steps), change=change, heading=-TURN,
+                p_body_in_world=np.zeros(3), step_length=0.5, step_length_sd=0.02, step_time=STEP_S,
+            )
+        )  # fmt: skip
+    return found
+
+
+@pytest.fixture(scope="module")
+def ahead() -> Ahead:
+    footprints = walked()
+    estimates = told(footprints)
+    t_ns = np.array([0, 10**10])
+    pose = {"p_frame_in_world": np.zeros((2, 3)), "q_world_frame": np.tile([1.0, 0, 0, 0], (2, 1))}
+    truth = {"p_frame_in_world": np.tile(SHIFT, (2, 1)),
+             "q_world_frame": np.tile([math.cos(TURN / 2), 0, 0, math.sin(TURN / 2)], (2, 1))}  # fmt: skip
+    laid = Laid(Trajectory(t_ns=t_ns, **pose), Trajectory(t_ns=t_ns, **truth))
+    modes = score_modes(footprints, estimates, laid, LAYOUT, 0.27)
+    s = np.arange(-0.5, 6.5, CELL_M) + CELL_M / 2
+    left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
+    kind = np.where((s > EDGES[0]) & (s < EDGES[-1]), KINDS.index("SA"), 0).astype(np.uint8)
+    seen = SeenWay(
+        s=s, left=left, height=np.tile(true_heights(LAYOUT.profile, s)[:, None] + 0.004, len(left)),
+        kind=np.tile(kind[:, None], len(left)), edges=np.array([[at + 0.006, -0.8, 0.8] for at in EDGES]),
+    )  # fmt: skip
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.0]])
+    snapshots = [
+        Snapshot(t_ns=round(1e9 * t), points=np.zeros((5, 3), np.float32), kinds=np.zeros(5, np.uint8),
+                 planes=[(square, 0)], edges=[square[:2]])
+        for t in np.arange(1.0, 8.0, 0.5)
+    ]  # fmt: skip
+    scores = {"locomotion_mode": mode_scores(modes)}
+    nothing = MapScores(changes=(), accuracy_m=0.0, accuracy_p95_m=0.0, completeness=1.0, edge_errors=np.zeros(0))
+    return Ahead(
+        estimates=estimates, modes=modes, ground=nothing, terrain_map=None, seen=seen, snapshots=snapshots, laid=laid,
+        layout=LAYOUT, footprints=footprints, path=np.array([f.p_foot_in_world for f in footprints]), scores=scores,
+    )  # fmt: skip
+
+
+def wide(figure: str) -> str:
+    """The parts of a figure for a wide window."""
+    return "".join(re.findall(r'<svg class="wide".*?</svg>', figure, re.S))
+
+
+def test_a_laid_world_goes_there_and_back():
+    laid = Laying(told=np.array([1.0, 2.0, 3.0]), true=np.array([-1.0, 0.5, 3.2]), turn=math.pi / 2)
+    points = np.array([[[1.0, 2.0, 3.0], [2.0, 2.0, 3.5]]])
+    np.testing.assert_allclose(laid.to_true(points)[0], [[-1.0, 0.5, 3.2], [-1.0, 1.5, 3.7]], atol=1e-12)
+    np.testing.assert_allclose(laid.to_told(laid.to_true(points)), points, atol=1e-12)
+    np.testing.assert_allclose(laid.to_true(points[..., :2]), laid.to_true(points)[..., :2], atol=1e-12)
+
+
+def test_steps_told_in_a_turned_and_shifted_world_are_as_far_off_as_they_were_made(ahead):
+    steps = ahead.modes.steps
+    assert [i for i, s in enumerate(steps) if not s.right] == list(WRONG_STEPS)
+    np.testing.assert_allclose([s.forward_m for s in steps[1:]], 0.02, atol=1e-9)
+    np.testing.assert_allclose([s.left_m for s in steps[1:]], 0.0, atol=1e-9)
+    (up,) = (a for a in ahead.modes.approaches if a.mode == "SA")
+    assert (up.distance_m, up.riser_m, up.tread_m) == pytest.approx((0.0, 0.001, 0.002), abs=1e-9)
+
+
+def test_the_plan_has_every_footprint_those_told_and_the_wrong_ones(ahead):
+    plan = wide(ground_from_above(ahead))
+    assert plan.count('fill="#ffffff" stroke="#46546a"') == len(ahead.footprints)
+    assert plan.count("<ellipse") == len(ahead.footprints) - 3  # of the first step nothing is told between two landings
+    assert plan.count(f'stroke="{WRONG}"') == 2 * len(WRONG_STEPS)
+    assert plan.count("<image ") == 1
+    for words in ("level", "stairs up", "told a step before"):
+        assert f">{words}</text>" in plan
+    assert "nan" not in plan
+
+
+def test_told_footprints_lie_where_they_were_told(ahead):
+    plan = wide(ground_from_above(ahead))
+    shapes = re.findall(r'<polygon points="([^"]+)" fill="#ffffff" stroke="#46546a"', plan)
+    lines = re.findall(r'<polyline points="([^"]+)" fill="none" [^>]*stroke-dasharray="3 2"', plan)
+    middle = [np.mean([[float(v) for v in p.split(",")] for p in text.split()[:4]], axis=0) for text in shapes + lines]
+    true, told_ = np.array(middle[3 : len(shapes)]), np.array(middle[len(shapes) :])
+    metre = (1120 - 58) / (5.4 + 0.8 + 0.5 - CELL_M / 2)
+    np.testing.assert_allclose(told_ - true, np.tile([0.02 * metre, 0.0], (len(told_), 1)), atol=0.15)
+
+
+def test_the_ribbon_marks_what_the_score_calls_wrong(ahead):
+    ribbon = wide(mode_ribbon(ahead))
+    lines = ribbon.count(f'stroke="{WRONG}" stroke-width="2.4"')
+    assert lines == 2 * len(WRONG_STEPS)
+    runs = told_runs(ahead)
+    assert all(b > a for a, b, _, _ in runs)
+    last = {round(b, 6): right for _, b, _, right in runs}  # what is told at touch-down is what counts
+    assert {s.t_s: last[round(s.t_s, 6)] for s in ahead.modes.steps} == {s.t_s: s.right for s in ahead.modes.steps}
+    assert ribbon.count(f'fill="{WRONG}"') == sum(not right for *_, right in runs) == 2
+    early = [(a, b) for a, b, mode, _ in runs if mode == "LG" and b < ahead.modes.steps[2].t_s]
+    assert early[-1][1] == pytest.approx(ahead.modes.steps[2].t_s - 0.2, abs=0.051)  # right until just before
+
+
+def test_leads_are_bars_as_long_as_they_are(ahead):
+    lead = wide(lead_times(ahead))
+    bars = re.findall(r'<polygon points="[\d.]+,([\d.]+) [\d.]+,[\d.]+ [\d.]+,([\d.]+)', lead)
+    heights = [float(low) - float(high) for low, high in bars]
+    known = [s.lead_s for s in ahead.modes.steps if s.right]
+    assert len(heights) == len(known)
+    np.testing.assert_allclose(np.array(heights) / max(heights), np.array(known) / max(known), atol=0.01)
+    assert lead.count('r="2.6"') == sum(s.transition for s in ahead.modes.steps) == 2
+
+
+def test_the_side_view_and_its_errors_tell_millimetres(ahead):
+    aside, errors = wide(ground_from_aside(ahead)), wide(ground_errors(ahead))
+    assert ">true ground</text>" in aside
+    assert errors.count('r="3"') == len(EDGES)
+    assert ">told less true, mm</text>" in errors
+    y = {float(v) for v in re.findall(r'cy="([\d.]+)" r="3"', errors)}
+    assert max(y) - min(y) < 0.2  # all edges 6 mm too far
+    assert "nan" not in aside + errors
+
+
+class Listening:
+    """In the place of a Rerun stream: keeps what is logged, by entity."""
+
+    def __init__(self) -> None:
+        self.logged, self.now = {}, None
+
+    def set_time(self, name, *, duration):
+        self.now = duration
+
+    def log(self, entity, archetype, static=False):
+        self.logged.setdefault(entity, []).append((None if static else self.now, archetype))
+
+    def send_columns(self, entity, indexes, columns):
+        self.logged.setdefault(entity, []).append((None, columns))
+
+
+def test_rerun_gets_ground_steps_and_modes_over_time(ahead):
+    rr = pytest.importorskip("rerun")
+    from stridetwin.scenarios.rerun_ahead import told_words, write_ahead
+
+    stream = Listening()
+    write_ahead(rr, stream, ahead)
+    entities = {"world/ahead/ground", "world/ahead/planes", "world/ahead/edges", "world/steps/true", "world/steps/told"}
+    entities |= {"world/steps/ellipses", "modes/told", *(f"modes/probability/{m}" for m in MODES)}
+    assert entities <= set(stream.logged)
+    assert [t for t, _ in stream.logged["world/ahead/ground"]] == [s.t_ns * 1e-9 for s in ahead.snapshots]
+    assert len(stream.logged["world/steps/true"]) == len(ahead.footprints)
+    assert len(stream.logged["world/steps/true"][-1][1].strips.as_arrow_array()) == len(ahead.footprints)
+    landed = [f.t_ns * 1e-9 for f in ahead.footprints[3:]]
+    times = np.array([t for t, _ in stream.logged["world/steps/told"]])
+    assert all(0.0 < times[times > t].min() - t < 0.11 for t in landed[:-1])  # at once after each landing
+    first = np.array(stream.logged["world/steps/told"][0][1].strips.as_arrow_array().to_pylist()[0])
+    np.testing.assert_allclose(first[0, 0] - ahead.footprints[2].p_foot_in_world[0], 0.02, atol=1e-5)
+    assert told_words(ahead.estimates[0]) == (
+        "next step (left): level, 96 %\nthen stairs up in 3.0 m, riser 151 mm, tread 302 mm"
+    )
+
+
+def test_scores_are_told_by_kind_and_judged_the_right_way_round(ahead):
+    found = ScoredChange(true=TrueChange(kind="ramp", s=1.0, slope=0.1), found=True, edge_error=0.003, slope_error=0.01)
+    missed = ScoredChange(true=TrueChange(kind="stairs", s=2.0, riser=0.1, tread=0.3, risers=3), found=False)
+    ground = map_figures(
+        MapScores(changes=(found, missed), accuracy_m=0.004, accuracy_p95_m=0.009, completeness=0.9,
+                  edge_errors=np.array([0.003, -0.001]))
+    )  # fmt: skip
+    assert ground["found_pct"] == 50.0
+    assert ground["begin_rmse_mm"] == pytest.approx(3.0)
+    assert ground["slope_rmse_deg"] == pytest.approx(math.degrees(0.01))
+    assert (ground["edge_rmse_mm"], ground["edge_mean_mm"]) == pytest.approx((math.sqrt(5.0), 1.0))
+    assert "riser_rmse_mm" not in ground
+    scores = {"locomotion_mode": ahead.scores["locomotion_mode"], "terrain_map": ground}
+    lines = "\n".join(score_table(scores))
+    for words in ("transitions %", "lead s", "accuracy mm", "complete %", "edges mm"):
+        assert words in lines
+    better = {"locomotion_mode": scores["locomotion_mode"] | {"accuracy_pct": 100.0, "lead_median_s": 9.0}}
+    worse = regressions(scores, {"estimators": better}, "", 0.05)
+    assert {r.metric for r in worse} == {"accuracy_pct", "lead_median_s"}
+    assert regressions(better, {"estimators": {"locomotion_mode": scores["locomotion_mode"]}}, "", 0.05) == []
