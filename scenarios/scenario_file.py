@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,7 @@ from stridetwin.sim.config import (
     Route,
     Segment,
     Stairs,
+    Thing,
     Turn,
     TwinConfig,
 )
@@ -54,15 +56,16 @@ from stridetwin.sim.fault_plan import check_faults
 from stridetwin.sim.gait_checks import ASYMMETRY_MAX, GAZES, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
-from stridetwin.sim.route_checks import BYSTANDERS_MAX, LANES_MAX, LIGHT_RANGE, SCENERIES, TEXTURES
+from stridetwin.sim.route_checks import BYSTANDERS_MAX, LANES_MAX, LIGHT_RANGE, SCENERIES, TEXTURES, THINGS
 from stridetwin.sim.standard_rig import EXO_GROUPS, standard_rig
+from stridetwin.sim.things import check_things
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 SENSORS: tuple[str, ...] = TwinConfig.sensors
 CAMERAS = ("foot_camera", "head_camera")
 PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
-_OF_ROUTE = ("width_m", "scenery", "texture", "light", "bystanders")
+_OF_ROUTE = ("width_m", "scenery", "texture", "light", "bystanders", "things")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -275,6 +278,11 @@ _TERRAIN = {
     ),
     "lanes": _lanes,
 }
+_THING = {
+    "at_m": Field(attribute="at_m", read=number(-2, 500), required=True),
+    "left_m": Field(attribute="left_m", read=number(-10, 10)),
+}
+_THINGS = {kind: mapping(_THING, partial(Thing, kind=kind)) for kind in THINGS}
 _FILE = mapping(
     {
         "description": Field(attribute="description", read=text, required=True),
@@ -286,6 +294,7 @@ _FILE = mapping(
         "texture": Field(attribute="texture", read=one_word(TEXTURES)),
         "light": Field(attribute="light", read=number(*LIGHT_RANGE)),
         "bystanders": Field(attribute="bystanders", read=integer(0, BYSTANDERS_MAX)),
+        "things": Field(attribute="things", read=sequence(one_of(_THINGS))),
         "gait": Field(attribute="gait", read=_GAIT),
         "physics": Field(attribute="physics", read=one_word(PHYSICS)),
         "dynamics": Field(attribute="dynamics", read=_DYNAMICS),
@@ -363,7 +372,7 @@ def read_scenario(path: Path) -> Scenario:
     if values.get("exo", Exo()) is None:
         _check_worn(path, asked)
     try:
-        lay_out(values["route"])
+        check_things(values["route"].things, lay_out(values["route"]))
     except ConfigError as error:
         at = error.field.replace("segments", "terrain")
         raise ConfigError(path, at, error.value, error.valid) from error

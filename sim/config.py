@@ -113,6 +113,21 @@ Segment = Level | Stairs | Ramp | Turn | Lanes
 
 
 @dataclass(frozen=True, kw_only=True)
+class Thing:
+    """Something on or beside the way that is no ground to walk on, and looks as if it were, or hides it.
+
+    Attributes:
+        kind: `stripe`, a hazard marking painted across the way, or `shadow`, both flat; `table` or `wall`, which stand.
+        at_m: Where it begins along the way, from the world's origin.
+        left_m: How far its middle lies to the left of the way.
+    """
+
+    kind: str
+    at_m: float
+    left_m: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Route:
     """Terrain along the walk, piece by piece from the world's origin along its x axis.
 
@@ -123,6 +138,7 @@ class Route:
         texture: How much there is to see on ground and walls: `rich`, `plain` or bare `white`.
         light: Brightness of sun and sky, 1 as by day.
         bystanders: Number of people who walk about, 0-4.
+        things: What lies on the way or stands beside it or at its end.
     """
 
     segments: tuple[Segment, ...]
@@ -131,6 +147,7 @@ class Route:
     texture: str = "rich"
     light: float = 1.0
     bystanders: int = 0
+    things: tuple[Thing, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

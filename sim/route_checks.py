@@ -21,6 +21,7 @@ SCENERIES = ("outdoor", "room", "corridor")
 TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
 BYSTANDERS_MAX = 4
+THINGS = ("stripe", "shadow", "table", "wall")
 PASSING_WIDTH_M = 1.6
 _TINY = 1e-9
 
@@ -38,6 +39,8 @@ def check_segments(route: Route) -> None:
     _demand("light", route.light, dark <= route.light <= bright, f"{dark}-{bright}, 1 as by day")
     few = isinstance(route.bystanders, int) and 0 <= route.bystanders <= BYSTANDERS_MAX
     _demand("bystanders", route.bystanders, few, f"a whole number, 0-{BYSTANDERS_MAX}")
+    for i, thing in enumerate(route.things):
+        _demand(f"things[{i}].kind", thing.kind, thing.kind in THINGS, ", ".join(THINGS))
     uneven = any(isinstance(s, Stairs | Ramp | Lanes) for s in route.segments)
     roomy = not (route.bystanders and uneven) or route.width_m >= PASSING_WIDTH_M - _TINY
     _demand(

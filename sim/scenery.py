@@ -22,7 +22,8 @@ from stridetwin.streams.samples import Array
 _TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
 _SIDE = "stone"
 _NOSING = "nosing"
-_NOSING_COLOUR = (0.93, 0.87, 0.68)
+_COLOURS = {_NOSING: (0.93, 0.87, 0.68), "white_paint": (0.92, 0.92, 0.90), "black_paint": (0.02, 0.02, 0.02)}
+_SHADOW, _SHADE = "shadow", 0.25  # of concrete, and the light that is left there
 _NOSING_M = 0.03
 _RISER_M = 0.019
 _SEED = 20260  # the look of the world is the same in every walk
@@ -64,6 +65,11 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
 def paint_box(box: Box, material: str) -> list[Quad]:
     """Textured faces of a box of one material."""
     return [*_sides(box, material), *_top(box, 0.0, box.length, material)]
+
+
+def paint_area(corners: Array, material: str) -> Quad:
+    """A level rectangle on the ground, painted by the world; (4, 3) corners, anticlockwise seen from above."""
+    return Quad(corners, corners[:, :2], material)
 
 
 def _falls(solid: Solid, end: float, surface: SolidSet) -> bool:
@@ -135,13 +141,15 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
 def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMaterial:
     full = f"scenery_{name}"
     material = spec.add_material(name=full, specular=0.0, shininess=0.0)
-    if name == _NOSING:
-        strip = np.array([[_NOSING_COLOUR]]) * 255
+    if name in _COLOURS:
+        strip = np.array([[_COLOURS[name]]]) * 255
         material.rgba = (*(FINISHES[finish](strip.astype(np.uint8))[0, 0] / 255.0).tolist(), 1.0)
         return material
     texture = spec.add_texture(name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3)
-    texture.data = FINISHES[finish](_texture(name)).tobytes()
+    texture.data = FINISHES[finish](_texture("concrete" if name == _SHADOW else name)).tobytes()
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = full
+    if name == _SHADOW:
+        material.rgba = (_SHADE, _SHADE, _SHADE, 1.0)
     return material
 
 

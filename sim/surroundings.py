@@ -6,7 +6,7 @@ The walls of a corridor stand at the very borders of the way.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
@@ -51,13 +51,15 @@ class _Frame:
         )  # fmt: skip
 
 
-def surroundings(scenery: str, layout: Layout, bottom_m: float) -> tuple[Landmark, ...]:
-    """Landmarks of a scenery (`outdoor`, `room` or `corridor`), which stand no lower than `bottom_m`."""
+def surroundings(
+    scenery: str, layout: Layout, bottom_m: float, standing: Sequence[Landmark] = ()
+) -> tuple[Landmark, ...]:
+    """What is `standing` there, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
     kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
         "outdoor": _outdoor, "room": _room, "corridor": _corridor
     }  # fmt: skip
     clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
-    kept: list[Landmark] = []
+    kept = list(standing)
     for group in kinds[scenery](layout, bottom_m):
         if all(_clear(mark.box, layout, kept, clearance) for mark in group):
             kept += group

@@ -14,9 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stridetwin.sim import things
 from stridetwin.sim.config import Route
 from stridetwin.sim.route import Layout, Slab, Strip, lay_out
-from stridetwin.sim.scenery import add_ground, add_quads, add_sky, paint_box, paint_slabs
+from stridetwin.sim.scenery import add_ground, add_quads, add_sky, paint_area, paint_box, paint_slabs
 from stridetwin.sim.solids import Box, Solid, SolidSet, Wedge, corners
 from stridetwin.sim.surroundings import Landmark, floor, surroundings
 from stridetwin.streams.samples import Array
@@ -53,6 +54,7 @@ class Terrain:
             ConfigError: A segment that cannot be built or walked; the message names field, value and range.
         """
         layout = lay_out(route)
+        things.check_things(route.things, layout)
         lowest = min(float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
                      for slab in layout.slabs)  # fmt: skip
         return cls(layout=layout, ground_m=lowest - _GROUND_BELOW_M, route=route)
@@ -70,8 +72,9 @@ class Terrain:
 
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
-        """Things beside the way, out of the walker's reach."""
-        return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M)
+        """What stands beside the way and at its end, out of the walker's reach."""
+        standing = things.standing(self.route.things, self.layout)
+        return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M, standing)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the terrain to a model.
@@ -84,6 +87,8 @@ class Terrain:
         quads = paint_slabs(self.solids, self._set)
         for mark in self.landmarks:
             quads += paint_box(mark.box, mark.material)
+        for area in things.painted(self.route.things, self.layout, self.route.width_m):
+            quads.append(paint_area(area.corners, area.material))
         add_quads(spec, quads, self.route.texture)
         # Last, so that little of it is drawn where something stands before it.
         add_ground(spec, self.ground_m, self.route.texture)

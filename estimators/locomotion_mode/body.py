@@ -19,6 +19,9 @@ _KEPT_S = 2.0
 _PERIOD_S = 0.02
 _LOOK_S = 1.5
 _JUMP_M = 0.5
+_GAP_S = 1.0
+"""Without poses; those that come then may be in another frame."""
+_STALE_S = 0.2
 _TWIST_S = 0.1
 
 
@@ -41,7 +44,10 @@ class Body:
         self.p = np.zeros(3)
 
     def add(self, pose: Odometry) -> bool:
-        """Takes a pose; returns whether the body jumped. Poses that are late or not finite are passed over."""
+        """Takes a pose; returns whether the body jumped, or none had come for long.
+
+        Poses that are late or not finite are passed over.
+        """
         q, p = pose.q_world_frame, pose.p_frame_in_world
         if pose.t_ns <= self.t_ns or not is_pose(pose):
             return False
@@ -49,7 +55,8 @@ class Body:
         place, forward = p + R @ self._p, (R @ self._ahead)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
-        jumped = self.t_ns >= 0 and math.dist(place.tolist(), self.p.tolist()) > _JUMP_M + 5.0 * min(dt, 1.0)
+        far = math.dist(place.tolist(), self.p.tolist()) > _JUMP_M + 5.0 * min(dt, 1.0)
+        jumped = self.t_ns >= 0 and (far or dt > _GAP_S)
         if jumped:
             self._history.clear()
             self._look = None
@@ -62,10 +69,9 @@ class Body:
             self._history.append((pose.t_ns, place))
         return jumped
 
-    @property
-    def known(self) -> bool:
-        """Whether a pose has come."""
-        return bool(self._history)
+    def known(self, t_ns: int) -> bool:
+        """Whether a pose has come lately."""
+        return bool(self._history) and t_ns - self.t_ns < _STALE_S * 1e9
 
     def before(self, seconds: float) -> Array:
         """(3,) m, where the body was so long ago, or at the oldest instant that is kept."""

@@ -13,11 +13,11 @@ from stridetwin.estimators.locomotion_mode.changes import first_change, flight_a
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
 from stridetwin.estimators.locomotion_mode.footsteps import CLIMB, SIDE, StepFilter
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.pieces import Piece, pieces
+from stridetwin.estimators.locomotion_mode.pieces import Piece, pieces, unseen, with_unseen
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, mode_between
 from stridetwin.estimators.locomotion_mode.rollout import Chain, moments, roll_out
 from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
-from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import CameraCalibration, Mount
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
@@ -28,7 +28,8 @@ _SOON_S = 0.05
 _MISSED = 1.4
 """Step times after which a foot that touches down again has left out a step of the other."""
 _BOUNCE = 0.6
-_STANDING_SD_M = 0.08
+_STANDING_SD_M, _WALKING_SD_M = 0.08, 0.25
+"""Of the first foot about the body, at the start and where all begins anew on the way."""
 _USUAL_HEIGHT_M = 1.3
 """Of neck and waist, where the ground is not known."""
 _TALLEST_M = 2.2
@@ -58,7 +59,8 @@ class LocomotionMode:
     insoles in time order; tells an estimate after every depth picture that the map took, and at each touch-down.
 
     Without insoles it tells nothing but where the body is on the way to the first step; a foot whose insole is dead is
-    led along by the other's touch-downs. Where poses jump it begins anew, as the map does.
+    led along by the other's touch-downs. Where poses stay away it tells nothing; where they jump, or come again after
+    long, it begins anew, as the map does. Ground that was not seen may be any: the probabilities say so.
 
     Args:
         ground: Map of the ground; it is fed here, with the same samples.
@@ -92,15 +94,18 @@ class LocomotionMode:
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._s: Array = np.asarray(p.grid_m * (np.arange(round((p.behind_m + p.reach_m) / p.grid_m)) + 0.5), float)
-        self._begin()
+        self._begin(_STANDING_SD_M)
 
-    def _begin(self) -> None:
+    def _begin(self, stance_sd_m: float) -> None:
         p = self.parameters
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._length, self._time = (StepFilter(m, *(share * m for share in shares)) for m in (p.step_m, p.step_s))
         self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise)
         self._stance: _Stance | None = None
+        self._stance_sd_m = stance_sd_m
         self._foot, self._down_ns, self._step = "", -1, 0
+        self._silent = ""  # foot whose insole has told nothing of its last step
+        self._guessed, self._heard_ns = False, -1  # whether no insole told of the last touch-down; when one last did
         self._alike = 0  # steps in a row on ground of one mode
         self._walking.clear()
 
@@ -109,34 +114,56 @@ class LocomotionMode:
         if isinstance(sample, Odometry):
             self.ground.update(sample)
             if self._body.add(sample):
-                self._begin()
+                self._begin(_WALKING_SD_M)
             return None
         if isinstance(sample, Insole):
-            foot = self._touch.update(sample)
-            if foot is None or not self._body.known:
+            foot, known = self._touch.update(sample), self._body.known(sample.t_ns)
+            heard = foot is not None
+            if foot is None and self._overdue(sample.t_ns):
+                foot = self._silent
+            if foot is None:
                 return None
-            self._land(foot, sample.t_ns)
-            return self._told(sample.t_ns)
-        if isinstance(sample, Depth) and self.ground.update(sample) is not None and self._body.known:
+            self._land(foot, sample.t_ns, known, heard)
+            return self._told(sample.t_ns) if known else None
+        if isinstance(sample, Depth) and self.ground.update(sample) is not None and self._body.known(sample.t_ns):
             return self._told(sample.t_ns)
         return None
+
+    def _overdue(self, t_ns: int) -> bool:
+        """Whether the foot of which nothing is heard must be down by now: the other one is about to be lifted."""
+        waited = (t_ns - self._down_ns) * 1e-9
+        return bool(self._silent) and self._foot == _OTHER[self._silent] and waited > self._time.mean
 
     def _told(self, t_ns: int) -> ModeEstimate:
         return self._published(t_ns) if self.method == "published" else self._predicted(t_ns)
 
     # ---- ours -------------------------------------------------------------------------------------------------------
 
-    def _land(self, foot: str, t_ns: int) -> None:
-        """A foot touches down: where it stands, and what the step says of the next ones."""
+    def _land(self, foot: str, t_ns: int, known: bool, heard: bool) -> None:
+        """A foot touches down: where it stands, and what the step says of the next ones; or only when.
+
+        Args:
+            foot: `l` or `r`.
+            t_ns: When.
+            known: Whether it is known where the body is.
+            heard: Whether its insole tells so.
+        """
         p, elapsed = self.parameters, (t_ns - self._down_ns) * 1e-9
         missed = 0
+        if heard and foot == self._silent:
+            self._silent = ""
         if foot == self._foot:
             if elapsed < _BOUNCE * self._time.mean:
                 return
             missed = int(elapsed > _MISSED * self._time.mean)
-        first = self._down_ns < 0
-        self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
-        if self.method == "stridetwin":
+        first, paired = self._down_ns < 0, heard and not self._guessed
+        if missed:
+            self._silent = _OTHER[foot]
+        if known:
+            self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
+        if not known:
+            self._stance, self._stance_sd_m = None, _WALKING_SD_M
+        elif self.method == "stridetwin":
             line = self._line()
             ground, stance = self._pieces(*line), self._standing(*line)
             before, _ = moments(stance, self._s)
@@ -152,10 +179,15 @@ class LocomotionMode:
             )
             chain = self._rolled(stance, ground, lengths, suits)
             self._stance = _Stance(origin=line[0], forward=line[1], s=self._s, density=chain.density[-1])
-            if not missed and not first:
+            if not missed and not first and paired:
                 self._learn(foot, stance, chain, ground)
-        if not first and elapsed < 3.0 * p.step_s:
-            self._time.update(SIDE[foot], elapsed / (1 + missed))
+        if heard:
+            since, steps = (self._heard_ns, 2) if self._guessed else (self._down_ns, 1 + missed)
+            seconds = (t_ns - since) * 1e-9
+            if not first and seconds < 3.0 * p.step_s:
+                self._time.update(SIDE["" if self._guessed else foot], seconds / steps)
+            self._heard_ns = t_ns
+        self._guessed = not heard
         self._foot, self._down_ns, self._step = foot, t_ns, self._step + 1 + missed
 
     def _learn(self, foot: str, stance: Array, chain: Chain, ground: Sequence[Piece]) -> None:
@@ -196,14 +228,15 @@ class LocomotionMode:
         return self._body.p[:2] - self.parameters.behind_m * forward, forward
 
     def _pieces(self, origin: Array, forward: Array) -> list[Piece]:
-        p, estimate = self.parameters, self.ground.estimate
-        heading = math.atan2(forward[1], forward[0])
-        profile = self.ground.profile(origin, heading, p.behind_m + p.reach_m)
-        return pieces(profile, estimate, forward, p)
+        return pieces(self._profile(origin, forward), self.ground.estimate, forward, self.parameters)
+
+    def _profile(self, origin: Array, forward: Array) -> Profile:
+        p = self.parameters
+        return self.ground.profile(origin, math.atan2(forward[1], forward[0]), p.behind_m + p.reach_m)
 
     def _standing(self, origin: Array, forward: Array) -> Array:
         if self._stance is None:
-            density = np.exp(-0.5 * ((self._s - self.parameters.behind_m) / _STANDING_SD_M) ** 2)
+            density = np.exp(-0.5 * ((self._s - self.parameters.behind_m) / self._stance_sd_m) ** 2)
             return density / density.sum()
         return self._stance.along(origin, forward, self._s)
 
@@ -218,11 +251,13 @@ class LocomotionMode:
     def _predicted(self, t_ns: int) -> ModeEstimate:
         p = self.parameters
         origin, forward = line = self._line()
-        ground = self._pieces(*line)
+        profile = self._profile(*line)
+        ground = pieces(profile, self.ground.estimate, forward, p)
         stance = self._standing(*line)
         feet = [_OTHER[self._foot] if k % 2 == 0 else self._foot for k in range(p.steps)]
         lengths = [self._length.of(SIDE[f]) for f in feet]
         chain = self._rolled(stance, ground, lengths, None)
+        modes = with_unseen(chain.modes, chain.density @ unseen(profile, self._s, moments(stance, self._s)[0], p))
         times = self._times(feet, t_ns)
         left = np.array([-forward[1], forward[0]])
         steps = []
@@ -232,8 +267,8 @@ class LocomotionMode:
             turn = np.column_stack([forward, left])
             steps.append(
                 StepPrediction(
-                    step=self._step + k + 1, foot=foot, mode=MODES[int(chain.modes[k].argmax())],
-                    probabilities=dict(zip(MODES, chain.modes[k].tolist())), t_ns=times[k][0], t_sd_s=times[k][1],
+                    step=self._step + k + 1, foot=foot, mode=MODES[int(modes[k].argmax())],
+                    probabilities=dict(zip(MODES, modes[k].tolist())), t_ns=times[k][0], t_sd_s=times[k][1],
                     p_foot_in_world=np.array([*xy, self._height(xy)]),
                     covariance=turn @ np.diag([sd**2, p.width_sd_m**2]) @ turn.T,
                 )

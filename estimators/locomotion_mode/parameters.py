@@ -52,6 +52,7 @@ class LocomotionModeParameters:
         ramp_rad: Ground that slopes more is a ramp: half of the gentlest one that is built for walking, 5°.
         slope_sd_rad: Least deviation of a slope.
         flat_sd_rad: How level ground is that is built level.
+        change_m: Ground that is not seen becomes another once in so many metres.
         ramp_step: Steps on ramps over those on level ground, before any was made.
         ramp_step_sd: Deviation of that.
         climb_sd: Deviation of half of what the ratio is larger uphill than downhill.
@@ -99,6 +100,7 @@ class LocomotionModeParameters:
     ramp_rad: float = 0.0436
     slope_sd_rad: float = 0.009
     flat_sd_rad: float = 0.0175
+    change_m: float = 2.0
     ramp_step: float = 0.80
     ramp_step_sd: float = 0.12
     climb_sd: float = 0.06

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -69,13 +69,14 @@ def pieces(
         forward: (2,) unit vector of the way.
         p: Deviations.
     """
+    changes, until = _walked(_over(profile.changes, p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
-    for change in sorted(profile.changes, key=lambda c: c.s):
+    for change in changes:
         bounds += _bounds(change, p)
     bounds = [*bounds[:_MOST], _Bound(math.inf, 0.0, 0.0)]
     made = []
     for one, other in pairwise(bounds):
-        slope, slope_sd = _slope(profile, estimate, forward, one.s, other.s, p)
+        slope, slope_sd = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
         made.append(
             Piece(
                 start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
@@ -83,6 +84,50 @@ def pieces(
             )
         )  # fmt: skip
     return made
+
+
+def _over(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change]:
+    """In order, without what one steps over: ground that soon goes back to the level before it.
+
+    Nobody sets a foot on a strip that is shorter than any tread, nor into a hole that is shorter than a step; such are
+    things left lying, and what mirrors.
+    """
+    kept: list[Change] = []
+    for change in sorted(changes, key=lambda c: c.s):
+        kept.append(change)
+        risen = 0.0
+        for k in range(len(kept) - 1, -1, -1):
+            if kept[k].kind != "edge":
+                break
+            risen += kept[k].drop
+            longest = p.tread_min_m if abs(kept[k].drop) < p.riser_max_m else p.tread_max_m
+            if abs(risen) < p.kerb_m and 0.0 < change.s - kept[k].s < longest:
+                del kept[k:]
+                break
+    return kept
+
+
+def _walked(
+    changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters
+) -> tuple[list[Change], float]:
+    """Those between what nobody climbs or jumps down, behind the walker and before him, and how far one can go, m."""
+    behind = 0
+    for k, change in enumerate(changes):
+        if _blocks(change, profile, estimate, p):
+            if change.s > p.behind_m:
+                return changes[behind:k], change.s
+            behind = k + 1
+    return changes[behind:], math.inf
+
+
+def _blocks(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters) -> bool:
+    """Whether an edge is none of stairs: higher than a riser and no flight goes on there, or too steep a fall."""
+    if change.drop <= 0.0:
+        return -change.drop > p.riser_max_m * (1.0 + _GAP_SD * change.sd / p.tread_min_m)
+    if change.drop <= p.riser_max_m:
+        return False
+    beyond = profile.plane[(profile.s > change.s) & (profile.plane >= 0)]
+    return not any(int(i) in flight.planes for i in beyond[:1] for flight in (estimate.stairs if estimate else ()))
 
 
 class _Bound(NamedTuple):
@@ -192,6 +237,31 @@ def _here(s: Array, start: float, sd: float) -> Array:
 
 def _above(value: float, limit: float, sd: float) -> float:
     return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))
+
+
+def unseen(profile: Profile, s: Array, here: float, p: LocomotionModeParameters) -> Array:
+    """(S,) chance that places of the way are on ground of another mode than it seems, for want of having seen it.
+
+    Changes come by chance, once in `change_m`. Between two places that were seen there would have to be two of them;
+    from where the foot stands, which nobody may have seen, one is enough.
+
+    Args:
+        profile: Of the ground along the way.
+        s: (S,) m along the way.
+        here: m, where the foot stands: there is ground.
+        p: How often ground changes.
+    """
+    seen = profile.s[profile.plane >= 0]
+    bounds = np.concatenate([[-np.inf], seen, [np.inf]])
+    i = np.searchsorted(seen, s)
+    back, ahead = s - bounds[i], bounds[i + 1] - s
+    between = np.expm1(-back / p.change_m) * np.expm1(-ahead / p.change_m)
+    return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.change_m)))
+
+
+def with_unseen(modes: Array, chance: Array) -> Array:
+    """(K, 5) probabilities of modes where, with (K,) chance, each may be any."""
+    return np.asarray((1.0 - chance[:, None]) * modes + chance[:, None] / len(MODES))
 
 
 def stretch(ground: Sequence[Piece], s: Array, ratios: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:

@@ -39,7 +39,7 @@ class TerrainMap:
 
     Causal, of bounded memory, deterministic. A depth picture needs a pose no older than `max_pose_age_s`; poses come
     before the pictures of the same instant. A picture without such a pose, without depth, or older than the last one is
-    passed over; a pose that is not finite is none; where the pose jumps, the map begins anew.
+    passed over; a pose that is not finite is none; where the pose jumps, or none came for long, the map begins anew.
 
     Args:
         rig: Tells the camera.

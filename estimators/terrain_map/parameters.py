@@ -44,6 +44,7 @@ class TerrainMapParameters:
         slope_sd_rad: And to its slopes.
         edge_sd_m: And to the place of a whole edge.
         max_pose_age_s: A pose older than this says nothing about a picture.
+        max_gap_s: Poses that come again after longer may be in another frame: the map begins anew.
         max_speed_mps: A pose that moves faster has jumped: the map begins anew.
         jump_m: A change of pose below this is no jump, however fast.
     """
@@ -74,6 +75,7 @@ class TerrainMapParameters:
     slope_sd_rad: float = 0.004
     edge_sd_m: float = 0.005
     max_pose_age_s: float = 0.05
+    max_gap_s: float = 1.0
     max_speed_mps: float = 5.0
     jump_m: float = 0.25
 

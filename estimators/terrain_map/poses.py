@@ -29,7 +29,7 @@ class Poses:
         self._last: Odometry | None = None
 
     def add(self, pose: Odometry) -> bool:
-        """Takes a pose; returns whether it jumped away from the one before.
+        """Takes a pose; returns whether it jumped away from the one before, or that one is long ago.
 
         A pose that is not finite, or not newer than the one before, is passed over.
         """
@@ -43,7 +43,7 @@ class Poses:
         moved = math.dist(pose.p_frame_in_world.tolist(), self._last.p_frame_in_world.tolist())
         dt = (pose.t_ns - self._last.t_ns) * 1e-9
         self._last = pose
-        return moved > self._p.jump_m and moved > self._p.max_speed_mps * dt
+        return dt > self._p.max_gap_s or (moved > self._p.jump_m and moved > self._p.max_speed_mps * dt)
 
     def at(self, t_ns: int) -> Array | None:
         """(4, 4) frame to world at a time: the last pose, carried on by its velocity; None where it is too old."""

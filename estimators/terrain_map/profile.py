@@ -117,18 +117,28 @@ def _changes(
     s: Array, plane: NDArray[np.int64], estimate: TerrainEstimate, origin: Array, forward: Array,
     p: TerrainMapParameters,
 ) -> tuple[Change, ...]:  # fmt: skip
-    runs = []
-    for id_ in _there(plane):
-        at = np.flatnonzero(plane == id_)
-        if len(at) >= _SHORTEST:
-            runs.append((float(s[at[0]]), float(s[at[-1]]), estimate.planes[id_]))
-    runs.sort(key=lambda run: run[0] + run[1])
     found = []
-    for (_, end, one), (start, _, other) in pairwise(runs):
+    for (_, last, one_id), (first, _, other_id) in pairwise(_runs(plane)):
+        end, start, one, other = float(s[last]), float(s[first]), estimate.planes[one_id], estimate.planes[other_id]
         change = _edge_or_knee(end, start, one, other, estimate, origin, forward, p)
         if change is not None:
             found.append(change)
     return tuple(found)
+
+
+def _runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+    """First and last step of each stretch on one plane, and the plane's id; one that goes on behind another has two."""
+    known = np.flatnonzero(plane >= 0)
+    runs: list[tuple[int, int, int]] = []
+    for steps in np.split(known, np.flatnonzero(np.diff(plane[known])) + 1):
+        if len(steps) < _SHORTEST:
+            continue
+        id_ = int(plane[steps[0]])
+        if runs and runs[-1][2] == id_:
+            runs[-1] = runs[-1][0], int(steps[-1]), id_
+        else:
+            runs.append((int(steps[0]), int(steps[-1]), id_))
+    return runs
 
 
 def _edge_or_knee(

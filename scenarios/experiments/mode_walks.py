@@ -7,7 +7,7 @@ and but for the one that forgets, the same map.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +17,11 @@ from stridetwin.estimators.locomotion_mode import METHODS, LocomotionMode, ModeE
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.odometry_walks import HEALTHY, dvio, recorded
+from stridetwin.scenarios.experiments.spoilt import Samples
 from stridetwin.scenarios.experiments.walks import fell_at_s
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.mode_files import INSOLES
-from stridetwin.scenarios.mode_score import Laid, score_modes
+from stridetwin.scenarios.mode_score import Laid, ModeScores, score_modes
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample, posed_depth
 from stridetwin.scenarios.truth import TruePath
@@ -29,7 +30,7 @@ from stridetwin.sim.body import wearer
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.fitting import Fitting
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.samples import Depth, Image, Imu, Insole, Odometry, Sample
+from stridetwin.streams.samples import Depth, Footprint, Image, Imu, Insole, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 MOUNTS = ("head", "chest")
@@ -115,21 +116,45 @@ def predicted(recording: Recording, mount: str, telling: Telling, sole_m: float)
         telling: How its steps are told.
         sole_m: Length of the walker's soles.
     """
+    told = tell(posed(recording, mount, telling.poses), recording, telling.methods)
+    return {
+        method: scores.rows() | {"time_ms": _time(told.frame_ms[method])}
+        for method, scores in scored(told, recording, sole_m).items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """What was told of a walk.
+
+    Attributes:
+        estimates: By method, in order.
+        frame_ms: By method, time a depth picture; that of the first one holds the map's.
+        path: Poses as they were given.
+    """
+
+    estimates: Mapping[str, list[ModeEstimate]]
+    frame_ms: Mapping[str, list[float]]
+    path: Trajectory
+
+
+def tell(samples: Iterable[Sample], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
+    """Lets every method take a walk's poses, depth and insoles in order of time."""
     camera = depth_camera(recording.rig)
-    topic, place = given_poses(recording, camera)
+    place = given_poses(recording, camera)[1]
     shared = SharedMap(recording.rig, mount=place)
     predictors = {
         m: LocomotionMode(ForgetfulMap(recording.rig, mount=place), camera, mount=place)
         if m == FORGETFUL
         else LocomotionMode(shared, camera, mount=place, method=m)
-        for m in telling.methods
+        for m in methods
     }
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
     frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
-    told: list[Odometry] = []
-    for sample in posed(recording, mount, telling.poses):
+    poses: list[Odometry] = []
+    for sample in samples:
         if isinstance(sample, Odometry):
-            told.append(sample)
+            poses.append(sample)
         for method, predictor in predictors.items():
             began = time.process_time()
             estimate = predictor.update(sample)
@@ -138,25 +163,45 @@ def predicted(recording: Recording, mount: str, telling: Telling, sole_m: float)
                 frame_ms[method].append(own)
             if estimate is not None:
                 estimates[method].append(estimate)
-    truth = TruePath.of(recording.block(topic))
-    path = _trajectory([o for o in told if truth.t_ns[0] <= o.t_ns <= truth.t_ns[-1]])
-    laid = Laid(path, truth.at(path.t_ns))
-    footprints, layout = list(recording.block("/truth/footprints")), from_metadata(recording.metadata)
-    return {
-        method: score_modes(footprints, estimates[method], laid, layout, sole_m).rows()
-        | {"time_ms": _time(frame_ms[method])}
-        for method in predictors
-    }
+    return Told(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses))
 
 
-def posed(recording: Recording, mount: str, poses: str) -> Iterator[Sample]:
-    """Poses of the camera's IMU, depth and insoles in order of time."""
+def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
+    """What was told beside the truth, by method; `sole_m` is the length of the walker's soles."""
+    truth = TruePath.of(recording.block(given_poses(recording, depth_camera(recording.rig))[0]))
+    there = (told.path.t_ns >= truth.t_ns[0]) & (told.path.t_ns <= truth.t_ns[-1])
+    path = Trajectory(
+        t_ns=told.path.t_ns[there], p_frame_in_world=told.path.p_frame_in_world[there],
+        q_world_frame=told.path.q_world_frame[there],
+    )  # fmt: skip
+    laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
+    footprints = true_footprints(recording)
+    return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in told.estimates.items()}
+
+
+def true_footprints(recording: Recording) -> list[Footprint]:
+    """Those of the feet that stand at the start come first."""
+    return list(recording.block("/truth/footprints"))
+
+
+def posed(
+    recording: Recording, mount: str, poses: str, spoil: Callable[[Samples], Samples] = lambda samples: samples
+) -> Samples:
+    """Poses of the camera's IMU, depth and insoles in order of time.
+
+    Args:
+        recording: Of the walk.
+        mount: Where the camera sits.
+        poses: Of `POSES`.
+        spoil: What becomes of the samples before anybody sees them.
+    """
     camera = depth_camera(recording.rig)
     if poses == "given":
-        yield from posed_depth(recording, camera, more=INSOLES)[1]
+        yield from spoil(posed_depth(recording, camera, more=INSOLES)[1])
         return
     odometer = dvio("stridetwin", recording.rig, mount)
-    for sample in recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]):
+    arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
+    for sample in spoil(arriving):
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometer.update(sample)
             if estimate is not None and estimate.health in HEALTHY:

@@ -15,6 +15,8 @@ EXPERIMENT_NAMES = {
     "zhao_view": "Zhao et al. 2023, Fig. 3a: between walls and round a corner, with a head that looks about widely",
     "zhao_directions": "Zhao et al. 2023, Fig. 3b: outdoors from stair to ramp to stair side by side",
     "zhao_disturbance": "Zhao et al. 2023, Fig. 3c: a stair while two people walk around the walker",
+    "mode_not_fooled": "what looks like a stair or a ramp and is none: paint, shadow, kerb, table, wall, legs, mirror",
+    "mode_faults": "what the prediction of modes makes of faults: odometry lost, no depth, a dead insole, a bad view",
     "dvio_bench": "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",
     "dvio_faults": "what the visual-inertial odometry makes of faults: depth, camera, IMU, passers-by, calibration",
     "shim_table5": "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",

@@ -18,6 +18,8 @@ from stridetwin.scenarios.experiments import (
     jao_faults,
     jao_simulation,
     jao_walk,
+    mode_faults,
+    mode_not_fooled,
     mode_report,
     mode_tables,
     shim_faults,
@@ -122,6 +124,15 @@ EXPERIMENTS = {
         )
     },
     **{name: _told_modes(name, zhao_trials.SEEDS, partial(zhao_trials.run_case, name)) for name in zhao_trials.TRIALS},
+    "mode_not_fooled": Experiment(
+        seeds=mode_not_fooled.SEEDS,
+        run_case=mode_not_fooled.run_case,
+        collect=mode_not_fooled.collect,
+        table=mode_not_fooled.table,
+    ),
+    "mode_faults": Experiment(
+        seeds=mode_faults.SEEDS, run_case=mode_faults.run_case, collect=mode_faults.collect, table=mode_faults.table
+    ),
     "dvio_bench": Experiment(
         seeds=dvio_bench.SEEDS, run_case=dvio_bench.run_case, collect=dvio_bench.collect, table=dvio_bench.table
     ),

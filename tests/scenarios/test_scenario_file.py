@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from stridetwin.scenarios.fields import Where, number
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
-from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Turn
+from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Thing, Turn
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -118,8 +118,9 @@ def test_patterns_and_manners_of_walking(tmp_path):
     assert read(gait={"gaze": "terrain"}).gait.gaze == Gaze(kind="terrain")
     gaze = read(gait={"gaze": {"kind": "wandering", "yaw_deg": 10}}).gait.gaze
     assert gaze == Gaze(kind="wandering", yaw_rad=math.radians(10))
-    route = read(texture="white", light=0.5, bystanders=2).route
+    route = read(texture="white", light=0.5, bystanders=2, things=[{"shadow": {"at_m": 0.5}}]).route
     assert (route.texture, route.light, route.bystanders) == ("white", 0.5, 2)
+    assert route.things == (Thing(kind="shadow", at_m=0.5),)
 
 
 @pytest.mark.parametrize(

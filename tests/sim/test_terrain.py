@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.config import Level, Ramp, Route, Stairs
+from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
 from stridetwin.sim.solids import Box, SolidSet, Wedge
 from stridetwin.sim.terrain import Terrain
 from stridetwin.sim.textures import PERIOD_M
@@ -220,3 +220,40 @@ def test_impossible_requests_name_field_value_and_range(segments, field, valid):
 def test_a_way_too_narrow_is_refused():
     with pytest.raises(ConfigError, match="width_m"):
         Terrain.from_route(Route(segments=(Level(length_m=1.0),), width_m=0.5))
+
+
+def test_things_lie_flat_or_stand_clear_of_the_walker():
+    def thing(kind, at_m, left_m=0.0):
+        return Thing(kind=kind, at_m=at_m, left_m=left_m)
+
+    things = (thing("stripe", 1.0), thing("shadow", 2.0), thing("table", 3.45), thing("table", 0.5, 1.2))
+    plain, full = (
+        Terrain.from_route(Route(segments=(Level(length_m=3.0),), things=some)) for some in ((), things)
+    )  # fmt: skip
+    way = np.column_stack([np.linspace(0.0, 4.9, 50), np.zeros(50)])
+    np.testing.assert_array_equal(plain.height(way), full.height(way))  # nothing of it is ground
+    boards = [m.box for m in full.landmarks if m.material == "wood" and m.box.bottom > 0.6]
+    assert sorted(b.x - b.length / 2 for b in boards) == pytest.approx([0.5, 3.45])
+    assert {round(b.top, 3) for b in boards} == {0.72}
+    down = full.ray_cast([[3.8, 0.0, 1.5], [1.15, 0.0, 1.5]], [[0.0, 0.0, -1.0]] * 2)
+    assert down == pytest.approx([1.5 - 0.72, 1.5])
+    spec = mujoco.MjSpec()
+    full.add_to(spec)
+    model = spec.compile()
+    painted = [model.mesh(f"scenery_{m}").id for m in ("white_paint", "black_paint", "shadow")]
+    assert all(model.mesh_vertnum[i] == 4 for i in painted)
+
+
+@pytest.mark.parametrize(
+    ("kind", "at_m", "valid"),
+    [
+        ("table", 2.0, "0.4 m clear of where the walker goes"),
+        ("wall", 4.2, "0.4 m clear"),
+        ("stripe", 3.5, "on one level of the way"),
+        ("puddle", 2.0, "stripe, shadow, table, wall"),
+    ],
+)
+def test_things_that_cannot_be_there_are_refused(kind, at_m, valid):
+    segments = (Level(length_m=3.0), Ramp(angle_rad=0.1, rise_m=0.1), Level(length_m=1.0))
+    with pytest.raises(ConfigError, match=valid):
+        Terrain.from_route(Route(segments=segments, things=(Thing(kind=kind, at_m=at_m),)))

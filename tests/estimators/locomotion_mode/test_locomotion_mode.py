@@ -7,7 +7,7 @@ import pytest
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.samples import Insole
+from stridetwin.streams.samples import Insole, Odometry
 from tests.estimators.locomotion_mode.walker import RISER, STEPS, TREAD, footprints, samples
 from tests.estimators.terrain_map.scenes import RIG
 
@@ -106,6 +106,24 @@ def test_a_dead_insole_is_led_along_by_the_other(walk):
     assert found[-1].step >= 2 * (len(right) - 1)
     told = [last_before(found, t).steps for t, *_ in right[2:]]
     assert sum(any(s.mode == p[3] for s in steps[:2]) for steps, p in zip(told, right[2:])) >= len(told) - 1
+
+
+def test_without_poses_nothing_is_told_and_after_a_second_all_begins_anew(walk):
+    """Odometry is lost for 1.2 s before the stairs and comes back in a frame that is turned and shifted a little."""
+    mode, found, steps = predictor(), [], []
+    for s in walk:
+        if isinstance(s, Odometry) and 3.0e9 < s.t_ns < 4.2e9:
+            continue
+        if isinstance(s, Odometry) and s.t_ns >= 4.2e9:
+            s = replace(s, p_frame_in_world=s.p_frame_in_world + [0.6, 0.3, 0.2])
+        estimate = mode.update(s)
+        if estimate is not None:
+            found.append(estimate.t_ns * 1e-9)
+            steps.append(estimate.step)
+    told = np.array(found)
+    assert not ((told > 3.21) & (told < 4.2)).any()
+    assert (told > 4.3).any()
+    assert steps[int(np.argmax(told > 4.2))] == 0
 
 
 def test_published_takes_the_same_samples(walk):

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
-from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table, weights
+from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table, pieces, unseen, weights, with_unseen
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
 from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
+from stridetwin.estimators.terrain_map import Change, Profile
 from stridetwin.streams.samples import Insole
 
 P = LocomotionModeParameters()
@@ -109,6 +110,52 @@ def test_a_ramp_counts_from_the_first_foot_on_it_and_ends_with_the_first_beyond(
 def test_a_kerb_is_level_and_a_low_stair_is_none():
     for drop, mode in ((0.04, "LG"), (-0.04, "LG"), (0.07, "SA"), (-0.07, "SD")):
         assert MODES[int(mode_table(ground((1.0, drop)), P)[0, 1].argmax())] == mode
+
+
+def way(*edges, seen=lambda s: s == s):
+    """Edges of a way, (place, drop, deviation), and where it was seen."""
+    s = 0.02 * np.arange(240)
+    changes = tuple(Change(kind="edge", s=at, sd=sd, drop=drop, bend=0.0) for at, drop, sd in edges)
+    return Profile(s=s, height=np.zeros(len(s)), plane=np.where(seen(s), 0, -1), changes=changes)
+
+
+@pytest.mark.parametrize(
+    ("edges", "left"),
+    [
+        ([(1.5, 0.16, 0.01), (1.8, 0.16, 0.01)], [1.5, 1.8]),
+        ([(1.5, -0.16, 0.01), (1.8, -0.16, 0.01)], [1.5, 1.8]),
+        ([(2.0, -2.4, 0.02), (2.3, 2.4, 0.02)], []),  # the mirror of a ceiling
+        ([(1.5, 0.10, 0.01), (1.6, -0.10, 0.01), (2.5, 0.16, 0.01)], [2.5]),  # a shoe on the way to stairs
+        ([(1.5, 0.15, 0.01), (2.2, -0.15, 0.01)], [1.5, 2.2]),  # a platform is walked over
+        ([(2.0, 0.72, 0.30), (2.7, -0.72, 0.02)], []),  # a table
+        ([(1.5, 0.16, 0.01), (2.5, 2.0, 0.10)], [1.5]),  # a wall on a landing
+        ([(0.9, 2.4, 0.02), (1.6, 0.16, 0.01)], [1.6]),  # what lies behind the walker
+        ([(2.9, -2.4, 0.02)], []),  # a brink without room for treads
+    ],
+)
+def test_what_one_steps_over_and_what_nobody_climbs_is_no_edge(edges, left):
+    made = pieces(way(*edges), None, np.array([1.0, 0.0]), P)
+    assert [m.start for m in made[1:]] == left
+
+
+def test_hidden_stairs_down_are_no_brink():
+    """Four risers down, the treads hidden on 0.9 m: usual treads fill the gap."""
+    made = pieces(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P)
+    assert len(made) == 5
+    assert all(m.drop == pytest.approx(-0.18) for m in made[1:])
+
+
+def test_ground_that_was_not_seen_may_be_any():
+    profile = way(seen=lambda s: ((s > 1.0) & (s < 2.0)) | (s > 2.6))
+    chance = unseen(profile, np.array([1.5, 2.3, 2.3, 4.0, 5.8]), 0.8, P)
+    assert chance[0] < 1e-3
+    assert chance[1] == pytest.approx((1.0 - math.exp(-0.3 / P.change_m)) ** 2, rel=0.15)
+    assert chance[3] < 1e-3 < chance[4] == pytest.approx(1.0 - math.exp(-1.02 / P.change_m), rel=0.05)
+    blind = unseen(way(seen=lambda s: s < 0.0), np.array([1.2, 1.8, 2.4]), 1.2, P)
+    assert blind == pytest.approx([0.0, 1.0 - math.exp(-0.6 / P.change_m), 1.0 - math.exp(-1.2 / P.change_m)])
+    told = with_unseen(np.array([[1.0, 0.0, 0.0, 0.0, 0.0]] * 3), blind)
+    assert told.sum(axis=1) == pytest.approx(1.0)
+    assert told[1, 0] < 0.85
 
 
 def test_soles_reach_over_free_edges_and_not_into_risers():
