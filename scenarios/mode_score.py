@@ -29,6 +29,11 @@ _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045
 _STAIR_M = 0.07
 _BINS = 10
+_SIZES = (
+    ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
+)  # fmt: skip
+_SEEN = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
+"""A size that is told with a larger deviation is a guess at what is usual: behind a brink nothing is seen."""
 _REACH_M = 1.5  # no step is longer
 
 
@@ -361,8 +366,10 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
         `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {told: steps}}`, `lead_time_s: {median, p5}`,
         `footprint_rmse_m: {forward, left}` one step ahead, `footprint_steady_rmse_m` likewise of steps in
         steady walking (`_steady`), `calibration_error`, `steps`, `transitions`; of the changes
-        `changes_found_pct`, `distance_median_mm: {stairs, ramps}`, `riser_rmse_mm`, `tread_rmse_mm`,
-        `slope_rmse_deg`, `inside_95_pct` (of all those sizes).
+        `changes_found_pct`, `begins_found_pct` (stairs and ramps, not their ends), `begins_seen_pct` (those of which
+        riser or slope were seen, and not only guessed: `_SEEN`), `distance_median_mm: {stairs, ramps}`,
+        `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg` of what was seen, `inside_95_pct` of all those sizes,
+        `distance_inside_95_pct`.
     """
     walks = list(walks)
     steps = [s for w in walks for s in w.steps]
@@ -406,23 +413,28 @@ def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
         kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
         for kind, modes in kinds.items()
     }
-    pairs = [
-        (getattr(a, name), getattr(a, sd))
-        for a in approaches
-        for name, sd in (("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad"))
-    ]
-    inside = [abs(e) < 1.96 * sd for e, sd in pairs if math.isfinite(e) and math.isfinite(sd)]
-    riser, tread, slope = ([getattr(a, n) for a in approaches] for n in ("riser_m", "tread_m", "slope_rad"))
+    sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
+    seen = {name: [e for e, sd in sizes[name] if sd < most] for name, most in _SEEN.items()}
+    begins = [a for a in approaches if a.mode != "LG"]
     return {
         "changes": len(approaches),
         "changes_found_pct": _percent(a.found for a in approaches),
-        "begins_found_pct": _percent(a.found for a in approaches if a.mode != "LG"),
+        "begins_found_pct": _percent(a.found for a in begins),
+        "begins_seen_pct": _percent(
+            a.riser_sd_m < _SEEN["riser_m"] or a.slope_sd_rad < _SEEN["slope_rad"] for a in begins
+        ),
         "distance_median_mm": median,
-        "riser_rmse_mm": _scaled(_rms(riser), 1e3),
-        "tread_rmse_mm": _scaled(_rms(tread), 1e3),
-        "slope_rmse_deg": _scaled(_rms(slope), 180.0 / math.pi),
-        "inside_95_pct": _percent(inside),
-    }
+        "riser_rmse_mm": _scaled(_rms(seen["riser_m"]), 1e3),
+        "tread_rmse_mm": _scaled(_rms(seen["tread_m"]), 1e3),
+        "slope_rmse_deg": _scaled(_rms(seen["slope_rad"]), 180.0 / math.pi),
+        "inside_95_pct": _inside([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
+        "distance_inside_95_pct": _inside(sizes["distance_m"]),
+    }  # fmt: skip
+
+
+def _inside(told: Iterable[tuple[float, float]]) -> float | None:
+    """Share of errors within the told 95 % interval, of pairs of error and deviation, %."""
+    return _percent(abs(e) < 1.96 * sd for e, sd in told if math.isfinite(e) and math.isfinite(sd))
 
 
 def _calibration(steps: Sequence[ScoredMode]) -> float | None:

@@ -323,13 +323,13 @@ class LocomotionMode:
             if known is not None:
                 sd = np.sqrt(np.diag(known.covariance))
                 sign = 1.0 if found.mode == "SA" else -1.0
-                geometry |= {"riser": sign * known.riser, "riser_sd": float(sd[0])}
+                geometry |= {"riser": sign * known.riser, "riser_sd": math.hypot(float(sd[0]), p.size_sd_m)}
                 if known.steps > 1:
-                    geometry |= {"tread": known.tread, "tread_sd": float(sd[1])}
+                    geometry |= {"tread": known.tread, "tread_sd": math.hypot(float(sd[1]), p.size_sd_m)}
         elif found.mode in ("RA", "RD"):
             geometry |= {"slope": piece.slope, "slope_sd": piece.slope_sd}
         return NextChange(
-            mode=found.mode, p_in_world=place, distance=found.at - p.behind_m, distance_sd=max(found.sd, 0.005),
+            mode=found.mode, p_in_world=place, distance=found.at - p.behind_m, distance_sd=max(found.sd, p.place_sd_m),
             time_s=(at_ns - t_ns) * 1e-9, time_sd_s=at_sd, **geometry,
         )  # fmt: skip
 

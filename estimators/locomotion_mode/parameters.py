@@ -15,6 +15,7 @@ class LocomotionModeParameters:
 
     Attributes:
         lift_n: A foot whose load falls below has left the ground, N over the unloaded insole.
+        lift_share: Or to less than this share of the most that it bore.
         touch_n: A foot whose load rises above has touched down, N.
         creep_nps: How fast an insole's zero may rise, N/s.
         swing_min_s: A foot that is back on the ground sooner never left it.
@@ -44,6 +45,8 @@ class LocomotionModeParameters:
         adapt_sd: Share by which all steps up to the next edge are lengthened or shortened together.
         kerb_m: A riser is one beyond this: between a kerb of 40 mm and the lowest stair, 70 mm.
         riser_sd_m: Least deviation of a riser.
+        size_sd_m: Deviation of riser and tread of a flight, besides what the map tells.
+        place_sd_m: Least deviation of the distance to a change.
         riser_m: A usual riser.
         riser_max_m: No riser is higher.
         tread_min_m: No tread is shorter.
@@ -63,6 +66,7 @@ class LocomotionModeParameters:
     """
 
     lift_n: float = 12.0
+    lift_share: float = 0.1
     touch_n: float = 30.0
     creep_nps: float = 4.0
     swing_min_s: float = 0.12
@@ -92,13 +96,15 @@ class LocomotionModeParameters:
     adapt_sd: float = 0.06
     kerb_m: float = 0.055
     riser_sd_m: float = 0.008
+    size_sd_m: float = 0.002
+    place_sd_m: float = 0.006
     riser_m: float = 0.18
     riser_max_m: float = 0.33
     tread_min_m: float = 0.22
     tread_max_m: float = 0.60
     brink_sd_m: float = 0.04
     ramp_rad: float = 0.0436
-    slope_sd_rad: float = 0.009
+    slope_sd_rad: float = 0.0055
     flat_sd_rad: float = 0.0175
     change_m: float = 2.0
     ramp_step: float = 0.80

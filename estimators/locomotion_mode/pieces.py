@@ -20,7 +20,7 @@ _MOST = 10
 """Pieces; what lies beyond is left out."""
 _SIGNIFICANT = 3.0
 """Deviations beyond which a slope is one."""
-_HIDDEN_SD = 0.25
+_HIDDEN_SD = 0.40
 """Share by which risers that were not seen may differ from usual ones."""
 _GAP_SD = 4.0
 """Length of what is hidden behind an edge over the deviation that the map tells of the edge."""
@@ -141,13 +141,16 @@ def _bounds(change: Change, p: LocomotionModeParameters) -> list[_Bound]:
     """A change as edges that one can step over.
 
     Who looks down over an edge sees its ground up to the edge, and what lies behind it not at all: the edge is where
-    the upper ground ends, and where the fall is more than a riser there are treads in what is hidden.
+    the upper ground ends, and where the fall is more than a riser there are treads in what is hidden. That ground seems
+    to end too soon, by about the deviation that is told: at outlines pixels and sparse columns are left out.
     """
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
     hidden = _GAP_SD * change.sd
     count = round(-change.drop / p.riser_m)
-    first = _Bound(change.s, min(change.sd, p.brink_sd_m), change.drop)
+    sd = min(change.sd, p.brink_sd_m)
+    brink = change.s + max(sd - p.place_sd_m, 0.0)
+    first = _Bound(brink, sd, change.drop)
     if -change.drop < p.riser_max_m or count < 2 or hidden < p.tread_min_m:
         return [first]
     tread = hidden / (count - 1)
@@ -155,7 +158,7 @@ def _bounds(change: Change, p: LocomotionModeParameters) -> list[_Bound]:
         count = 1 + int(hidden / p.tread_min_m)
         tread = hidden / max(count - 1, 1)
     tread, drop = min(tread, p.tread_max_m), change.drop / count
-    return [_Bound(change.s + k * tread, p.brink_sd_m * (1.0 + k), drop, _HIDDEN_SD * abs(drop)) for k in range(count)]
+    return [_Bound(brink + k * tread, p.brink_sd_m * (1.0 + k), drop, _HIDDEN_SD * abs(drop)) for k in range(count)]
 
 
 def _slope(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
@@ -9,12 +10,15 @@ from stridetwin.streams.samples import Insole
 
 FEET = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
 _FORCE_MAX = 5000.0
+_FORGET_S = 5.0
+"""After which the most that an insole told is forgotten."""
 
 
 @dataclass
 class _Foot:
     t_ns: int = -1
     least: float = 0.0
+    most: float = 0.0
     down: bool = True
     raised_ns: int = 0
 
@@ -23,7 +27,8 @@ class TouchDowns:
     """Tells when a foot touches down.
 
     What an unloaded insole tells is not zero: cells creep and drift. A foot has left the ground when its load has
-    fallen near the least that it told lately, and is down again when the load has risen from there by `touch_n`.
+    fallen near the least that it told lately, or to a small share of the most: at the start that least is not known. It
+    is down again when the load has risen from there by `touch_n`.
     A sample that is late, repeated, not finite or beyond any insole is passed over.
 
     Args:
@@ -43,10 +48,11 @@ class TouchDowns:
         dt = (sample.t_ns - foot.t_ns) * 1e-9 if foot.t_ns >= 0 else 0.0
         foot.t_ns = sample.t_ns
         foot.least = min(load, foot.least + self._p.creep_nps * dt)
+        foot.most = max(load, foot.most * math.exp(-dt / _FORGET_S))
         over = load - foot.least
         if foot.down:
-            if over < self._p.lift_n:
-                foot.down, foot.raised_ns = False, sample.t_ns
+            if over < self._p.lift_n or load < self._p.lift_share * foot.most:
+                foot.down, foot.raised_ns, foot.least = False, sample.t_ns, load
             return None
         if over < self._p.touch_n:
             return None

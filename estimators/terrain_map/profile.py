@@ -155,8 +155,8 @@ def _edge_or_knee(
     if abs(bend) > _KNEE and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward
-        sd = math.hypot(one.height_sd(place), other.height_sd(place)) / abs(slopes[1] - slopes[0])
-        return Change(kind="knee", s=s, sd=sd, drop=0.0, bend=bend)
+        sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(slopes[1] - slopes[0])
+        return Change(kind="knee", s=s, sd=max(sd, p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < _EDGE_M:
         return None
     for flight in estimate.stairs:
@@ -165,6 +165,13 @@ def _edge_or_knee(
             return Change(kind="edge", s=known[0], sd=known[1], drop=drop, bend=0.0)
     s = end + p.voxel_m / 2 if drop < 0 else start - p.voxel_m / 2
     return Change(kind="edge", s=s, sd=max(abs(start - end) / 4, p.voxel_m / 2), drop=drop, bend=0.0)
+
+
+def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
+    """Standard deviation of a plane's height at a (2,) place, m, without what the pose does to all planes alike."""
+    shared = np.diag([p.plane_sd_m, p.slope_sd_rad, p.slope_sd_rad]) ** 2
+    j = np.array([1.0, *(place - plane.centre[:2])])
+    return math.sqrt(max(float(j @ (plane.covariance - shared) @ j), 0.0))
 
 
 def _in_flight(flight: Stairs, one: int, other: int, origin: Array, forward: Array) -> tuple[float, float] | None:

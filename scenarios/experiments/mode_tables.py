@@ -26,6 +26,20 @@ _ACCURACIES = (
     ("straddling %", "straddling_pct"),
     ("transitions %", "transition_accuracy_pct"),
 )
+_AHEAD = (
+    ("changes found %", ("changes_found_pct",)),
+    ("stairs, ramps found %", ("begins_found_pct",)),
+    ("their sizes seen %", ("begins_seen_pct",)),
+    ("distance to stairs mm, median", ("distance_median_mm", "stairs")),
+    ("distance to ramps mm, median", ("distance_median_mm", "ramps")),
+    ("riser mm, RMS", ("riser_rmse_mm",)),
+    ("tread mm, RMS", ("tread_rmse_mm",)),
+    ("slope deg, RMS", ("slope_rmse_deg",)),
+    ("sizes inside 95 %", ("inside_95_pct",)),
+    ("distances inside 95 %", ("distance_inside_95_pct",)),
+    ("next footprint m, steady", ("footprint_steady_rmse_m", "forward")),
+    ("calibration error", ("calibration_error",)),
+)
 _NAME = 30
 _CELL = ("height_group", "pattern", "terrain", "mount")
 
@@ -121,7 +135,7 @@ def paper(name: str) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> list[str]:
     """Tables III and II beside the paper, Figure 4, and the confusion matrix, as lines of text."""
-    blocks = [overall(result), spreads(result), confusion(result)]
+    blocks = [overall(result), [*ahead(result), "", *spreads(result)], confusion(result)]
     if len(by_condition(result)) > 1:
         blocks[1:1] = [[conditions_title(result), *by_condition(result)]]
     if by_cell(result):
@@ -152,6 +166,21 @@ def overall(result: dict[str, Any]) -> list[str]:
         f"{columns[0]}: ± {ours['accuracy_pct']['sd']:.2f} from walk to walk, 95 % interval of the mean "
         f"± {ours['accuracy_pct']['ci95']:.2f}",
     ]
+
+
+def ahead(result: dict[str, Any]) -> list[str]:
+    """What ours knew of the changes ahead, 1.5 s before the first foot landed beyond them, and of the next footprint."""
+    ours = result["summary"][methods(result)[0]]
+    return [
+        f"1.5 s before: {ours['changes']} changes",
+        *(f"{words:<{_NAME}}{_cell(_at(ours, keys))}" for words, keys in _AHEAD),
+    ]
+
+
+def _at(figures: Any, keys: tuple[str, ...]) -> float | None:
+    for key in keys:
+        figures = figures[key]
+    return None if figures is None else float(figures)
 
 
 def conditions_title(result: dict[str, Any]) -> str:
