@@ -169,7 +169,7 @@ def overall(result: dict[str, Any]) -> list[str]:
 
 
 def ahead(result: dict[str, Any]) -> list[str]:
-    """What ours knew of the changes ahead, 1.5 s before the first foot landed beyond them, and of the next footprint."""
+    """What ours knew of the changes ahead 1.5 s before a foot landed beyond them, and of the next footprint."""
     ours = result["summary"][methods(result)[0]]
     return [
         f"1.5 s before: {ours['changes']} changes",
