@@ -15,7 +15,6 @@ from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParam
 from stridetwin.estimators.terrain_map import Change, Profile, Ramp, TerrainEstimate
 from stridetwin.streams.samples import Array
 
-_LG, _SA, _SD, _RA, _RD = range(len(MODES))
 _MOST = 10
 """Pieces; what lies beyond is left out."""
 _SIGNIFICANT = 3.0
@@ -191,11 +190,11 @@ def mode_table(ground: Sequence[Piece], p: LocomotionModeParameters) -> Array:
         up, down = (_above(sign * piece.slope, p.ramp_rad, piece.slope_sd) for sign in (1.0, -1.0))
         risen = 0.0
         for a in range(b, -1, -1):
-            high, low = (_above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
-            if risen == 0.0:
-                high = low = 0.0
+            high = low = 0.0
+            if risen != 0.0:
+                high, low = (_above(sign * risen, p.kerb_m, p.riser_sd_m) for sign in (1.0, -1.0))
             flat = 1.0 - up - down
-            table[a, b, [_LG, _SA, _SD, _RA, _RD]] = flat * (1.0 - high - low), flat * high, flat * low, up, down
+            table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # in the order of MODES
             risen += ground[a].drop
     return table
 
@@ -210,32 +209,27 @@ def weights(ground: Sequence[Piece], s: Array, p: LocomotionModeParameters) -> A
     """
     found = np.ones((len(ground), len(s)))
     middle = s + 0.5 * (p.toe_m - p.heel_m)
-    for k, piece in enumerate(ground):
-        if k > 0:  # behind: a riser after a step down, a free edge after a step up, else a knee
-            inside = s - p.heel_m - piece.start
-            found[k] *= _room(inside, piece.start_sd, piece.drop, p) * _here(middle, piece.start, piece.start_sd)
-        if k + 1 < len(ground):  # ahead: a riser before a step up, a free edge before a step down
-            drop = ground[k + 1].drop
-            inside = piece.end - s - p.toe_m
-            found[k] *= _room(inside, piece.end_sd, -drop, p) * _here(-middle, -piece.end, piece.end_sd)
+    start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
+    # behind: a riser after a step down, a free edge after a step up, else a knee
+    inside = s - p.heel_m - start[1:, None]
+    found[1:] *= _room(inside, start_sd[1:], drop[1:], p) * _here(middle, start[1:], start_sd[1:])
+    # ahead: a riser before a step up, a free edge before a step down
+    inside = end[:-1, None] - s - p.toe_m
+    found[:-1] *= _room(inside, end_sd[:-1], -drop[1:], p) * _here(-middle, -end[:-1], end_sd[:-1])
     return found
 
 
-def _room(inside: Array, sd: float, fall: float, p: LocomotionModeParameters) -> Array:
-    """How readily a sole ends so far inside its piece; `fall` tells whether the ground beyond is higher."""
-    if fall == 0.0:
-        spread, allowed = p.across_sd_m, 0.0
-    elif fall < 0.0:  # the ground beyond is higher
-        spread, allowed = p.clearance_sd_m, 0.0
-    else:
-        spread, allowed = p.overhang_sd_m, p.overhang_m
-    beyond = np.maximum(0.0, -inside - allowed)
-    return np.exp(-0.5 * (beyond / math.hypot(spread, sd)) ** 2)
+def _room(inside: Array, sd: Array, fall: Array, p: LocomotionModeParameters) -> Array:
+    """(N, S) how readily soles end so far inside their pieces; `fall` (N,) is below 0 where the ground beyond rises."""
+    spread = np.where(fall < 0.0, p.clearance_sd_m, np.where(fall > 0.0, p.overhang_sd_m, p.across_sd_m))
+    allowed = np.where(fall > 0.0, p.overhang_m, 0.0)
+    beyond = np.maximum(0.0, -inside - allowed[:, None])
+    return np.asarray(np.exp(-0.5 * (beyond / np.hypot(spread, sd)[:, None]) ** 2))
 
 
-def _here(s: Array, start: float, sd: float) -> Array:
-    """Whether a place lies beyond an edge, which is known to some deviation."""
-    return 0.5 * (1.0 + np.tanh((s - start) / (1.2 * max(sd, 0.01))))
+def _here(s: Array, start: Array, sd: Array) -> Array:
+    """(N, S) whether places lie beyond edges (N,), which are known to some deviation."""
+    return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, 0.01))[:, None])))
 
 
 def _above(value: float, limit: float, sd: float) -> float:

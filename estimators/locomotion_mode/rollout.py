@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
@@ -77,15 +78,18 @@ def roll_out(
     level, unsure = stretch(ground, s, ratios)
     shifts = length_sd * _NODES
     band = round(_LONGEST_M / (s[1] - s[0]))
-    made = {length: _kernels(s, level, unsure, length, shifts, band, p) for length in set(lengths)}
-    near, far = (np.array([made[length][i] for length in lengths]) for i in (0, 1))
-    if landing is not None:
+    kinds = list(dict.fromkeys(lengths))
+    kind = np.array([kinds.index(length) for length in lengths])
+    made = [_kernels(s, level, unsure, length, shifts, band, p) for length in kinds]
+    if landing is not None:  # the last step is of a kind of its own
         at = np.minimum(np.arange(len(s))[:, None] + np.arange(band), len(s) - 1)
-        near[-1] *= landing[0][at] + _FLOOR
-        far[-1] *= landing[1][at] + _FLOOR
+        near, far = made[kind[-1]]
+        made.append((near * (landing[0][at] + _FLOOR), far * (landing[1][at] + _FLOOR)))
+        kind[-1] = len(kinds)
+    near, far = (np.array([of_kind[i] for of_kind in made]) for i in (0, 1))
     first = stance * room
     first = _NODE_WEIGHTS[:, None, None] * first / (_NODE_WEIGHTS.sum() * first.sum())
-    density, on, flow = _chain(first, room, even, over, near, far)
+    density, on, flow = _chain(first, room, even, over, near, far, kind)
     return Chain(density=density, modes=np.einsum("kab,abm->km", flow, mode_table(ground, p)), on=on)
 
 
@@ -115,7 +119,9 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
 
 
 @cached(_HERE)
-def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far: Array) -> tuple[Array, Array, Array]:
+def _chain(
+    first: Array, room: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
     """Forward and backward sums over a chain of footprints.
 
     Args:
@@ -123,14 +129,15 @@ def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far
         room: (P, S) how readily a foot is set down.
         even: (P, P) 1 where a step from piece to piece crosses no edge.
         over: (P, P) how likely one is that crosses edges.
-        near: (K, H, S, B) density of step k from a cell to the B cells from it on, on even ground.
-        far: (K, S, B) likewise over an edge.
+        near: (L, H, S, B) density of a kind of step from a cell to the B cells from it on, on even ground.
+        far: (L, S, B) likewise over an edge.
+        kind: (K,) of each step.
 
     Returns:
         (K, S) density of each footprint, (K, P) its pieces, (K, P, P) from piece to piece; each sums to 1.
     """
-    K, H, S, B = near.shape
-    P = len(room)
+    _, H, S, B = near.shape
+    K, P = len(kind), len(room)
     alpha = np.zeros((K + 1, H, P, S))
     alpha[0] = first
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
@@ -143,8 +150,10 @@ def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far
                     if v < _LEAST:
                         continue
                     n = min(B, S - p)
-                    _spread(v, near[k, h, p, :n], far[k, p, :n], reach_near[k, h, a, p : p + n],
-                            reach_far[k, h, a, p : p + n])  # fmt: skip
+                    _spread(
+                        v, near[kind[k], h, p, :n], far[kind[k], p, :n], reach_near[k, h, a, p : p + n],
+                        reach_far[k, h, a, p : p + n],
+                    )  # fmt: skip
             for a in range(P):
                 for b in range(a, P):
                     if even[a, b] == 0.0 and over[a, b] == 0.0:
@@ -179,7 +188,9 @@ def _chain(first: Array, room: Array, even: Array, over: Array, near: Array, far
                     if alpha[k, h, a, p] < _LEAST:
                         continue
                     n = min(B, S - p)
-                    v = _gather(near[k, h, p, :n], far[k, p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n])
+                    v = _gather(
+                        near[kind[k], h, p, :n], far[kind[k], p, :n], onto_even[a, p : p + n], onto_over[a, p : p + n]
+                    )
                     back[h, a, p] = v
                     largest = max(largest, v)
         beta = back / max(largest, 1e-300)

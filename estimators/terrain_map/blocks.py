@@ -34,6 +34,7 @@ class Blocks(NamedTuple):
         used: (N,) bool.
         distance: (N, 512) float32, λ of eq. (21), -1 to 1, positive behind the surface.
         weight: (N, 512) float32, W of eq. (22); 0 = never seen.
+        solid: (N,) bool, whether it is known to have a voxel behind a surface.
         seen_ns: (N,) int64, when the block was last touched by a surface.
         free: (N,) int32, stack of unused rows.
         counts: (1,) int64, height of that stack.
@@ -45,6 +46,7 @@ class Blocks(NamedTuple):
     used: NDArray[np.bool_]
     distance: NDArray[np.float32]
     weight: NDArray[np.float32]
+    solid: NDArray[np.bool_]
     seen_ns: NDArray[np.int64]
     free: NDArray[np.int32]
     counts: NDArray[np.int64]
@@ -59,6 +61,7 @@ def empty_blocks() -> Blocks:
         used=np.zeros(CAPACITY, np.bool_),
         distance=np.zeros((CAPACITY, VOXELS), np.float32),
         weight=np.zeros((CAPACITY, VOXELS), np.float32),
+        solid=np.zeros(CAPACITY, np.bool_),
         seen_ns=np.zeros(CAPACITY, np.int64),
         free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
         counts=np.array([CAPACITY], np.int64),
@@ -84,28 +87,42 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
         stale_ns: A block without a surface that none has touched since goes.
     """
     blocks.origin[:] = np.floor(centre / block_m).astype(np.int64) - np.array(SHAPE) // 2
-    rows = np.flatnonzero(blocks.used)
-    places = blocks.places[rows]
-    outside = ((places < blocks.origin) | (places >= blocks.origin + np.array(SHAPE))).any(axis=1)
-    old = ~outside & (blocks.seen_ns[rows] < stale_ns)
-    outside[old] = ~_solid(blocks, rows[old])
-    _drop(blocks, rows[outside])
+    _leave(blocks, stale_ns)
     if blocks.counts[0] < CAPACITY // 8:
-        rows = rows[~outside]
+        rows = np.flatnonzero(blocks.used)
         away = np.linalg.norm((blocks.places[rows] + 0.5) * block_m - centre, axis=1)
         _drop(blocks, rows[np.argsort(away, kind="stable")[len(rows) * 3 // 4 :]])
 
 
 @cached(_HERE)
-def _solid(blocks: Blocks, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """(N,) whether a block has a voxel behind a surface."""
-    found = np.zeros(len(rows), np.bool_)
-    for n, row in enumerate(rows):
-        for at in range(VOXELS):
-            if blocks.distance[row, at] > 0.0 and blocks.weight[row, at] > 0.0:
-                found[n] = True
-                break
-    return found
+def _leave(blocks: Blocks, stale_ns: int) -> None:
+    """Drops the blocks outside of the window, and those that show no surface any more."""
+    for row in range(CAPACITY):
+        if not blocks.used[row]:
+            continue
+        i, j, k = blocks.places[row]
+        inside = (
+            blocks.origin[0] <= i < blocks.origin[0] + SHAPE[0] and blocks.origin[1] <= j < blocks.origin[1] + SHAPE[1]
+            and blocks.origin[2] <= k < blocks.origin[2] + SHAPE[2]
+        )  # fmt: skip
+        if inside and (blocks.seen_ns[row] >= stale_ns or blocks.solid[row]):
+            continue
+        if inside and _is_solid(blocks.distance[row], blocks.weight[row]):
+            blocks.solid[row] = True
+            continue
+        blocks.slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)] = _NONE
+        blocks.used[row] = False
+        blocks.free[blocks.counts[0]] = row
+        blocks.counts[0] += 1
+
+
+@njit(**INSIDE)
+def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32]) -> bool:
+    """Whether a block has a voxel behind a surface."""
+    at = 0
+    while at < VOXELS and not (distance[at] > 0.0 and weight[at] > 0.0):
+        at += 1
+    return at < VOXELS
 
 
 def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
@@ -138,6 +155,7 @@ def add_block(blocks: Blocks, i: int, j: int, k: int) -> int:
     blocks.slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)] = row
     blocks.places[row, 0], blocks.places[row, 1], blocks.places[row, 2] = i, j, k
     blocks.used[row] = True
+    blocks.solid[row] = False
     blocks.distance[row] = 0.0
     blocks.weight[row] = 0.0
     return row

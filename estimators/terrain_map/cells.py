@@ -29,26 +29,27 @@ _SIGMAS = 3.0
 
 
 @cached(_HERE, error_model="numpy")
-def cell_sums(points: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
+def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
     """Sums over the points of each cell that is a node.
 
     Args:
-        points: (H, W, 3) m, NaN where there is none.
-        noise: (H, W) m, standard deviation of a point.
+        places: (n, 2) m, x of a row of points and y of a column.
+        height: (n, n) m, NaN where there is no point.
+        noise: (n, n) m, standard deviation of a point.
         cell: Edge of a cell, points.
 
     Returns:
-        (H // cell, W // cell, 11) sums; 0 where the cell is no node.
+        (n // cell, n // cell, 11) sums; 0 where the cell is no node.
     """
-    rows, columns = points.shape[0] // cell, points.shape[1] // cell
+    rows, columns = height.shape[0] // cell, height.shape[1] // cell
     found = np.zeros((rows, columns, SUMS))
     for r in range(rows):
         for c in range(columns):
             sums = found[r, c]
             for i in range(r * cell, (r + 1) * cell):
                 for j in range(c * cell, (c + 1) * cell):
-                    if not math.isnan(points[i, j, 2]):
-                        add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+                    if not math.isnan(height[i, j]):
+                        add_point(sums, places[i, 0], places[j, 1], height[i, j], noise[i, j])
             if sums[0] < _FULL * cell * cell:
                 sums[:] = 0.0
                 continue
@@ -57,8 +58,8 @@ def cell_sums(points: NDArray[np.float32], noise: NDArray[np.float32], cell: int
             fits, limit = error <= variance, _SIGMAS * math.sqrt(variance)
             for i in range(r * cell, (r + 1) * cell):
                 for j in range(c * cell, (c + 1) * cell):
-                    p = points[i, j]
-                    fits = fits and not abs(a * (p[0] - x) + b * (p[1] - y) + d * (p[2] - z)) > limit
+                    off = a * (places[i, 0] - x) + b * (places[j, 1] - y) + d * (height[i, j] - z)
+                    fits = fits and not abs(off) > limit
             if not fits:
                 sums[:] = 0.0
     return found

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.terrain_map.plane_fit import seen_height
 from stridetwin.streams.samples import Array
-
-_BORDER_M = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,21 +58,12 @@ class Plane:
         """(...) m at (..., 2) places of the world."""
         return np.asarray(self.centre[2] + (np.asarray(xy) - self.centre[:2]) @ self.gradient)
 
-    def toward(self, xy: Array) -> Array:
-        """(2,) m, the place on the way from the centre to a (2,) place up to which the plane is well seen.
+    def seen_height(self, x: float, y: float) -> float:
+        """m, height on the way from the centre to (x, y), as far as the plane is well seen.
 
         A narrow plane is known best at its centre: its slope is not, and where it ends it is half air.
         """
-        (ox, oy, _), (x, y) = self.centre.tolist(), xy
-        x, y = float(x) - ox, float(y) - oy
-        length = math.hypot(x, y)
-        if length == 0.0:
-            return self.centre[:2]
-        x, y = x / length, y / length
-        (xx, xy_), (_, yy) = self.spread.tolist()
-        half = math.sqrt(3.0 * max(x * x * xx + 2.0 * x * y * xy_ + y * y * yy, 0.0))  # as if its points lay evenly
-        reach = max(0.0, min(length, half) - _BORDER_M)
-        return np.array([ox + reach * x, oy + reach * y])
+        return seen_height(self.centre, self.gradient, self.spread, x, y)
 
     def height_sd(self, xy: Array) -> float:
         """Standard deviation of the height at a (2,) place, m."""

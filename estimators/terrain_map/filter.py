@@ -41,6 +41,8 @@ class TerrainMap:
     before the pictures of the same instant. A picture without such a pose, without depth, or older than the last one is
     passed over; a pose that is not finite is none; where the pose jumps, or none came for long, the map begins anew.
 
+    Every picture is taken, planes are looked for every `period_s`: at 30 pictures a second after every other one.
+
     Args:
         rig: Tells the camera.
         mount: Where the depth camera's optical frame sits in the frame whose poses come (`T_body_sensor`); None: the
@@ -68,7 +70,8 @@ class TerrainMap:
         self._planes = PlaneSet(p)
         self._R_world_grid = _turned(p.grid_turn_rad)
         self._terrains = Terrains(self._R_world_grid, p)
-        self._last_ns = -1
+        self._last_ns = self._looked_ns = -(10**18)
+        self._p_camera = np.zeros(3)
         self._T_grid_camera: Array | None = None
         self._estimate: TerrainEstimate | None = None
 
@@ -87,8 +90,15 @@ class TerrainMap:
         depth, count = self._camera.rectified(sample.depth, self.parameters)
         if count < _FEWEST_PIXELS:
             return None
-        self._look(sample.t_ns, depth, T_world_frame @ self._T_frame_camera)
+        self._take(sample.t_ns, depth, T_world_frame @ self._T_frame_camera)
+        if not self.due(sample.t_ns):
+            return None
+        self._look(sample.t_ns)
         return self._estimate
+
+    def due(self, t_ns: int) -> bool:
+        """Whether planes will be looked for in a picture of this time."""
+        return t_ns - self._looked_ns >= self.parameters.period_s * 1e9
 
     def run(self, samples: Iterable[Sample]) -> TerrainEstimate | None:
         """Takes samples as `update` would; returns the last estimate."""
@@ -157,11 +167,12 @@ class TerrainMap:
         label = surface.label[i, j]
         return points @ self._R_world_grid.T, np.where(label >= 0, self._planes.ids[label], -1)
 
-    def _look(self, t_ns: int, depth: NDArray[np.float32], T_world_camera: Array) -> None:
+    def _take(self, t_ns: int, depth: NDArray[np.float32], T_world_camera: Array) -> None:
+        """A picture goes into the voxels."""
         p, blocks, camera = self.parameters, self._blocks, self._camera
         T_grid_camera = T_world_camera.copy()
         T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]
-        self._T_grid_camera = T_grid_camera
+        self._T_grid_camera, self._p_camera = T_grid_camera, T_world_camera[:3, 3].copy()
         eye = T_grid_camera[:3, 3]
         block_m = EDGE * p.voxel_m
         roll(blocks, eye - np.array([0.0, 0.0, _BELOW_M]), block_m, t_ns - _STALE_NS)
@@ -173,18 +184,21 @@ class TerrainMap:
             blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_m,
             p.truncation_m, p.weight_max, p.depth_noise_per_m,
         )  # fmt: skip
-        first = self._view_corner(T_grid_camera)
+
+    def _look(self, t_ns: int) -> None:
+        """Planes are looked for in the voxels, and terrains in the planes."""
+        assert self._T_grid_camera is not None
+        p, blocks, eye = self.parameters, self._blocks, self._T_grid_camera[:3, 3]
+        self._looked_ns = t_ns
+        first = self._view_corner(self._T_grid_camera)
         height, weight = from_above(blocks, first[0], first[1], _VIEW, math.floor(eye[2] / p.voxel_m), p.voxel_m)
-        well_seen(height, weight)
-        over = np.where(np.isfinite(height), eye[2] - height, 0.0)
-        noise = np.sqrt((p.plane_noise_m / 3) ** 2 + (p.depth_noise_per_m * over) ** 2 / np.maximum(weight, 0.05))
-        noise = np.minimum(noise, p.plane_noise_m).astype(np.float32)
+        noise = well_seen(height, weight, float(eye[2]), p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m)
         fewest = round(p.strip_area_m2 / p.voxel_m**2)
         labels, sums = patches(height, noise, first.astype(float) * p.voxel_m, p.voxel_m, p.ramp_rad, fewest)
         self._planes.update(first, labels, sums, height, noise)
         planes = self._planes.planes(self._R_world_grid)
         self._estimate = TerrainEstimate(
-            t_ns=t_ns, planes=planes, p_camera_in_world=T_world_camera[:3, 3].copy(),
+            t_ns=t_ns, planes=planes, p_camera_in_world=self._p_camera,
             terrains=self._terrains.find(planes, self._planes, blocks),
         )  # fmt: skip
 
@@ -200,6 +214,7 @@ class TerrainMap:
         clear(self._blocks)
         self._planes.clear()
         self._estimate = None
+        self._looked_ns = -(10**18)
 
 
 def _turned(angle: float) -> Array:

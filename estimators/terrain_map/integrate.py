@@ -27,6 +27,8 @@ _NONE, _LEAST = _f32(1e9), _f32(1e-20)
 _ZERO, _ONE, _ORIGIN = _f32(0.0), _f32(1.0), np.int32(0)
 _Corner = tuple[np.float32, np.float32, np.float32]
 _RADIUS = math.sqrt(3.0) / 2.0 * EDGE
+_SLAB = EDGE * EDGE
+"""Voxels of a block that are passed over together where a picture tells nothing of them."""
 
 
 @cached(_HERE)
@@ -49,6 +51,7 @@ def touch(
     R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3]
     per_block = 1.0 / (voxel_m * EDGE)
     ray = np.zeros(3)
+    last_i, last_j, last_k = 0, 0, blocks.origin[2] - 1  # a block outside of the window
     for v in range(_STRIDE // 2, depth.shape[0], _STRIDE):
         for u in range(_STRIDE // 2, depth.shape[1], _STRIDE):
             d = depth[v, u]
@@ -65,6 +68,9 @@ def touch(
                 i = math.floor((c[0] + ray[0] * at) * per_block)
                 j = math.floor((c[1] + ray[1] * at) * per_block)
                 k = math.floor((c[2] + ray[2] * at) * per_block)
+                if i == last_i and j == last_j and k == last_k:
+                    continue
+                last_i, last_j, last_k = i, j, k
                 if (
                     i < blocks.origin[0] or i >= blocks.origin[0] + SHAPE[0] or j < blocks.origin[1]
                     or j >= blocks.origin[1] + SHAPE[1] or k < blocks.origin[2] or k >= blocks.origin[2] + SHAPE[2]
@@ -108,7 +114,7 @@ def integrate(
         _f32(fu), _f32(fv), _f32(pu + 0.5), _f32(pv + 0.5), np.int32(width), np.int32(height), _f32(R[0, 2]),
         _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(weight_max), _f32(3.0 * noise_per_m),
     )  # fmt: skip
-    lattice, sight, behind = _lattice(R * voxel_m, voxel_m), _sight(), np.empty(VOXELS + 1, np.uint64)
+    lattice, sight = _lattice(R * voxel_m, voxel_m), _sight()
     picture = depth.ravel()
     for row in range(len(blocks.used)):
         if not blocks.used[row]:
@@ -130,8 +136,9 @@ def integrate(
             continue
         corner = _f32(x0), _f32(y0), _f32(z0)
         if _look(picture, eye, lattice, corner, _f32(eye_z - bz), sight):
-            _reach_above(picture, eye, lattice, corner, sight, behind)
+            _reach_above(picture, eye, lattice, corner, sight)
             _blend(blocks.distance[row], blocks.weight[row], eye, sight)
+            blocks.solid[row] = False  # it may be so no more
 
 
 class _Eye(NamedTuple):
@@ -162,7 +169,7 @@ class _Lattice(NamedTuple):
 
 
 class _Sight(NamedTuple):
-    """(512,) each, of a block's voxels.
+    """(512,) each, of a block's voxels, and (8,) of its slabs.
 
     Attributes:
         z: m along the optical axis.
@@ -170,6 +177,9 @@ class _Sight(NamedTuple):
         scale: λ over metres of depth.
         pixel: Where the voxel is seen; 0 where it is not.
         sdf: (19), m; `_NONE` where nothing is told.
+        second: Depth in the picture at a second look, m.
+        told: How many voxels of a slab the picture tells of.
+        behind: And how many of them lie behind a surface that is seen from above.
     """
 
     z: NDArray[np.float32]
@@ -177,6 +187,9 @@ class _Sight(NamedTuple):
     scale: NDArray[np.float32]
     pixel: NDArray[np.int32]
     sdf: NDArray[np.float32]
+    second: NDArray[np.float32]
+    told: NDArray[np.int32]
+    behind: NDArray[np.int32]
 
 
 @njit(**INSIDE)
@@ -197,7 +210,8 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
 def _sight() -> _Sight:
     return _Sight(
         np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
-        np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32),
+        np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
+        np.empty(EDGE, np.int32), np.empty(EDGE, np.int32),
     )  # fmt: skip
 
 
@@ -230,20 +244,24 @@ def _look(
         sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
     for at in range(VOXELS):
         sight.sdf[at] = picture[np.uint64(sight.pixel[at])]
-    told = _ORIGIN
-    for at in range(VOXELS):
-        d = sight.sdf[at]
-        sdf = sight.z[at] - d  # (19)
-        tells = (sight.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * sight.scale[at] <= _ONE)
-        sight.sdf[at] = sdf if tells else _NONE
-        told += np.int32(1) if tells else _ORIGIN
-    return bool(told > _ORIGIN)
+    told = False
+    for slab in range(EDGE):
+        tellers, behind = _ORIGIN, _ORIGIN
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            d = sight.sdf[at]
+            sdf = sight.z[at] - d  # (19)
+            tells = (sight.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * sight.scale[at] <= _ONE)
+            sight.sdf[at] = sdf if tells else _NONE
+            tellers += np.int32(1) if tells else _ORIGIN
+            behind += np.int32(1) if tells & (sdf > _ZERO) & (sight.falls[at] > _ZERO) else _ORIGIN
+        sight.told[slab], sight.behind[slab] = tellers, behind
+        told = told or bool(tellers > _ORIGIN)
+    return told
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
 def _reach_above(
-    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, sight: _Sight,
-    behind: NDArray[np.uint64],
+    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, sight: _Sight
 ) -> None:  # fmt: skip
     """Voxels behind a surface stay so only where it reaches to straight above them: a second look into the picture.
 
@@ -252,42 +270,46 @@ def _reach_above(
         eye: As of `_look`.
         lattice: As of `_look`.
         corner: As of `_look`.
-        sight: Changed.
-        behind: (513,) room for the voxels that are asked for.
+        sight: Changed; its pixels are those of the second look.
     """
     x0, y0 = corner[0], corner[1]
-    count = 0
-    for at in range(VOXELS):
-        sdf = sight.sdf[at]
-        behind[count] = at
-        count += (sdf > _ZERO) & (sdf < _NONE) & (sight.falls[at] > _ZERO)
-    for n in range(count):
-        at = behind[n]
-        z = sight.z[at]
-        up = sight.sdf[at] * sight.falls[at]  # to where the line of sight met the surface
-        zf = z + eye.up_z * up
-        per_z = _ONE / zf
-        u = np.int32(eye.fu * (x0 + lattice.x[at] + eye.up_x * up) * per_z + eye.pu)
-        v = np.int32(eye.fv * (y0 + lattice.y[at] + eye.up_y * up) * per_z + eye.pv)
-        if u >= _ORIGIN and u < eye.width and v >= _ORIGIN and v < eye.height:
-            d = picture[np.uint64(v * eye.width + u)]
-            if d == _ZERO:
-                sight.sdf[at] = _NONE
-            elif (zf - d + eye.noise * z * z) * sight.scale[at] < _AIR:
-                sight.sdf[at] = zf - d
+    for slab in range(EDGE):
+        if sight.behind[slab] == _ORIGIN:
+            continue
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            sdf, falls = sight.sdf[at], sight.falls[at]
+            behind = (sdf > _ZERO) & (sdf < _NONE) & (falls > _ZERO)
+            up = sdf * falls if behind else _ZERO  # to where the line of sight met the surface
+            zf = sight.z[at] + eye.up_z * up
+            per_z = _ONE / zf
+            u = np.int32(eye.fu * (x0 + lattice.x[at] + eye.up_x * up) * per_z + eye.pu)
+            v = np.int32(eye.fv * (y0 + lattice.y[at] + eye.up_y * up) * per_z + eye.pv)
+            inside = behind & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
+            sight.falls[at] = zf
+            sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            sight.second[at] = picture[np.uint64(sight.pixel[at])]
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            d, z, sdf, zf = sight.second[at], sight.z[at], sight.sdf[at], sight.falls[at]
+            ends = (zf - d + eye.noise * z * z) * sight.scale[at] < _AIR
+            other = _NONE if d == _ZERO else zf - d if ends else sdf
+            sight.sdf[at] = other if sight.pixel[at] != _ORIGIN else sdf
 
 
 @njit(error_model="numpy", fastmath=True, **INSIDE)
 def _blend(distance: NDArray[np.float32], weight: NDArray[np.float32], eye: _Eye, sight: _Sight) -> None:
     """Eqs. (20)-(22) for a block's (512,) voxels."""
-    for at in range(VOXELS):
-        sdf, z = sight.sdf[at], sight.z[at]
-        value = sdf * sight.scale[at]
-        value = value if value > -_ONE else -_ONE  # (20)
-        new = sight.scale[at] * eye.band / (z if z > _ONE else _ONE)
-        new = new * new if sdf < _NONE else _ZERO
-        old = weight[at]
-        total = old + new
-        mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
-        distance[at] = mixed if sdf < _NONE else distance[at]
-        weight[at] = total if total < eye.weight_max else eye.weight_max  # (22)
+    for slab in range(EDGE):
+        if sight.told[slab] == _ORIGIN:
+            continue
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            sdf, z = sight.sdf[at], sight.z[at]
+            value = sdf * sight.scale[at]
+            value = value if value > -_ONE else -_ONE  # (20)
+            new = sight.scale[at] * eye.band / (z if z > _ONE else _ONE)
+            new = new * new if sdf < _NONE else _ZERO
+            old = weight[at]
+            total = old + new
+            mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
+            distance[at] = mixed if sdf < _NONE else distance[at]
+            weight[at] = total if total < eye.weight_max else eye.weight_max  # (22)

@@ -43,6 +43,7 @@ class TerrainMapParameters:
         plane_sd_m: What pose and sensor do to the height of a whole plane.
         slope_sd_rad: And to its slopes.
         edge_sd_m: And to the place of a whole edge.
+        period_s: Every picture goes into the voxels; planes are looked for no more often than this.
         max_pose_age_s: A pose older than this says nothing about a picture.
         max_gap_s: Poses that come again after longer may be in another frame: the map begins anew.
         max_speed_mps: A pose that moves faster has jumped: the map begins anew.
@@ -74,6 +75,7 @@ class TerrainMapParameters:
     plane_sd_m: float = 0.003
     slope_sd_rad: float = 0.004
     edge_sd_m: float = 0.005
+    period_s: float = 0.045
     max_pose_age_s: float = 0.05
     max_gap_s: float = 1.0
     max_speed_mps: float = 5.0

@@ -44,18 +44,16 @@ def patches(
     Returns:
         (n, n) number of each column's plane, -1 where there is none; and (P, 11) sums over each plane's columns.
     """
-    n = len(height)
-    along = (np.arange(n, dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
-    points = np.empty((n, n, 3), np.float32)
-    points[..., 0], points[..., 1], points[..., 2] = along[:, None] + corner[0], along[None, :] + corner[1], height
-    found = cell_sums(points, noise, CELL)
+    along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
+    places = (along[:, None] + corner).astype(np.float32)
+    found = cell_sums(places, height, noise, CELL)
     roots = cluster(found, _ANGLE)
-    return _label(points, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest)
+    return _label(places, height, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest)
 
 
 @cached(_HERE)
 def _label(
-    points: NDArray[np.float32], noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int
+    places: Heights, height: Heights, noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int
 ) -> tuple[Labels, Array]:
     """Gives each column to the nearest of the planes around it, and what is left to strips."""
     rows, columns = roots.shape
@@ -75,34 +73,43 @@ def _label(
         for c in range(columns):
             if roots[r, c] >= 0:
                 cells[r, c] = number[roots[r, c]]
-    labels = np.full(points.shape[:2], -1, np.int32)
-    for i in range(points.shape[0]):
-        for j in range(points.shape[1]):
-            p = points[i, j]
-            if math.isnan(p[2]):
+    labels = np.full(height.shape, -1, np.int32)
+    around = np.empty(9, np.int32)
+    for r in range(rows):
+        for c in range(columns):
+            there, last = 0, -1
+            for p in range(max(r - 1, 0), min(r + 2, rows)):
+                for q in range(max(c - 1, 0), min(c + 2, columns)):
+                    if cells[p, q] >= 0 and cells[p, q] != last:
+                        last = cells[p, q]
+                        around[there] = last
+                        there += 1
+            if there == 0:
                 continue
-            nearest, last = _SIGMAS * noise[i, j], -1
-            for r in range(max(i // CELL - 1, 0), min(i // CELL + 2, rows)):
-                for c in range(max(j // CELL - 1, 0), min(j // CELL + 2, columns)):
-                    k = cells[r, c]
-                    if k >= 0 and k != last:
-                        last = k
-                        off = abs(planes[k, 0] * p[0] + planes[k, 1] * p[1] + planes[k, 2] * p[2] - planes[k, 3])
+            for i in range(r * CELL, (r + 1) * CELL):
+                for j in range(c * CELL, (c + 1) * CELL):
+                    x, y, z = places[i, 0], places[j, 1], height[i, j]
+                    if math.isnan(z):
+                        continue
+                    nearest = _SIGMAS * noise[i, j]
+                    for k in around[:there]:
+                        off = abs(planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3])
                         if off < nearest:
                             nearest = off
                             labels[i, j] = k
-    sums = np.zeros((_strips(points, noise, labels, planes, count, least_up, fewest), SUMS))
-    for i in range(points.shape[0]):
-        for j in range(points.shape[1]):
+    sums = np.zeros((_strips(places, height, noise, labels, planes, count, least_up, fewest), SUMS))
+    for i in range(height.shape[0]):
+        for j in range(height.shape[1]):
             if labels[i, j] >= 0:
-                add_point(sums[labels[i, j]], points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
+                add_point(sums[labels[i, j]], places[i, 0], places[j, 1], height[i, j], noise[i, j])
     return labels, sums
 
 
 @njit(**INSIDE)
 def _strips(
-    points: NDArray[np.float32], noise: Heights, labels: Labels, planes: Array, count: int, least_up: float, fewest: int
-) -> int:
+    places: Heights, height: Heights, noise: Heights, labels: Labels, planes: Array, count: int, least_up: float,
+    fewest: int,
+) -> int:  # fmt: skip
     """Labels connected columns of one height that belong to no long plane, or go on one that they touch.
 
     Returns:
@@ -114,7 +121,7 @@ def _strips(
     sums = np.empty(SUMS)
     for i in range(n):
         for j in range(m):
-            if visited[i, j] or math.isnan(points[i, j, 2]):
+            if visited[i, j] or math.isnan(height[i, j]):
                 continue
             size, head, beside = 1, 0, -1
             stack[0, 0], stack[0, 1] = i, j
@@ -126,7 +133,7 @@ def _strips(
                     for q in range(max(b - 2, 0), min(b + 3, m)):
                         if labels[p, q] >= 0:
                             beside = labels[p, q]
-                        elif not visited[p, q] and abs(points[p, q, 2] - points[a, b, 2]) < _SIGMAS * noise[p, q]:
+                        elif not visited[p, q] and abs(height[p, q] - height[a, b]) < _SIGMAS * noise[p, q]:
                             visited[p, q] = True
                             stack[size, 0], stack[size, 1] = p, q
                             size += 1
@@ -135,15 +142,15 @@ def _strips(
             sums[:] = 0.0
             for s in range(size):
                 p, q = stack[s]
-                add_point(sums, points[p, q, 0], points[p, q, 1], points[p, q, 2], noise[p, q])
+                add_point(sums, places[p, 0], places[q, 1], height[p, q], noise[p, q])
             plane = fit(sums)
             limit = 4.0 * sums[10] / size
             if 0 <= beside < long:
                 q = planes[beside]
                 off = 0.0
                 for s in range(size):
-                    x = points[stack[s, 0], stack[s, 1]]
-                    off += (q[0] * x[0] + q[1] * x[1] + q[2] * x[2] - q[3]) ** 2
+                    a, b = stack[s]
+                    off += (q[0] * places[a, 0] + q[1] * places[b, 1] + q[2] * height[a, b] - q[3]) ** 2
                 if off / size < limit:
                     for s in range(size):
                         labels[stack[s, 0], stack[s, 1]] = beside

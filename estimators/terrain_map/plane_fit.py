@@ -16,6 +16,7 @@ _HERE = Path(__file__).parent
 SUMS = 11
 """n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
 _NEWTON, _EXACT = 40, 1e-9
+_BORDER_M = 0.25
 Plane = tuple[float, float, float, float, float, float, float]
 
 
@@ -159,6 +160,48 @@ def height_planes(
         centres[k], slopes[k], covariances[k] = height_plane(sums[k], common_m, common_rad, alike, slope_sd)
         spreads[k] = spread_of(sums[k])
     return centres, slopes, covariances, spreads
+
+
+@cached(_HERE, error_model="numpy")
+def off_height_plane(
+    new: Array, old: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
+) -> float:
+    """Mean square of the height, m², by which points lie off the `height_plane` of others, both by their (11,) sums."""
+    c, slopes, _ = height_plane(old, common_m, common_rad, alike, slope_sd)
+    a, b = -slopes[0], -slopes[1]
+    d = -(c[2] + a * c[0] + b * c[1])
+    # Of a x + b y + z + d
+    squares = a * a * new[4] + b * b * new[7] + new[9] + 2.0 * (a * b * new[5] + a * new[6] + b * new[8])
+    return (squares + 2.0 * d * (a * new[1] + b * new[2] + new[3])) / new[0] + d * d
+
+
+@cached(_HERE)
+def toward(centre: Array, spread: Array, x: float, y: float) -> tuple[float, float]:
+    """The place on the way from a plane's centre to (x, y) up to which the plane is well seen.
+
+    Args:
+        centre: (3,) m.
+        spread: (2, 2) m², covariance of its points in plan.
+        x: m.
+        y: m.
+    """
+    ox, oy = centre[0], centre[1]
+    x, y = x - ox, y - oy
+    length = math.hypot(x, y)
+    if length == 0.0:
+        return ox, oy
+    x, y = x / length, y / length
+    variance = x * x * spread[0, 0] + 2.0 * x * y * spread[0, 1] + y * y * spread[1, 1]
+    half = math.sqrt(3.0 * max(variance, 0.0))  # as if its points lay evenly
+    reach = max(0.0, min(length, half) - _BORDER_M)
+    return ox + reach * x, oy + reach * y
+
+
+@cached(_HERE)
+def seen_height(centre: Array, gradient: Array, spread: Array, x: float, y: float) -> float:
+    """Height of a plane, m, where it is well seen toward (x, y); gradient (2,), the rest as of `toward`."""
+    x, y = toward(centre, spread, x, y)
+    return centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]
 
 
 def turned(

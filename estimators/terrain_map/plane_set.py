@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_plane, height_planes, turned
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_planes, off_height_plane, turned
 from stridetwin.estimators.terrain_map.surface import NONE, Surface, forget, overlaps, put_view, sums_of
 from stridetwin.streams.samples import Array
 
@@ -20,7 +20,6 @@ _ALIKE = 16.0
 _SAME_IOU = 0.3
 _INSIDE = 0.6
 _APART = 1.5
-_MOMENTS = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 
 
 class PlaneSet:
@@ -140,11 +139,9 @@ class PlaneSet:
 
     def _agrees(self, new: Array, slot: int) -> bool:
         """Whether a new plane lies on the old one, all over it, by its sums."""
-        centre, slopes, _ = height_plane(self._sums[slot], self._p.plane_sd_m, self._p.slope_sd_rad, _ALIKE, _SLOPE_SD)
-        # Mean square of z - a x - b y - c over the new plane's columns.
-        row = np.array([-(centre[2] - slopes @ centre[:2]), -slopes[0], -slopes[1], 1.0])
-        moments = new[_MOMENTS] / new[0]
-        return bool(row @ moments @ row < (_APART * self._p.plane_noise_m) ** 2)
+        p = self._p
+        off = off_height_plane(new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, _ALIKE, _SLOPE_SD)
+        return off < (_APART * p.plane_noise_m) ** 2
 
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
         """A pair votes for the plane, a plane that was in view without one against it."""

@@ -151,7 +151,8 @@ def _edge_or_knee(
     slopes = [float(q.gradient @ forward) for q in (one, other)]
     bend = math.atan(slopes[1]) - math.atan(slopes[0])
     if is_flat(one, p) and is_flat(other, p):
-        drop, bend = float(other.height(other.toward(place)) - one.height(one.toward(place))), 0.0
+        x, y = place.tolist()
+        drop, bend = other.seen_height(x, y) - one.seen_height(x, y), 0.0
     if abs(bend) > _KNEE and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward

@@ -6,11 +6,13 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.terrain_map.estimate import Plane, Stairs
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.plane_fit import toward
 from stridetwin.estimators.terrain_map.risers import Riser, angle_between, heading_of
 from stridetwin.streams.samples import Array
 
@@ -18,7 +20,7 @@ _HERE = Path(__file__).parent
 
 _PARALLEL = math.radians(20.0)
 _UNKNOWN = math.inf
-_PLACES = [3, 1, 2]
+_PLACES = (3, 1, 2)
 """Of start, tread and turn in the covariance of `Stairs`."""
 _ENDS = np.array([2.0, 98.0])
 """Percentiles of its points between which a flight's edges reach."""
@@ -54,7 +56,8 @@ def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
-    tread = -float((other.middle - one.middle) @ one.down)
+    (x, y), (to_x, to_y), (down_x, down_y) = one.middle, other.middle, one.down.tolist()
+    tread = (x - to_x) * down_x + (y - to_y) * down_y
     return angle_between(one.down, other.down) < _PARALLEL and p.tread_min_m <= tread <= p.tread_max_m
 
 
@@ -68,36 +71,81 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
         p: Uncertainties that all of an edge or a plane shares.
     """
     up = -heading_of(row)
-    left = np.array([-up[1], up[0]])
-    n = len(row)
-    middle = float(np.mean([r.middle @ left for r in row]))
     points = np.concatenate([r.points for r in row])
     counts = np.array([len(r.points) for r in row])
     sd = np.array([p.edge_sd_m if r.found else 2.0 * p.voxel_m for r in row])
-    values, covariance, edges, across = _even(points, counts, sd, up, middle, (0.25 * p.voxel_m) ** 2)
-    turn = float(values[2])
-    ground = [(planes[row[0].lower], row[0].middle), *((planes[r.upper], r.middle) for r in row)]
-    seen = [(plane, plane.toward(edge)) for plane, edge in ground]
-    heights = np.array([float(plane.height(place)) for plane, place in seen])
-    height_sd = np.array([plane.height_sd(place) for plane, place in seen])
-    base, riser, height_covariance = _line(heights, height_sd)
-    full = np.zeros((5, 5))
-    full[np.ix_(_PLACES, _PLACES)] = covariance
-    if n == 1:
-        full[1, 1] = _UNKNOWN
-    full[np.ix_([4, 0], [4, 0])] = height_covariance
-    heading = math.atan2(up[1], up[0]) + turn
-    # The line at its middle, told along the turned way up.
-    foot = (values[0] * up + middle * left) @ np.array([math.cos(heading), math.sin(heading)])
+    ground = [planes[row[0].lower], *(planes[r.upper] for r in row)]
+    told, covariance, edges, across = _flight(
+        points, counts, sd, up, (0.25 * p.voxel_m) ** 2, np.array([q.centre for q in ground]),
+        np.array([q.gradient for q in ground]), np.array([q.spread for q in ground]),
+        np.array([q.covariance for q in ground]),
+    )  # fmt: skip
+    riser, tread, heading, start, base = told
     return Stairs(
-        id=id_, planes=(row[0].lower, *(r.upper for r in row)), steps=n, riser=riser, tread=float(values[1]),
-        heading=math.atan2(math.sin(heading), math.cos(heading)), start=float(foot), base=base, covariance=full,
-        edges=edges, risers=np.array([r.height for r in row]),
-        across=across,
+        id=id_, planes=(row[0].lower, *(r.upper for r in row)), steps=len(row), riser=riser, tread=tread,
+        heading=heading, start=start, base=base, covariance=covariance, edges=edges,
+        risers=np.array([r.height for r in row]), across=across,
     )  # fmt: skip
 
 
 @cached(_HERE, error_model="numpy")
+def _flight(
+    points: Array, counts: NDArray[np.int64], sd: Array, up: Array, least: float, centres: Array, gradients: Array,
+    spreads: Array, covariances: Array,
+) -> tuple[tuple[float, float, float, float, float], Array, Array, Array]:  # fmt: skip
+    """Equal steps through the edges and planes of a row.
+
+    Args:
+        points: As of `_even`, likewise the next three.
+        counts: How many each edge has.
+        sd: m.
+        up: (2,) unit vector of the way up.
+        least: Smallest variance of a point, m².
+        centres: (n + 1, 3), of the planes from the lowest, as of `Plane`, likewise the next three.
+        gradients: (n + 1, 2).
+        spreads: (n + 1, 2, 2).
+        covariances: (n + 1, 3, 3).
+
+    Returns:
+        Riser, tread, heading, start and base; their (5, 5) covariance; edges and across, see `Stairs`.
+    """
+    n, first, middle = len(counts), 0, 0.0
+    middles = np.empty((n, 2))
+    for k in range(n):
+        own = points[first : first + counts[k]]
+        first += counts[k]
+        middles[k, 0], middles[k, 1] = own[:, 0].mean(), own[:, 1].mean()
+        middle += (middles[k, 1] * up[0] - middles[k, 0] * up[1]) / n
+    values, covariance, edges, across = _even(points, counts, sd, up, middle, least)
+    heights, height_sd = np.empty(n + 1), np.empty(n + 1)
+    for k in range(n + 1):  # each plane where it is well seen toward its edge
+        edge = middles[max(k - 1, 0)]
+        x, y = toward(centres[k], spreads[k], edge[0], edge[1])
+        slopes = np.array([1.0, x - centres[k, 0], y - centres[k, 1]])
+        heights[k] = centres[k, 2] + slopes[1] * gradients[k, 0] + slopes[2] * gradients[k, 1]
+        variance = 0.0
+        for i in range(3):
+            for j in range(3):
+                variance += slopes[i] * covariances[k, i, j] * slopes[j]
+        height_sd[k] = math.sqrt(variance)
+    base, riser, height_covariance = _line(heights, height_sd)
+    full = np.zeros((5, 5))
+    for i in range(3):
+        for j in range(3):
+            full[_PLACES[i], _PLACES[j]] = covariance[i, j]
+    if n == 1:
+        full[1, 1] = _UNKNOWN
+    full[4, 4], full[4, 0] = height_covariance[0, 0], height_covariance[0, 1]
+    full[0, 4], full[0, 0] = height_covariance[1, 0], height_covariance[1, 1]
+    heading = math.atan2(up[1], up[0]) + values[2]
+    # The line at its middle, told along the turned way up.
+    x, y = values[0] * up[0] - middle * up[1], values[0] * up[1] + middle * up[0]
+    start = x * math.cos(heading) + y * math.sin(heading)
+    heading = math.atan2(math.sin(heading), math.cos(heading))
+    return (riser, values[1], heading, start, base), full, edges, across
+
+
+@njit(error_model="numpy", **INSIDE)
 def _even(
     points: Array, counts: NDArray[np.int64], sd: Array, up: Array, middle: float, least: float
 ) -> tuple[Array, Array, Array, Array]:
@@ -149,7 +197,7 @@ def _even(
     return values, covariance, edges, np.percentile(aside, _ENDS)
 
 
-@cached(_HERE, error_model="numpy")
+@njit(error_model="numpy", **INSIDE)
 def _line(heights: Array, sd: Array) -> tuple[float, float, Array]:
     """Base and riser of equal steps, and their (2, 2) covariance."""
     w, k = sd**-2, np.arange(len(heights))

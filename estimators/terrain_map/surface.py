@@ -140,8 +140,9 @@ def sums_of(
     """(slots, 11) sums over the columns of each slot, m, grid axes."""
     sums = np.zeros((slots, SUMS))
     for i in range(origin[0], origin[0] + COLUMNS):
+        row = i & (COLUMNS - 1)
         for j in range(origin[1], origin[1] + COLUMNS):
-            at = i & (COLUMNS - 1), j & (COLUMNS - 1)
+            at = row, j & (COLUMNS - 1)
             slot = label[at]
             if slot >= 0:
                 add_point(sums[slot], (i + 0.5) * voxel_m, (j + 0.5) * voxel_m, height[at], noise[at])

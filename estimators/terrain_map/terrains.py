@@ -17,7 +17,6 @@ from stridetwin.estimators.terrain_map.stairs import flights, stairs
 from stridetwin.estimators.terrain_map.surface import borders
 from stridetwin.streams.samples import Array
 
-_SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 _HIDDEN_M = 0.30
 """Ground that a riser may hide from the camera."""
 _SIGNIFICANT = 2.0
@@ -108,9 +107,8 @@ class Terrains:
 
     def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
         """The step that columns of `borders` show."""
-        p, turn, sides = self._p, self._R_world_grid[:2, :2], _SIDES[columns[:, 4]]
-        ends = (columns[:, 2:4] + 0.5 + 0.5 * sides) * p.voxel_m @ turn.T
-        edge = riser(lower, upper, ends, sides @ turn.T)
+        p = self._p
+        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_m)
         if edge is not None and p.riser_min_m <= edge.height <= p.riser_max_m and edge.length >= p.edge_min_m:
             return edge
         return None

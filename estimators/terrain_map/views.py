@@ -21,6 +21,9 @@ _NEAR = 0.5
 """Beyond this λ does not say how far the surface is: between two such places it lies in the middle."""
 _SHARE = 0.5
 """Of the weight beside it that a column needs."""
+_BESIDE = np.ones((5, 5), np.uint8)
+_FEWEST = 0.05
+"""Weight below which a column is known no worse."""
 
 
 @cached(_HERE)
@@ -62,9 +65,16 @@ def from_above(
                 for column in range(EDGE * EDGE):
                     if met[column]:
                         continue
+                    first, solid = column << 3, False
+                    for k in range(EDGE):
+                        solid |= (weight[first | k] >= least) & (distance[first | k] >= nothing)
+                    if not solid:
+                        above[column] = distance[first]
+                        known[column] = weight[first] if weight[first] >= least else nothing
+                        continue
                     before, trusted = above[column], known[column]
                     for k in range(top, -1, -1):
-                        at = (column << 3) | k
+                        at = first | k
                         own, value = weight[at], distance[at]
                         if own < least:
                             trusted = nothing
@@ -182,12 +192,41 @@ def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: 
     return found
 
 
-def well_seen(height: NDArray[np.float32], weight: NDArray[np.float32]) -> None:
-    """Takes away the columns that are seen far less than those beside them: they lie at an outline, half in the air.
+def well_seen(
+    height: NDArray[np.float32], weight: NDArray[np.float32], eye_z: float, least_m: float, most_m: float,
+    noise_per_m: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    """How well the columns are known.
+
+    Those that are seen far less than those beside them go: they lie at an outline, half in the air.
 
     Args:
         height: (n, n) m; changed, NaN where nothing is seen.
         weight: (n, n) of the columns.
+        eye_z: Height of the camera, m.
+        least_m: Standard deviation of any column.
+        most_m: No column has more.
+        noise_per_m: Standard deviation of the depth over its square, 1/m.
+
+    Returns:
+        (n, n) m, standard deviation of the heights.
     """
-    most = cv2.dilate(weight, np.ones((5, 5), np.uint8))
-    height[weight < _SHARE * most] = np.nan
+    beside = np.asarray(cv2.dilate(weight, _BESIDE), np.float32)
+    return _well_seen(height, weight, beside, eye_z, least_m, most_m, noise_per_m)
+
+
+@cached(_HERE, error_model="numpy")
+def _well_seen(
+    height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
+    most_m: float, noise_per_m: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    noise = np.empty(height.shape, np.float32)
+    share, unseen, fewest = np.float32(_SHARE), np.float32(math.nan), np.float32(_FEWEST)
+    for i in range(height.shape[0]):
+        for j in range(height.shape[1]):
+            own = weight[i, j]
+            z = unseen if own < share * beside[i, j] else height[i, j]
+            off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)
+            sd = math.sqrt(least_m * least_m + off * off / (own if own > fewest else fewest))
+            height[i, j], noise[i, j] = z, min(sd, most_m)
+    return noise

@@ -103,6 +103,8 @@ class ForgetfulMap(TerrainMap):
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """As `TerrainMap.update`, of this sample alone."""
         if isinstance(sample, Depth):
+            if not self.due(sample.t_ns):
+                return None
             self._forget()
         return super().update(sample)
 
