@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import first_change, flight_at
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
+from stridetwin.estimators.locomotion_mode.felt import Felt, felt, going_on, suits
 from stridetwin.estimators.locomotion_mode.footsteps import CLIMB, SIDE, StepFilter
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.pieces import Piece, pieces, unseen, with_unseen
@@ -52,11 +55,36 @@ class _Stance:
         return density / total if total > 1e-9 else np.full(len(s), 1.0 / len(s))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Landing:
+    """The last touch-down as camera and insoles know it: what the legs tell of it later is added to this.
+
+    Attributes:
+        stance: Where the foot stands.
+        before: (S,) density of the foot behind over the same cells.
+        ground: Pieces along the line.
+        mode: Of the ground under both feet; "" where it is not the same.
+        even: How likely no edge lay between them.
+        length, ramps: Filters of step lengths before they learnt of this step.
+    """
+
+    stance: _Stance
+    before: Array
+    ground: Sequence[Piece]
+    mode: str
+    even: float
+    length: StepFilter
+    ramps: StepFilter
+
+
 class LocomotionMode:
     """What the next steps are: mode, place and time of each, and where the ground changes.
 
     Causal, of bounded memory, deterministic, nothing learnt. Takes poses of the camera or of its IMU, depth and both
-    insoles in time order; tells an estimate after every depth picture that the map took, and at each touch-down.
+    insoles in time order; tells an estimate after the depth pictures in which the map looks for planes, and at each
+    touch-down.
+    Steps as an exoskeleton's legs felt them (`contact_terrain`) are welcome besides: they correct where on the map the
+    feet stand and how long steps are, and are gone by where there is no map.
 
     Without insoles it tells nothing but where the body is on the way to the first step; a foot whose insole is dead is
     led along by the other's touch-downs. Where poses stay away it tells nothing; where they jump, or come again after
@@ -107,15 +135,22 @@ class LocomotionMode:
         self._silent = ""  # foot whose insole has told nothing of its last step
         self._guessed, self._heard_ns = False, -1  # whether no insole told of the last touch-down; when one last did
         self._alike = 0  # steps in a row on ground of one mode
+        self._landing: _Landing | None = None
+        self._felt: Felt | None = None
+        self._felt_step = 0
+        self._told_of: list[StepEstimate] = []  # the last steps that the legs felt
         self._walking.clear()
 
-    def update(self, sample: Sample) -> ModeEstimate | None:
+    def update(self, sample: Sample | StepEstimate) -> ModeEstimate | None:
         """Takes one sample; returns what is now known of the coming steps, None where nothing new is."""
         if isinstance(sample, Odometry):
             self.ground.update(sample)
             if self._body.add(sample):
                 self._begin(_WALKING_SD_M)
             return None
+        if isinstance(sample, StepEstimate):
+            new = self._feel(sample) and self._body.known(sample.t_ns)
+            return self._told(sample.t_ns) if new else None
         if isinstance(sample, Insole):
             foot, known = self._touch.update(sample), self._body.known(sample.t_ns)
             heard = foot is not None
@@ -179,6 +214,7 @@ class LocomotionMode:
             )
             chain = self._rolled(stance, ground, lengths, suits)
             self._stance = _Stance(origin=line[0], forward=line[1], s=self._s, density=chain.density[-1])
+            self._landing = None
             if not missed and not first and paired:
                 self._learn(foot, stance, chain, ground)
         if heard:
@@ -196,17 +232,43 @@ class LocomotionMode:
         made, made_sd = moments(chain.density[0], self._s)
         sd, even = math.hypot(made_sd, before_sd), 1.0 - min(1.0, 2.0 * float(chain.modes[0, 1] + chain.modes[0, 2]))
         here, there = (ground[_under(ground, s, self.parameters)] for s in (before, made))
-        self._alike = self._alike + 1 if here.mode == there.mode and even > 0.5 else 0
-        if here.mode != there.mode:
-            return
+        mode = here.mode if here.mode == there.mode else ""
+        assert self._stance is not None
+        self._landing = _Landing(
+            stance=self._stance, before=stance, ground=ground, mode=mode, even=even,
+            length=copy(self._length), ramps=copy(self._ramps),
+        )  # fmt: skip
+        self._alike = self._alike + 1 if mode and even > 0.5 else 0
         if self._alike > 1:  # then the body goes as far as the feet, and is known better than they are
             last, now = self._walking.latest
             made, sd = before + float(np.linalg.norm((now.p - last.p)[:2])), 0.5 * self.parameters.body_sd_m
-        if here.mode == "LG":
-            self._length.update(SIDE[foot], made - before, sd, even)
-        else:
+        self._lengthen(foot, mode, made - before, sd, even)
+
+    def _lengthen(self, foot: str, mode: str, length: float, sd: float, even: float) -> None:
+        """A step of a length, in m, on ground of a mode; none where that was not the same under both feet."""
+        if mode == "LG":
+            self._length.update(SIDE[foot], length, sd, even)
+        elif mode:
             level = self._length.of(SIDE[foot])
-            self._ramps.update(CLIMB[here.mode], (made - before) / level, sd / level, even)
+            self._ramps.update(CLIMB[mode], length / level, sd / level, even)
+
+    def _feel(self, told: StepEstimate) -> bool:
+        """The legs tell of the step that ended with the last touch-down; returns whether for the first time."""
+        if not self._told_of or self._told_of[-1].step != told.step:
+            self._told_of = [*self._told_of[-2:], told]
+        self._told_of[-1] = told
+        step, landing = felt(self._told_of), self._landing
+        if step is None or step.foot != self._foot or told.t_ns < self._down_ns:
+            return False
+        first, self._felt, self._felt_step = self._felt_step != told.step, step, told.step
+        if landing is None or self.method != "stridetwin":
+            return first
+        stance = landing.stance
+        density = stance.density * suits(step, self._s, landing.ground, landing.before, self.parameters)
+        self._stance = replace(stance, density=density / density.sum())
+        self._length, self._ramps = copy(landing.length), copy(landing.ramps)
+        self._lengthen(step.foot, landing.mode, step.length, step.length_sd, landing.even)
+        return first
 
     def _leaning(self, ground: Sequence[Piece]) -> Array:
         """(S,) m the body is ahead of the middle between the feet at touch-down, by where the foot lands."""
@@ -228,11 +290,20 @@ class LocomotionMode:
         return self._body.p[:2] - self.parameters.behind_m * forward, forward
 
     def _pieces(self, origin: Array, forward: Array) -> list[Piece]:
-        return pieces(self._profile(origin, forward), self.ground.estimate, forward, self.parameters)
+        return self._cut(self._profile(origin, forward), origin, forward)
 
     def _profile(self, origin: Array, forward: Array) -> Profile:
         p = self.parameters
         return self.ground.profile(origin, math.atan2(forward[1], forward[0]), p.behind_m + p.reach_m)
+
+    def _cut(self, profile: Profile, origin: Array, forward: Array) -> list[Piece]:
+        """The pieces of a profile; where nobody has seen the ground ahead, as the legs felt it last."""
+        if self._felt is not None:
+            foot, _ = moments(self._standing(origin, forward), self._s)
+            seen = profile.s[profile.plane >= 0]
+            if not len(seen) or seen[-1] < foot + self.parameters.toe_m:
+                return going_on(self._felt, foot, self.parameters)
+        return pieces(profile, self.ground.estimate, forward, self.parameters)
 
     def _standing(self, origin: Array, forward: Array) -> Array:
         if self._stance is None:
@@ -252,7 +323,7 @@ class LocomotionMode:
         p = self.parameters
         origin, forward = line = self._line()
         profile = self._profile(*line)
-        ground = pieces(profile, self.ground.estimate, forward, p)
+        ground = self._cut(profile, *line)
         stance = self._standing(*line)
         feet = [_OTHER[self._foot] if k % 2 == 0 else self._foot for k in range(p.steps)]
         lengths = [self._length.of(SIDE[f]) for f in feet]

@@ -96,7 +96,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
 
 @cached(_HERE)
 def _leave(blocks: Blocks, stale_ns: int) -> None:
-    """Drops the blocks outside of the window, and those that show no surface any more."""
+    """Drops the blocks outside of the window, and those that show no surface any more: none in them or just below."""
     for row in range(CAPACITY):
         if not blocks.used[row]:
             continue
@@ -110,6 +110,9 @@ def _leave(blocks: Blocks, stale_ns: int) -> None:
         if inside and _is_solid(blocks.distance[row], blocks.weight[row]):
             blocks.solid[row] = True
             continue
+        below = slot_of(blocks.slots, blocks.origin, i, j, k - 1)
+        if inside and below >= 0 and _ends_at_top(blocks.distance[below], blocks.weight[below]):
+            continue
         blocks.slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)] = _NONE
         blocks.used[row] = False
         blocks.free[blocks.counts[0]] = row
@@ -122,6 +125,15 @@ def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32]) -> boo
     at = 0
     while at < VOXELS and not (distance[at] > 0.0 and weight[at] > 0.0):
         at += 1
+    return at < VOXELS
+
+
+@njit(**INSIDE)
+def _ends_at_top(distance: NDArray[np.float32], weight: NDArray[np.float32]) -> bool:
+    """Whether a surface may lie just over a block: what is above tells that there is one, and not more ground."""
+    at = EDGE - 1
+    while at < VOXELS and not (distance[at] > 0.0 and weight[at] > 0.0):
+        at += EDGE
     return at < VOXELS
 
 

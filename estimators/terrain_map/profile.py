@@ -24,6 +24,12 @@ _LANES = np.arange(-0.24, 0.25, 0.04)
 _LEAST_LANES = 4
 _SHORTEST = 3
 """Fewest steps of a plane that counts."""
+_UNEVEN_M, _UNEVEN_RISER_M = 0.06, 0.03
+"""How far edges and risers of one flight may lie off even ones."""
+_EVEN_SD_M = 0.015
+"""Deviation of an edge that was taken from the others of its flight."""
+_GAP_M = 0.05
+"""How far it may lie outside of where nothing is seen."""
 _EDGE_M = 0.04
 """Jumps below this are none."""
 _KNEE = math.radians(4.0)
@@ -162,6 +168,10 @@ def _edge_or_knee(
         return None
     for flight in estimate.stairs:
         known = _in_flight(flight, one.id, other.id, origin, forward)
+        if known is None:
+            known = _next_to_flight(flight, one.id, other.id, drop, origin, forward)
+            if known is not None and not end - _GAP_M < known[0] < start + _GAP_M:
+                known = None
         if known is not None:
             return Change(kind="edge", s=known[0], sd=known[1], drop=drop, bend=0.0)
     s = end + p.voxel_m / 2 if drop < 0 else start - p.voxel_m / 2
@@ -176,12 +186,37 @@ def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
 
 
 def _in_flight(flight: Stairs, one: int, other: int, origin: Array, forward: Array) -> tuple[float, float] | None:
-    """Where a line crosses the edge between two planes of a flight, m along it, and its standard deviation."""
+    """Where a line crosses the edge between two planes of a flight, m along it, and its standard deviation.
+
+    The edge lies where it was found; but a leg that stands before one edge hides it: where it lies far off those of the
+    others, these tell.
+    """
     for k in range(flight.steps):
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
-            along = float(flight.up @ forward)
-            if abs(along) < 0.3:
-                return None
-            sd = math.sqrt(max(flight.covariance[3, 3], 0.0)) / abs(along)
-            return (float(flight.edges[k]) - float(flight.up @ origin)) / along, max(sd, 0.005)
+            even = flight.start + k * flight.tread
+            if flight.steps > 2 and abs(float(flight.edges[k]) - even) > _UNEVEN_M:
+                return _crossing(flight, even, _EVEN_SD_M, origin, forward)
+            sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), 0.005)
+            return _crossing(flight, float(flight.edges[k]), sd, origin, forward)
     return None
+
+
+def _next_to_flight(
+    flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array
+) -> tuple[float, float] | None:
+    """The same of the edge a step beyond either end of a flight: where a riser more was seen, but not where it lies."""
+    if flight.steps < 2 or abs(abs(drop) - flight.riser) > _UNEVEN_RISER_M:
+        return None
+    climbs = drop * float(flight.up @ forward) > 0.0
+    upper, lower = (other, one) if drop > 0.0 else (one, other)
+    if climbs and lower == flight.planes[-1]:
+        return _crossing(flight, flight.start + flight.steps * flight.tread, _EVEN_SD_M, origin, forward)
+    if climbs and upper == flight.planes[0]:
+        return _crossing(flight, flight.start - flight.tread, _EVEN_SD_M, origin, forward)
+    return None
+
+
+def _crossing(flight: Stairs, edge: float, sd: float, origin: Array, forward: Array) -> tuple[float, float] | None:
+    """Where a line crosses an edge that lies so far along a flight's way up, and its deviation; None along the edge."""
+    along = float(flight.up @ forward)
+    return None if abs(along) < 0.3 else ((edge - float(flight.up @ origin)) / along, sd / abs(along))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.scenarios.experiments.case import Case
@@ -140,8 +141,8 @@ class Told:
     path: Trajectory
 
 
-def tell(samples: Iterable[Sample], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
-    """Lets every method take a walk's poses, depth and insoles in order of time."""
+def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
+    """Lets every method take a walk's poses, depth and insoles, and steps that legs felt, in order of time."""
     camera = depth_camera(recording.rig)
     place = given_poses(recording, camera)[1]
     shared = SharedMap(recording.rig, mount=place)

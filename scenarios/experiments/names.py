@@ -15,6 +15,7 @@ EXPERIMENT_NAMES = {
     "zhao_view": "Zhao et al. 2023, Fig. 3a: between walls and round a corner, with a head that looks about widely",
     "zhao_directions": "Zhao et al. 2023, Fig. 3b: outdoors from stair to ramp to stair side by side",
     "zhao_disturbance": "Zhao et al. 2023, Fig. 3c: a stair while two people walk around the walker",
+    "mode_fusion": "modes of coming steps by camera, by an exoskeleton's legs, and by both, in light and dark",
     "mode_not_fooled": "what looks like a stair or a ramp and is none: paint, shadow, kerb, table, wall, legs, mirror",
     "mode_faults": "what the prediction of modes makes of faults: odometry lost, no depth, a dead insole, a bad view",
     "dvio_bench": "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",

@@ -19,6 +19,7 @@ from stridetwin.scenarios.experiments import (
     jao_simulation,
     jao_walk,
     mode_faults,
+    mode_fusion,
     mode_not_fooled,
     mode_report,
     mode_tables,
@@ -129,6 +130,9 @@ EXPERIMENTS = {
         run_case=mode_not_fooled.run_case,
         collect=mode_not_fooled.collect,
         table=mode_not_fooled.table,
+    ),
+    "mode_fusion": Experiment(
+        seeds=mode_fusion.SEEDS, run_case=mode_fusion.run_case, collect=mode_fusion.collect, table=mode_fusion.table
     ),
     "mode_faults": Experiment(
         seeds=mode_faults.SEEDS, run_case=mode_faults.run_case, collect=mode_faults.collect, table=mode_faults.table

@@ -204,3 +204,16 @@ def test_the_profile_up_a_flight():
     np.testing.assert_allclose([c.drop for c in edges[:4]], 0.16, atol=0.012)
     at = np.argmin(np.abs(profile.s - 1.35))
     assert profile.height[at] == pytest.approx(0.16, abs=0.008)
+
+
+@pytest.mark.parametrize("ground", [0.0, -0.16, 0.07])
+def test_ground_that_is_not_looked_at_stays(ground):
+    """Also where it lies on the border between two blocks, and the air over it in another block than itself."""
+    terrain_map, eye = TerrainMap(RIG), np.array([0.0, 0.0, ground + EYE_M])
+    for k in range(20):
+        t_ns, R = k * PERIOD_NS, attitude(0.0, 0.6 if k < 3 else -0.2)
+        terrain_map.update(pose(t_ns, eye, R))
+        wall = Box(x=(3.0, 3.2), z=(ground, ground + 3.0))
+        floor = Box(x=(-5.0, 20.0), z=(ground - 2.0, ground))
+        terrain_map.update(depth(t_ns, picture([floor, wall], eye, R, None)))
+    assert terrain_map.heights(np.array([[1.5, 0.0]]))[0] == pytest.approx(ground, abs=0.01)
