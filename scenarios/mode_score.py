@@ -29,6 +29,8 @@ _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045
 _STAIR_M = 0.07
 _BINS = 10
+_STEADY = 0.2
+"""Steps in steady walking differ by no more, as a share of the shortest."""
 _SIZES = (
     ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
 )  # fmt: skip
@@ -52,6 +54,7 @@ class ScoredMode:
         forward_m: Predicted footprint less the true one along the way, when the foot before it had just landed; NaN
             where none was told.
         left_m: Likewise across.
+        length_m: How far the true footprint lies from the one before, ahead or aside.
     """
 
     t_s: float
@@ -63,6 +66,7 @@ class ScoredMode:
     probabilities: tuple[float, ...] = ()
     forward_m: float = math.nan
     left_m: float = math.nan
+    length_m: float = math.nan
 
     @property
     def right(self) -> bool:
@@ -248,6 +252,7 @@ def score_modes(
                 lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
                 probabilities=tuple(last[0].steps[last[1]].probabilities[m] for m in MODES) if last else (),
                 forward_m=forward, left_m=left,
+                length_m=float(np.linalg.norm((print_.p_foot_in_world - footprints[i + 1].p_foot_in_world)[:2])),
             )
         )  # fmt: skip
         before = print_.mode
@@ -402,9 +407,17 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
 
 
 def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
-    """Steps of the same mode as the ones before and after them, without the first three and the last two."""
-    middle = range(3, len(steps) - 2)
-    return [steps[i] for i in middle if len({s.mode for s in steps[i - 1 : i + 2]}) == 1]
+    """Steps of the same mode as those beside them and nearly as long, without the first three and the last two.
+
+    Who pauses, or gathers speed, does not walk steadily.
+    """
+    found = []
+    for i in range(3, len(steps) - 2):
+        around = steps[i - 1 : i + 2]
+        lengths = [s.length_m for s in around]
+        if len({s.mode for s in around}) == 1 and not max(lengths) > (1.0 + _STEADY) * min(lengths):
+            found.append(steps[i])
+    return found
 
 
 def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:

@@ -143,3 +143,14 @@ def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():
         assert Counter(c.pattern for c in rows[first : first + 60]) == dict.fromkeys(PATTERNS, 20)
     assert condition(0) in rows
     assert len(MODES) == 5
+
+
+def test_who_pauses_does_not_walk_steadily():
+    lengths = [0.6] * 5 + [0.3] + [0.6] * 6
+    steps = [
+        ScoredMode(t_s=k, mode="LG", before="LG", told="LG", allowed=("LG",), lead_s=1.0, forward_m=error, length_m=m)
+        for k, (m, error) in enumerate(zip(lengths, [0.01] * 4 + [0.3] * 3 + [0.01] * 5))
+    ]
+    figures = mode_figures([ModeScores(steps=steps)])
+    assert figures["footprint_steady_rmse_m"]["forward"] == pytest.approx(0.01)
+    assert figures["footprint_rmse_m"]["forward"] > 0.1
