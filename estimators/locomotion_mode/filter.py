@@ -31,6 +31,8 @@ _SOON_S = 0.05
 _MISSED = 1.4
 """Step times after which a foot that touches down again has left out a step of the other."""
 _BOUNCE = 0.6
+_STRIPS = 2.0
+"""Treads down are seen as strips: their depth is known that much worse than the map tells."""
 _STANDING_SD_M, _WALKING_SD_M = 0.08, 0.25
 """Of the first foot about the body, at the start and where all begins anew on the way."""
 _USUAL_HEIGHT_M = 1.3
@@ -396,7 +398,8 @@ class LocomotionMode:
                 sign = 1.0 if found.mode == "SA" else -1.0
                 geometry |= {"riser": sign * known.riser, "riser_sd": math.hypot(float(sd[0]), p.size_sd_m)}
                 if known.steps > 1:
-                    geometry |= {"tread": known.tread, "tread_sd": math.hypot(float(sd[1]), p.size_sd_m)}
+                    share = 1.0 if found.mode == "SA" else _STRIPS
+                    geometry |= {"tread": known.tread, "tread_sd": share * math.hypot(float(sd[1]), p.size_sd_m)}
         elif found.mode in ("RA", "RD"):
             geometry |= {"slope": piece.slope, "slope_sd": piece.slope_sd}
         return NextChange(

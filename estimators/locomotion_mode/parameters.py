@@ -96,8 +96,8 @@ class LocomotionModeParameters:
     adapt_sd: float = 0.06
     kerb_m: float = 0.055
     riser_sd_m: float = 0.008
-    size_sd_m: float = 0.002
-    place_sd_m: float = 0.006
+    size_sd_m: float = 0.003
+    place_sd_m: float = 0.008
     riser_m: float = 0.18
     riser_max_m: float = 0.33
     tread_min_m: float = 0.22

@@ -163,7 +163,7 @@ def _edge_or_knee(
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward
         sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(slopes[1] - slopes[0])
-        return Change(kind="knee", s=s, sd=max(sd, p.edge_sd_m), drop=0.0, bend=bend)
+        return Change(kind="knee", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < _EDGE_M:
         return None
     for flight in estimate.stairs:
