@@ -32,6 +32,7 @@ class Felt:
     """A step as the legs measured it.
 
     Attributes:
+        step: Its number, as `contact_terrain` counts.
         foot: `l` or `r`, the one that stepped.
         length: From the footprint before, m, horizontal, along the way.
         length_sd: m.
@@ -42,6 +43,7 @@ class Felt:
         mode: As `contact_terrain` tells it.
     """
 
+    step: int
     foot: str
     length: float
     length_sd: float
@@ -66,7 +68,7 @@ def felt(told: Sequence[StepEstimate]) -> Felt | None:
     stride = (now.p_sole_in_world - first.p_sole_in_world)[:2]
     toward = stride / max(math.hypot(*stride.tolist()), 1e-9)
     made = Felt(
-        foot=now.foot, length=float((now.p_sole_in_world - before.p_sole_in_world)[:2] @ toward),
+        step=now.step, foot=now.foot, length=float((now.p_sole_in_world - before.p_sole_in_world)[:2] @ toward),
         length_sd=math.sqrt(max(float(toward @ now.covariance[:2, :2] @ toward), 0.0)), elevation=now.elevation,
         elevation_sd=now.elevation_sd, slope=now.slope, slope_sd=now.slope_sd, mode=now.mode,
     )  # fmt: skip
@@ -75,7 +77,7 @@ def felt(told: Sequence[StepEstimate]) -> Felt | None:
 
 
 def suits(step: Felt, s: Array, ground: Sequence[Piece], before: Array, p: LocomotionModeParameters) -> Array:
-    """(S,) how well each place along the way suits the step, at most 1.
+    """(S,) how well each place along the way suits the step, about 1 at best.
 
     Args:
         step: As it was felt.

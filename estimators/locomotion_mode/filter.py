@@ -139,7 +139,6 @@ class LocomotionMode:
         self._alike = 0  # steps in a row on ground of one mode
         self._landing: _Landing | None = None
         self._felt: Felt | None = None
-        self._felt_step = 0
         self._told_of: list[StepEstimate] = []  # the last steps that the legs felt
         self._walking.clear()
 
@@ -262,7 +261,7 @@ class LocomotionMode:
         step, landing = felt(self._told_of), self._landing
         if step is None or step.foot != self._foot or told.t_ns < self._down_ns:
             return False
-        first, self._felt, self._felt_step = self._felt_step != told.step, step, told.step
+        first, self._felt = self._felt is None or self._felt.step != step.step, step
         if landing is None or self.method != "stridetwin":
             return first
         stance = landing.stance

@@ -27,6 +27,7 @@ _VIEW = 208
 """Columns along the edge of the view from above."""
 _BELOW_M = 1.5
 """How far under the camera the middle of the window lies."""
+_NEVER_NS = -(10**18)
 _STALE_NS = 1_000_000_000
 _FEWEST_PIXELS = 500
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
@@ -70,8 +71,7 @@ class TerrainMap:
         self._planes = PlaneSet(p)
         self._R_world_grid = _turned(p.grid_turn_rad)
         self._terrains = Terrains(self._R_world_grid, p)
-        self._last_ns = self._looked_ns = -(10**18)
-        self._p_camera = np.zeros(3)
+        self._last_ns = self._looked_ns = _NEVER_NS
         self._T_grid_camera: Array | None = None
         self._estimate: TerrainEstimate | None = None
 
@@ -90,10 +90,11 @@ class TerrainMap:
         depth, count = self._camera.rectified(sample.depth, self.parameters)
         if count < _FEWEST_PIXELS:
             return None
-        self._take(sample.t_ns, depth, T_world_frame @ self._T_frame_camera)
+        T_world_camera = T_world_frame @ self._T_frame_camera
+        T_grid_camera = self._take(sample.t_ns, depth, T_world_camera)
         if not self.due(sample.t_ns):
             return None
-        self._look(sample.t_ns)
+        self._look(sample.t_ns, T_grid_camera, T_world_camera[:3, 3].copy())
         return self._estimate
 
     def due(self, t_ns: int) -> bool:
@@ -167,12 +168,12 @@ class TerrainMap:
         label = surface.label[i, j]
         return points @ self._R_world_grid.T, np.where(label >= 0, self._planes.ids[label], -1)
 
-    def _take(self, t_ns: int, depth: NDArray[np.float32], T_world_camera: Array) -> None:
-        """A picture goes into the voxels."""
+    def _take(self, t_ns: int, depth: NDArray[np.float32], T_world_camera: Array) -> Array:
+        """A picture goes into the voxels; returns the (4, 4) camera in the grid's axes."""
         p, blocks, camera = self.parameters, self._blocks, self._camera
         T_grid_camera = T_world_camera.copy()
         T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]
-        self._T_grid_camera, self._p_camera = T_grid_camera, T_world_camera[:3, 3].copy()
+        self._T_grid_camera = T_grid_camera
         eye = T_grid_camera[:3, 3]
         block_m = EDGE * p.voxel_m
         roll(blocks, eye - np.array([0.0, 0.0, _BELOW_M]), block_m, t_ns - _STALE_NS)
@@ -184,13 +185,13 @@ class TerrainMap:
             blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_m,
             p.truncation_m, p.weight_max, p.depth_noise_per_m,
         )  # fmt: skip
+        return T_grid_camera
 
-    def _look(self, t_ns: int) -> None:
+    def _look(self, t_ns: int, T_grid_camera: Array, p_camera_in_world: Array) -> None:
         """Planes are looked for in the voxels, and terrains in the planes."""
-        assert self._T_grid_camera is not None
-        p, blocks, eye = self.parameters, self._blocks, self._T_grid_camera[:3, 3]
+        p, blocks, eye = self.parameters, self._blocks, T_grid_camera[:3, 3]
         self._looked_ns = t_ns
-        first = self._view_corner(self._T_grid_camera)
+        first = self._view_corner(T_grid_camera)
         height, weight = from_above(blocks, first[0], first[1], _VIEW, math.floor(eye[2] / p.voxel_m), p.voxel_m)
         noise = well_seen(height, weight, float(eye[2]), p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m)
         fewest = round(p.strip_area_m2 / p.voxel_m**2)
@@ -198,7 +199,7 @@ class TerrainMap:
         self._planes.update(first, labels, sums, height, noise)
         planes = self._planes.planes(self._R_world_grid)
         self._estimate = TerrainEstimate(
-            t_ns=t_ns, planes=planes, p_camera_in_world=self._p_camera,
+            t_ns=t_ns, planes=planes, p_camera_in_world=p_camera_in_world,
             terrains=self._terrains.find(planes, self._planes, blocks),
         )  # fmt: skip
 
@@ -214,7 +215,7 @@ class TerrainMap:
         clear(self._blocks)
         self._planes.clear()
         self._estimate = None
-        self._looked_ns = -(10**18)
+        self._looked_ns = _NEVER_NS
 
 
 def _turned(angle: float) -> Array:

@@ -19,7 +19,7 @@ from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.mode_walks import SENSORS, posed, scored, tell, true_footprints
 from stridetwin.scenarios.experiments.odometry_walks import recorded
 from stridetwin.scenarios.experiments.spoilt import Samples, Spoilt
-from stridetwin.scenarios.experiments.walks import fell_at_s
+from stridetwin.scenarios.experiments.walks import falls, fell_at_s
 from stridetwin.scenarios.mode_files import INSOLES
 from stridetwin.scenarios.mode_score import ModeScores, mode_figures
 from stridetwin.scenarios.scenario_file import load_scenario
@@ -161,10 +161,9 @@ def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> list[str]:
     """As lines of text."""
-    fell = ", ".join(f"{walk} {c['seed']}" for c in result["cases"] for walk in c["fell"])
     lines = [
         f"{len(result['cases'])} walks each of {' and '.join(WALKS)}; p: told probability of the mode that was told",
-        f"walks that ended by a fall: {fell or 'none'}",
+        falls(result["cases"]),
         f"{'':<46}{'steps':>6}{'right %':>9}{'transitions %':>15}{'lead s':>8}{'5 %':>6}{'p right':>9}{'p wrong':>9}"
         f"{'wrong':>7}{f'p > {SURE:g}':>9}{'untold':>8}{'cal. error':>12}",
     ]

@@ -19,7 +19,7 @@ from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.mode_walks import MOUNTS, SENSORS, posed, scored, tell, true_footprints
 from stridetwin.scenarios.experiments.odometry_walks import recorded
 from stridetwin.scenarios.experiments.spoilt import Samples
-from stridetwin.scenarios.experiments.walks import fell_at_s
+from stridetwin.scenarios.experiments.walks import falls, fell_at_s
 from stridetwin.scenarios.mode_score import ModeScores, mode_figures
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.body import wearer
@@ -116,10 +116,9 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 def table(result: dict[str, Any]) -> list[str]:
     """As lines of text."""
     summary = result["summary"]
-    fell = ", ".join(f"{walk} {c['seed']}" for c in result["cases"] for walk in c["fell"])
     lines = [
         f"{len(result['cases'])} walks each of {' and '.join(WALKS)} in the exoskeleton",
-        f"walks that ended by a fall: {fell or 'none'}",
+        falls(result["cases"]),
         f"{'':<50}{'steps':>6}{'right %':>9}{'transitions %':>15}{'lead s':>8}{'5 %':>6}{'footprint mm':>14}"
         f"{'cal. error':>12}",
     ]

@@ -20,7 +20,7 @@ from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.mode_walks import SENSORS, posed, scored, tell
 from stridetwin.scenarios.experiments.odometry_walks import recorded
 from stridetwin.scenarios.experiments.spoilt import Samples
-from stridetwin.scenarios.experiments.walks import fell_at_s
+from stridetwin.scenarios.experiments.walks import falls, fell_at_s
 from stridetwin.scenarios.mode_score import ScoredMode
 from stridetwin.scenarios.terrain_files import depth_camera, given_poses
 from stridetwin.scenarios.truth import TruePath
@@ -176,10 +176,9 @@ def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
 def table(result: dict[str, Any]) -> list[str]:
     """Predicted classes by trap, as lines of text; every true one is LG."""
     ours, published = (result["summary"][m] for m in METHODS)
-    fell = ", ".join(f"{trap} {c['seed']}" for c in result["cases"] for trap in c["fell"])
     lines = [
         f"{len(result['cases'])} walks a trap; every step is LG; alarms: estimates that tell of anything else to come",
-        f"walks that ended by a fall: {fell or 'none'}",
+        falls(result["cases"]),
         f"{'':<52}{'steps':>7}" + "".join(f"{m:>6}" for m in MODES)
         + f"{'least p of LG':>15}{'alarms %':>10}{'published: LG %':>17}",
     ]  # fmt: skip

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.record import record
@@ -70,6 +71,12 @@ def fell_at_s(recording: Recording) -> float | None:
     """When the walker of a recording fell, s."""
     text = recording.metadata.get("fell_at_s")
     return None if text is None else float(text)
+
+
+def falls(cases: Iterable[Mapping[str, Any]]) -> str:
+    """A line of text: which walks (`fell` of each case) ended by a fall."""
+    fell = ", ".join(f"{walk} {case['seed']}" for case in cases for walk in case["fell"])
+    return f"walks that ended by a fall: {fell or 'none'}"
 
 
 @contextmanager
