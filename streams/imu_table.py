@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import zipfile
+from array import array
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.plausible import IMU_RATES_HZ, rate_doubts, unit_doubts
 from stridetwin.streams.samples import Array, Block, Imu
 
 MIN_ROWS = 20
+_FREE_BYTES, _BYTES_PER_BYTE = 16 << 20, 20
 _AXES = "xyz"
 _NAMES = {"accel": ("accel_{}", "a{}", "acc_{}"), "gyro": ("gyro_{}", "g{}", "w{}")}
 
@@ -55,9 +59,12 @@ def read_imu_table(path: str | Path, topic: str = "/foot/imu") -> Block[Imu]:
 
 def _read_npz(path: Path) -> tuple[Array, Array, Array]:
     try:
+        _check_packing(path)
         with np.load(path, allow_pickle=False) as table:
             columns: dict[str, NDArray[Any]] = {n: table[n] for n in ("t", "accel", "gyro") if n in table}
             there = table.files
+    except StrideTwinError:
+        raise
     except Exception as error:  # what damaged ZIP files raise is of many unrelated kinds
         words = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
         raise StrideTwinError(f"{path}: cannot be read: {words[:200]}") from error
@@ -70,25 +77,54 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
     return tuple(columns[n].astype(np.float64) for n in ("t", "accel", "gyro"))  # type: ignore[return-value]
 
 
+def _check_packing(path: Path) -> None:
+    """Refuses arrays that unpack to more than numbers of sensors do.
+
+    Raises:
+        ConfigError: They do.
+        zipfile.BadZipFile: The file is no ZIP file.
+    """
+    with zipfile.ZipFile(path) as packed:
+        for member in packed.infolist():
+            most = _FREE_BYTES + _BYTES_PER_BYTE * member.compress_size
+            if member.file_size > most:
+                raise ConfigError(path, f"size of {member.filename[:40]}, unpacked", member.file_size, f"up to {most}")
+
+
 def _read_csv(path: Path) -> tuple[Array, Array, Array]:
+    header: list[str] | None = None
+    where: list[int] = []
+    table = array("d")
+    row = 0
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if line]
+        for line in csv.reader(lines(path, "utf-8-sig")):
+            if not line:
+                continue
+            if header is None:
+                header = [name.strip() for name in line]
+                where = _columns(path, header)
+                continue
+            row += 1
+            for at in where:
+                try:
+                    table.append(float(line[at]))
+                except (ValueError, IndexError):
+                    value = line[at] if at < len(line) else None
+                    raise ConfigError(path, f"{header[at]}, row {row}", value, "a number") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    header = [name.strip() for name in lines[0]] if lines else []
+    if header is None:
+        _columns(path, [])
+    numbers = np.array(table).reshape(-1, 7)
+    return numbers[:, 0], numbers[:, 1:4], numbers[:, 4:7]
+
+
+def _columns(path: Path, header: list[str]) -> list[int]:
+    """Where `t`, the accelerations and the rates stand."""
     where = [_column(path, header, ("t",))]
     for quantity in ("accel", "gyro"):
         where += [_column(path, header, [n.format(axis) for n in _NAMES[quantity]]) for axis in _AXES]
-    table = np.empty((len(lines) - 1, 7))
-    for i, line in enumerate(lines[1:]):
-        for k, at in enumerate(where):
-            try:
-                table[i, k] = float(line[at])
-            except (ValueError, IndexError):
-                value = line[at] if at < len(line) else None
-                raise ConfigError(path, f"{header[at]}, row {i + 1}", value, "a number") from None
-    return table[:, 0], table[:, 1:4], table[:, 4:7]
+    return where
 
 
 def _column(path: Path, header: list[str], names: Sequence[str]) -> int:

@@ -37,6 +37,7 @@ class McapContents:
         self.warnings: list[str] = []
         self.unread = self._index.unread
         self.rig = self._index.rig
+        self.schema_version = self._index.schema_version
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, pictures last at equal stamps."""

@@ -23,12 +23,22 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.mcap_writer import MAGIC
 
 MESSAGE_HEAD = 31
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQH")
-_LARGEST_CHUNK = 1 << 31
+LARGEST_CHUNK = 64 << 20
+"""Bytes of a chunk, unpacked; writers close theirs at some MB, with the picture that comes last."""
+_LARGEST_RECORD = LARGEST_CHUNK + (1 << 16)
+_MOST_CHANNELS = 2000
+# What a file may unpack to, whatever its size and by its size; sensors give 4-20 times the bytes, a camera that sees
+# nothing 90 times, and no less than 50 bytes a message.
+_FREE_BYTES, _BYTES_PER_BYTE = 256 << 20, 500
+_FREE_MESSAGES, _BYTES_PER_MESSAGE = 20_000, 4
+_LARGEST_WINDOW = 128 << 20  # of zstd, beyond what its highest level takes
+_RECORDS: dict[int, Any] = {Opcode.SCHEMA: records.Schema, Opcode.CHANNEL: records.Channel}
 R = TypeVar("R")
 
 
@@ -38,6 +48,48 @@ class DamagedError(ValueError):
 
 class CutOffError(DamagedError):
     """The file ends, or stops making sense, before its footer."""
+
+
+class Unpacking:
+    """Unpacks the chunks of one file once, front to back, and stops where they come to more than such a file holds.
+
+    Args:
+        path: The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        size = path.stat().st_size
+        self._path = path
+        self._bytes = _FREE_BYTES + _BYTES_PER_BYTE * size
+        self._messages = _FREE_MESSAGES + size // _BYTES_PER_MESSAGE
+        self._channels = _MOST_CHANNELS
+
+    def contents(self, chunk: records.Chunk) -> tuple[list[records.McapRecord], dict[int, Messages]]:
+        """Schemas and channels of a chunk, and its messages by channel id.
+
+        Raises:
+            DamagedError: It is not what it says it is.
+            RecordingError: The file is a bomb: a little that unpacks to a lot.
+        """
+        self._bytes -= min(chunk.uncompressed_size, LARGEST_CHUNK)
+        self._stop(self._bytes, "bytes unpacked")
+        data = decompress(chunk)
+        return chunk_contents(data, self)
+
+    def took(self, messages: int, others: int) -> None:
+        """Counts so many messages, and schemas and channels.
+
+        Raises:
+            RecordingError: As `contents`.
+        """
+        self._messages -= messages
+        self._stop(self._messages, "messages")
+        self._channels -= others
+        self._stop(self._channels, "schemas and channels")
+
+    def _stop(self, left: int, what: str) -> None:
+        if left < 0:
+            raise RecordingError(f"{self._path}: more {what} than a file of this size can hold; it is not read")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +145,8 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             opcode, length = _HEAD.unpack(head)
             if opcode == 0 or length > size - file.tell():
                 raise CutOffError(f"the file is cut off or damaged at byte {offset}")
+            if length > _LARGEST_RECORD:
+                raise CutOffError(f"a record of {length} bytes at byte {offset}; valid: up to {_LARGEST_RECORD}")
             body = file.read(length)
             if opcode == Opcode.DATA_END:
                 (told,) = struct.unpack("<I", body)
@@ -139,14 +193,16 @@ def decompress(chunk: records.Chunk) -> bytes:
         DamagedError: They do not come out as the chunk's size and CRC say.
     """
     size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise DamagedError(f"a chunk of {size} bytes unpacked; valid: up to {LARGEST_CHUNK}")
     try:
         if chunk.compression == "zstd":
             frame = zstandard.frame_content_size(chunk.data)
-            if size > _LARGEST_CHUNK or frame not in (-1, size):
+            if frame not in (-1, size):
                 raise DamagedError("a damaged chunk")
-            data = zstandard.decompress(chunk.data, max_output_size=size)
+            data = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW).decompress(chunk.data, size)
         elif chunk.compression == "lz4":
-            data = lz4.frame.decompress(chunk.data)
+            data = _unpacked_lz4(chunk.data, size)
         elif chunk.compression == "":
             data = chunk.data
         else:
@@ -158,11 +214,27 @@ def decompress(chunk: records.Chunk) -> bytes:
     return data
 
 
-def chunk_contents(data: bytes) -> tuple[list[records.McapRecord], dict[int, Messages]]:
+def _unpacked_lz4(data: bytes, size: int) -> bytes:
+    """One lz4 frame of that size; a larger one is not unpacked further."""
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    unpacked: bytes = unpacker.decompress(data, max_length=size + 1)
+    if not unpacker.eof:
+        raise DamagedError("a damaged chunk")
+    return unpacked
+
+
+def chunk_contents(
+    data: bytes, counted: Unpacking | None = None
+) -> tuple[list[records.McapRecord], dict[int, Messages]]:
     """Schemas and channels of a chunk, and its messages by channel id.
+
+    Args:
+        data: The chunk, unpacked.
+        counted: Told how much there is of each, the first time that a file is read.
 
     Raises:
         DamagedError: The bytes are no sequence of records.
+        RecordingError: As `Unpacking.contents`.
     """
     found: list[records.McapRecord] = []
     offsets: dict[int, list[int]] = {}
@@ -171,17 +243,21 @@ def chunk_contents(data: bytes) -> tuple[list[records.McapRecord], dict[int, Mes
     try:
         while at < end:
             opcode, length, channel = unpack(data, at)
-            if opcode == message:
+            if opcode == message and length >= MESSAGE_HEAD - 9:
                 offsets.setdefault(channel, []).append(at)
-            elif opcode == Opcode.SCHEMA:
-                found.append(parse(records.Schema, data[at + 9 : at + 9 + length]))
-            elif opcode == Opcode.CHANNEL:
-                found.append(parse(records.Channel, data[at + 9 : at + 9 + length]))
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                if counted is not None:
+                    counted.took(0, 1)
+                found.append(parse(_RECORDS[opcode], data[at + 9 : at + 9 + length]))
+            else:  # no other record belongs into a chunk
+                raise DamagedError("a damaged chunk")
             at += 9 + length
     except struct.error as error:
         raise DamagedError("a damaged chunk") from error
     if at != end:
         raise DamagedError("a damaged chunk")
+    if counted is not None:
+        counted.took(sum(map(len, offsets.values())), 0)
     return found, {channel: messages_at(data, np.array(at_, np.int64)) for channel, at_ in offsets.items()}
 
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
 from mcap import records
 from mcap.opcode import Opcode
 
+from stridetwin.streams import schema_version
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.bag import Bag, read_bag
 from stridetwin.streams.formats.bag_mcap import McapBag
-from stridetwin.streams.formats.bag_ros import RosBag, sqlite_is_sound
+from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.calibrations import body_of, completed
 from stridetwin.streams.imported import ImportedContents, Notes, Source, unreadable
 from stridetwin.streams.imu_table import read_imu_table
@@ -29,6 +29,7 @@ from stridetwin.streams.recording_index import Problem
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Block, Footprint, Imu, Point
 from stridetwin.streams.topic_reader import finite, increasing
+from stridetwin.streams.yaml_node import read_yaml
 
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 TABLE_TOPIC = "/foot_l/imu"
@@ -159,7 +160,10 @@ def _bag(path: Path, kind: str, notes: Notes) -> Bag:
     if files and all(f.suffix == ".mcap" for f in files):
         return McapBag(files, notes)
     for file in files:
-        if file.suffix == ".db3" and not sqlite_is_sound(file):
+        if file.suffix != ".db3":
+            continue
+        check_tables(file)
+        if not sqlite_is_sound(file):
             notes.problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
     return RosBag(path, False, notes)
 
@@ -170,11 +174,16 @@ def _files_of_bag(path: Path) -> list[Path]:
     if not metadata.is_file():
         return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
     try:
-        told = yaml.safe_load(metadata.read_text(encoding="utf-8"))
-        names = [str(n) for n in told["rosbag2_bagfile_information"]["relative_file_paths"]]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        told = read_yaml(metadata).value["rosbag2_bagfile_information"]
+        names = [str(n) for n in told["relative_file_paths"]]
+        compressed = str(told.get("compression_mode") or "none").lower() != "none"
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         words = " ".join(str(error).split())
         raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {words[:120]}") from error
+    if compressed:
+        raise ConfigError(
+            metadata, "compression_mode", told["compression_mode"], "none: unpack it first (ros2 bag convert)"
+        )
     files = [path / Path(n).name for n in names]
     for file in files:
         if not file.is_file():
@@ -188,7 +197,10 @@ def _is_ours(path: Path) -> bool:
         for opcode, _, body in top_records(path):
             if opcode == Opcode.ATTACHMENT and parse(records.Attachment, body).name == RIG_NAME:
                 return True
-            if opcode == Opcode.METADATA and parse(records.Metadata, body).name == METADATA_NAME:
+            if opcode == Opcode.METADATA and parse(records.Metadata, body).name in (
+                METADATA_NAME,
+                schema_version.RECORD,
+            ):
                 return True
             if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
                 return False

@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stridetwin.streams import schema_version
 from stridetwin.streams.cdr import Layout
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
@@ -86,6 +87,7 @@ class RecordingWriter:
             self._file = McapWriter(partial_path(self.path), "stridetwin")
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
+        self._file.metadata(schema_version.RECORD, schema_version.written())
         self._file.attachment(RIG_NAME, "application/yaml", told)
         self._file.metadata(METADATA_NAME, dict(metadata or {}))
 

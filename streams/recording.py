@@ -91,6 +91,11 @@ class Recording:
         return isinstance(self._contents, McapContents)
 
     @property
+    def schema_version(self) -> str:
+        """Version of what an MCAP recording of ours holds (`streams.schema_version`); "" of other tools' files."""
+        return self._contents.schema_version if isinstance(self._contents, McapContents) else ""
+
+    @property
     def rig(self) -> Rig:
         """The calibration stored with it.
 

@@ -13,20 +13,14 @@ from mcap import records
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from stridetwin.streams import schema_version
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml
-from stridetwin.streams.mcap_scan import (
-    CutOffError,
-    DamagedError,
-    Messages,
-    chunk_contents,
-    decompress,
-    parse,
-    top_records,
-)
+from stridetwin.streams.mcap_scan import CutOffError, DamagedError, Messages, Unpacking, parse, top_records
 from stridetwin.streams.recorder import METADATA_NAME, RIG_NAME
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
+from stridetwin.streams.schema_size import Definitions
 from stridetwin.streams.topic_reader import READABLE, TopicReader, finite, increasing
 
 RATE_TOLERANCE = 0.2
@@ -123,6 +117,7 @@ class RecordingIndex:
         metadata: Texts stored in the file.
         problems: What would spoil an estimate.
         unread: Message type of every topic that is not read.
+        schema_version: As the file tells it.
         rig: The calibration, if the file has one.
         channels: Topic of every channel.
         readers: Decoder of every topic.
@@ -139,18 +134,21 @@ class RecordingIndex:
         self.metadata: dict[str, str] = {}
         self.problems: list[Problem] = []
         self.unread: dict[str, str] = {}
+        self.schema_version = schema_version.UNTOLD
         self.rig: Rig | None = None
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
         self.picture_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
+        self._definitions = Definitions()
         self._scan()
         for problem in rate_problems(self.rig, self.topics):
             self.note(problem)
 
     def _scan(self) -> None:
         try:
+            self._unpacking = Unpacking(self.path)
             for opcode, offset, body in top_records(self.path):
                 try:
                     self._top_record(opcode, offset, body)
@@ -171,7 +169,7 @@ class RecordingIndex:
 
     def _top_record(self, opcode: int, offset: int, body: bytes) -> None:
         if opcode == Opcode.CHUNK:
-            found, messages = chunk_contents(decompress(parse(records.Chunk, body)))
+            found, messages = self._unpacking.contents(parse(records.Chunk, body))
             for record in found:
                 self._register(record)
             self._index_chunk(offset, messages)
@@ -179,12 +177,13 @@ class RecordingIndex:
             self._attachment(body)
         elif opcode == Opcode.METADATA:
             metadata = parse(records.Metadata, body)
-            if metadata.name == METADATA_NAME:
+            if metadata.name == schema_version.RECORD:
+                self.schema_version = schema_version.read(metadata.metadata, self.path)
+            elif metadata.name == METADATA_NAME:
                 self.metadata.update(metadata.metadata)
-        elif opcode == Opcode.SCHEMA:
-            self._register(parse(records.Schema, body))
-        elif opcode == Opcode.CHANNEL:
-            self._register(parse(records.Channel, body))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._unpacking.took(0, 1)
+            self._register(parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body))
         elif opcode == Opcode.MESSAGE:
             raise RecordingError(f"{self.path}: messages outside chunks are not read; valid: chunked MCAP")
 
@@ -212,6 +211,7 @@ class RecordingIndex:
             else:
                 text = schema.data.decode(errors="replace")
                 try:
+                    self._definitions.take(text)
                     self.readers[record.topic] = TopicReader(record.topic, name, schema.encoding, text)
                 except ValueError as error:
                     self.unread[record.topic] = name

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.store import Typestore
 
+from stridetwin.streams.bounded import check_pixels, decode_picture
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.ros_samples import frame_id
 from stridetwin.streams.ros_types import deserialise, serialise
@@ -104,12 +105,13 @@ def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_
     if typename == COMPRESSED and "compressedDepth" in message.format:
         return Depth(topic=topic, t_ns=t_ns, depth=_compressed_depth(message))
     if typename == COMPRESSED:
-        pixels: Any = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+        pixels = decode_picture(bytes(message.data))
         if pixels is None or pixels.dtype != np.uint8:
             raise ValueError(f"a picture of format {message.format!r} that cannot be decoded to 8 bits")
         return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
     if message.encoding not in _PIXELS:
         raise ValueError(f"encoding {message.encoding!r} is not read; valid: {', '.join(_PIXELS)}")
+    check_pixels(message.width, message.height)
     form, channels = _PIXELS[message.encoding]
     dtype = np.dtype(form).newbyteorder(">" if message.is_bigendian else "<")
     width = message.width * channels * dtype.itemsize
@@ -135,7 +137,7 @@ def _compressed_depth(message: Any) -> NDArray[np.float32]:
     For `32FC1` the PNG holds an inverse depth, a / z + b with a and b in the parameters.
     """
     data = np.asarray(message.data, np.uint8)
-    raw: Any = cv2.imdecode(data[12:], cv2.IMREAD_UNCHANGED) if len(data) > 12 else None
+    raw = decode_picture(bytes(data[12:])) if len(data) > 12 else None
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
         raise ValueError(f"a picture of format {message.format!r} that cannot be decoded to 16 bits")
     if not message.format.startswith("32FC1"):

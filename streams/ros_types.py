@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -12,6 +12,9 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from stridetwin.streams.schema_size import check_text, check_types
+
+_MOST_STORES = 256
 OWN_PACKAGE = "stridetwin_msgs"
 OWN_TYPES = ("Insole", "Interaction", "Actuator", "Footprint")
 
@@ -33,7 +36,7 @@ def definition(typename: str) -> str:
     return text
 
 
-@cache
+@lru_cache(_MOST_STORES)
 def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
     """The types that a recording's own schema defines, which may be of another ROS release than ours.
 
@@ -44,7 +47,10 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
         return typestore()
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(get_types_from_msg(text, typename) if encoding == "ros2msg" else get_types_from_idl(text))
+        check_text(text)
+        types = get_types_from_msg(text, typename) if encoding == "ros2msg" else get_types_from_idl(text)
+        check_types(types)
+        store.register(types)
         store.generate_msgdef(typename, ros_version=2)  # walks all types that it is made of
     except Exception as error:  # the parser raises several unrelated kinds
         words = " ".join(str(error).split())

@@ -18,6 +18,8 @@ from stridetwin.streams.samples import Block, Depth, Image, Sample
 
 READABLE = frozenset([*PICTURES, *(small.typename for small in SMALL.values())])
 
+_MOST_UNEQUAL = 20_000  # read one by one
+
 
 class TopicReader:
     """Decodes one topic; remembers the layout of its messages.
@@ -84,6 +86,8 @@ class TopicReader:
             if layout.fits(rows):
                 self._layout = layout
                 return self._decode(layout, rows.view(layout.dtype), messages.log_time)
+        if len(messages) > _MOST_UNEQUAL:
+            raise ValueError(f"{len(messages)} messages of unequal form together; valid: up to {_MOST_UNEQUAL}")
         return concatenated([self._single(messages, i) for i in range(len(messages))])
 
     def _single(self, messages: Messages, i: int) -> Block[Any]:

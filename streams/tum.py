@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.trajectory import Trajectory
@@ -57,19 +58,18 @@ def read_tum(path: str | Path) -> Trajectory:
     Raises:
         StrideTwinError: The file cannot be read, or a row is not valid; names line, column and what is valid.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     stamps: list[int] = []
     rows: list[list[float]] = []
-    for number, line in enumerate(lines, 1):
-        words = line.partition("#")[0].replace(",", " ").split()
-        if words:
-            rows.append(_row(path, number, words))
-            stamps.append(_stamp(path, number, words[0]))
-            if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
-                raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the row before")
+    try:
+        for number, line in enumerate(lines(Path(path)), 1):
+            words = line.partition("#")[0].replace(",", " ").split()
+            if words:
+                rows.append(_row(path, number, words))
+                stamps.append(_stamp(path, number, words[0]))
+                if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
+                    raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the row before")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not rows:
         raise StrideTwinError(f"{path}: no pose in it; valid: rows of {' '.join(_COLUMNS)}")
     table = np.array(rows)

@@ -22,6 +22,7 @@ from stridetwin.streams.mcap_scan import Messages
 from stridetwin.streams.recording_index import Problem
 from stridetwin.streams.ros_types import deserialise, typestore_for
 from stridetwin.streams.samples import Block, Depth, Image
+from stridetwin.streams.schema_size import Definitions
 from stridetwin.streams.topic_reader import READABLE, TopicReader
 
 
@@ -124,11 +125,13 @@ def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]
     """The streams that mean something, and the types of the others."""
     streams: dict[str, _Stream] = {}
     unread: dict[str, str] = {}
+    definitions = Definitions()
     for channel in bag.channels:
         if channel.typename not in READABLE | CALIBRATIONS | TRANSFORMS | POSES:
             unread[channel.topic] = channel.typename
             continue
         try:
+            definitions.take(channel.definition)
             streams[channel.topic] = _Stream(channel)
         except ValueError as error:
             unread[channel.topic] = channel.typename

@@ -14,15 +14,7 @@ from mcap.opcode import Opcode
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.bag import Channel
 from stridetwin.streams.imported import Notes, unreadable
-from stridetwin.streams.mcap_scan import (
-    CutOffError,
-    DamagedError,
-    chunk_contents,
-    decompress,
-    parse,
-    read_chunk,
-    top_records,
-)
+from stridetwin.streams.mcap_scan import CutOffError, DamagedError, Unpacking, parse, read_chunk, top_records
 from stridetwin.streams.recording_index import Problem
 
 _LOOSE = struct.Struct("<HIqq")
@@ -46,14 +38,14 @@ class McapBag:
         channels: dict[str, Channel] = {}
         for i, path in enumerate(paths):
             schemas: dict[int, records.Schema] = {}
+            unpacking = Unpacking(path)
             for opcode, _, body in self._records(path):
                 found: list[Any] = []
                 if opcode == Opcode.CHUNK:
-                    found, _ = self._chunk(path, body)
-                elif opcode == Opcode.SCHEMA:
-                    found = [parse(records.Schema, body)]
-                elif opcode == Opcode.CHANNEL:
-                    found = [parse(records.Channel, body)]
+                    found, _ = self._chunk(path, body, unpacking)
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    unpacking.took(0, 1)
+                    found = [parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body)]
                 for record in found:
                     self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
@@ -61,9 +53,10 @@ class McapBag:
     def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, as they lie."""
         for i, path in enumerate(self._paths):
+            unpacking = Unpacking(path)
             for opcode, offset, body in self._records(path):
                 if opcode == Opcode.CHUNK:
-                    _, by_channel = self._chunk(path, body)
+                    _, by_channel = self._chunk(path, body, unpacking)
                     for channel, found in by_channel.items():
                         topic = self._topics[i].get(channel, "")
                         if topic in topics:
@@ -100,12 +93,12 @@ class McapBag:
             cut = "; what lies before can be read" if isinstance(error, CutOffError) else ""
             self._notes.problem(Problem("", None, f"{path.name}: {error}{cut}"))
 
-    def _chunk(self, path: Path, body: bytes) -> tuple[list[Any], dict[int, Any]]:
+    def _chunk(self, path: Path, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
         try:
             chunk = parse(records.Chunk, body)
             if not chunk.uncompressed_crc:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that a changed number would go unnoticed")
-            return chunk_contents(decompress(chunk))
+            return unpacking.contents(chunk)
         except DamagedError as error:
             self._notes.problem(Problem("", None, f"{path.name}: {error}"))
             return [], {}

@@ -5,19 +5,21 @@ from __future__ import annotations
 import sqlite3
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from rosbags import rosbag1, rosbag2
+from rosbags import rosbag2
 from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.formats.bag import Channel
+from stridetwin.streams.formats.rosbag1_bounds import BoundedReader, check_index
 from stridetwin.streams.imported import Notes
 from stridetwin.streams.recording_index import Problem
 from stridetwin.streams.ros_types import definition, typestore
+from stridetwin.streams.schema_size import Definitions, check_types
 
 _WITHOUT_SEQ = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 
@@ -39,8 +41,11 @@ class RosBag:
 
     def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
         self.path, self._is_ros1, self._notes = path, is_ros1, notes
+        self._definitions = Definitions()
         with self._told():
-            self._reader: Any = rosbag1.Reader(path) if is_ros1 else rosbag2.Reader(path)
+            if is_ros1:
+                check_index(path)
+            self._reader: Any = BoundedReader(path) if is_ros1 else rosbag2.Reader(path)
             self._reader.open()
             weakref.finalize(self, _close, self._reader)
             self._store = get_typestore(Stores.EMPTY)
@@ -98,9 +103,12 @@ class RosBag:
         """A ROS 1 definition as ROS 2 has it; "" where it cannot be understood, which is told if it is needed."""
         try:
             if name not in self._store.fielddefs:
+                self._definitions.take(text)
+                types = get_types_from_msg(text, name)
+                check_types(types)
                 # a header's `seq` falls away on the way to CDR, so the types must not have it
                 ours = {n: typestore().fielddefs[n] for n in _WITHOUT_SEQ}
-                self._store.register(get_types_from_msg(text, name) | ours)
+                self._store.register(types | ours)
             return str(self._store.generate_msgdef(name, ros_version=2)[0])
         except Exception:  # the parser raises several unrelated kinds
             return ""
@@ -121,6 +129,26 @@ class RosBag:
 
 def _close(reader: Any) -> None:
     reader.close()
+
+
+def check_tables(path: Path) -> None:
+    """Refuses an SQLite file that holds more than tables of plain columns: others make rows out of nothing.
+
+    Raises:
+        RecordingError: It does.
+    """
+    with suppress(sqlite3.Error):  # of a damaged one, which `sqlite_is_sound` tells
+        connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
+        try:
+            kinds = connection.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(
+                1000
+            )
+            for name, kind, text in kinds:
+                columns = connection.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
+                if kind != "table" or "virtual" in text.lower().split()[:2] or any(hidden for (hidden,) in columns):
+                    raise RecordingError(f"{path}: {kind} {name[:60]!r} is not valid; valid: tables of plain columns")
+        finally:
+            connection.close()
 
 
 def sqlite_is_sound(path: Path) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.calibrations import BODY
 from stridetwin.streams.formats.picture_lists import read_picture_list
@@ -147,7 +148,7 @@ def _sensor(folder: Path) -> Node | None:
     if not file.exists():
         return None
     try:
-        text = file.read_text(encoding="utf-8")
+        text = read_text(file, LARGEST_SETTING)
     except (OSError, UnicodeDecodeError) as error:
         raise unreadable(file, error) from error
     # OpenCV's own YAML marks: a directive and a tag that other parsers do not know

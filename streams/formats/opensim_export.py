@@ -1,11 +1,14 @@
 """The true motion and loads as OpenSim files: joint angles and ground reactions as `.mot`, and what ties them together.
 
-Coordinates have the names and signs of the Rajagopal full-body model (Rajagopal et al., IEEE TBME 63(10), 2016). The
-ground frame of OpenSim is x forward, y up, z right.
+Coordinates have the names and signs of the Rajagopal full-body model (Rajagopal et al., IEEE TBME 63(10), 2016) or of
+gait2392 (Delp et al., IEEE TBME 37(8), 1990), whose knees bend to negative angles and which has no arms. The ground
+frame of OpenSim is x forward, y up, z right.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -18,36 +21,77 @@ from stridetwin.streams.samples import Array
 
 MOTION, LOADS, TIES = "motion.mot", "ground_reactions.mot", "external_loads.xml"
 _R_OPENSIM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-_COORDINATES = {
+_TRUNK = {
     "lumbar_flexion": ("lumbar_extension", -1.0),
     "lumbar_bending": ("lumbar_bending", 1.0),
     "lumbar_rotation": ("lumbar_rotation", 1.0),
 }
-for _side in "lr":
-    _COORDINATES |= {
-        f"hip_flexion_{_side}": (f"hip_flexion_{_side}", 1.0),
-        f"hip_adduction_{_side}": (f"hip_adduction_{_side}", 1.0),
-        f"hip_rotation_{_side}": (f"hip_rotation_{_side}", 1.0),
-        f"knee_flexion_{_side}": (f"knee_angle_{_side}", 1.0),
-        f"ankle_dorsiflexion_{_side}": (f"ankle_angle_{_side}", 1.0),
-        f"ankle_inversion_{_side}": (f"subtalar_angle_{_side}", 1.0),
-        f"toe_extension_{_side}": (f"mtp_angle_{_side}", 1.0),
-        f"shoulder_flexion_{_side}": (f"arm_flex_{_side}", 1.0),
-        f"shoulder_abduction_{_side}": (f"arm_add_{_side}", -1.0),
-        f"elbow_flexion_{_side}": (f"elbow_flex_{_side}", 1.0),
-    }
-_SIDES = {"r": "1", "l": "2"}
+_LEG = {
+    "hip_flexion": ("hip_flexion", 1.0),
+    "hip_adduction": ("hip_adduction", 1.0),
+    "hip_rotation": ("hip_rotation", 1.0),
+    "knee_flexion": ("knee_angle", 1.0),
+    "ankle_dorsiflexion": ("ankle_angle", 1.0),
+    "ankle_inversion": ("subtalar_angle", 1.0),
+    "toe_extension": ("mtp_angle", 1.0),
+}
+_ARM = {
+    "shoulder_flexion": ("arm_flex", 1.0),
+    "shoulder_abduction": ("arm_add", -1.0),
+    "elbow_flexion": ("elbow_flex", 1.0),
+}
+_SIDES = ("r", "l")
 
 
-def write_opensim(recording: Recording, folder: Path) -> dict[str, int]:
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """How an OpenSim model names and counts what the twin moves.
+
+    Attributes:
+        coordinates: Its coordinate and the sign, by the twin's joint.
+        p_hips_in_pelvis: (3,) m, middle of the hip centres in its pelvis' frame, as the unscaled model has it.
+        force: Columns of force and point begin so, by side.
+        torque: Those of the free torque.
+    """
+
+    coordinates: Mapping[str, tuple[str, float]]
+    p_hips_in_pelvis: tuple[float, float, float]
+    force: Mapping[str, str]
+    torque: Mapping[str, str]
+
+
+def _coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
+    both = {f"{ours}_{s}": (f"{theirs}_{s}", sign) for ours, (theirs, sign) in limbs.items() for s in _SIDES}
+    return _TRUNK | both
+
+
+MODELS = {
+    "rajagopal": Model(
+        coordinates=_coordinates(_LEG | _ARM),
+        p_hips_in_pelvis=(-0.056276, -0.07849, 0.0),
+        force={s: f"ground_force_{s}_" for s in _SIDES},
+        torque={s: f"ground_torque_{s}_" for s in _SIDES},
+    ),
+    "gait2392": Model(
+        coordinates=_coordinates(_LEG | {"knee_flexion": ("knee_angle", -1.0)}),
+        p_hips_in_pelvis=(-0.0707, -0.0661, 0.0),
+        force={"r": "ground_force_", "l": "1_ground_force_"},
+        torque={"r": "ground_torque_", "l": "1_ground_torque_"},
+    ),
+}
+
+
+def write_opensim(recording: Recording, folder: Path, model: str = "rajagopal") -> dict[str, int]:
     """Writes `motion.mot` (degrees, m), `ground_reactions.mot` (N, m, N m) and `external_loads.xml`.
 
     Joints without a counterpart in the model (neck, exoskeleton) keep their names. Ground reactions are forces
-    at the centre of pressure with their free torque; without load they are 0.
+    at the centre of pressure with their free torque; without load they are 0. The pelvis of OpenSim's models lies
+    before and above the hips, that of the twin between them; the way from one to the other is the unscaled model's.
 
     Args:
         recording: Needs the truth of the twin.
         folder: Where to write.
+        model: One of `MODELS`.
 
     Returns:
         Rows written, by file.
@@ -58,39 +102,40 @@ def write_opensim(recording: Recording, folder: Path) -> dict[str, int]:
     for topic in ("/truth/joints", "/truth/pelvis/odometry"):
         if topic not in recording.topics:
             raise RecordingError(f"{recording.path}: no {topic}; valid: a recording of the twin, with its truth")
-    counts = {MOTION: _write_motion(recording, folder / MOTION)}
+    counts = {MOTION: _write_motion(recording, MODELS[model], folder / MOTION)}
     sides = [s for s in _SIDES if f"/truth/foot_{s}/wrench" in recording.topics]
     if sides:
-        counts[LOADS] = _write_loads(recording, sides, folder / LOADS)
-        (folder / TIES).write_text(_ties(sides), encoding="utf-8")
+        counts[LOADS] = _write_loads(recording, MODELS[model], sides, folder / LOADS)
+        (folder / TIES).write_text(_ties(MODELS[model], sides), encoding="utf-8")
     return counts
 
 
-def _write_motion(recording: Recording, path: Path) -> int:
+def _write_motion(recording: Recording, model: Model, path: Path) -> int:
     joints, pelvis = recording.block("/truth/joints"), recording.block("/truth/pelvis/odometry")
     at = np.clip(np.searchsorted(pelvis.t_ns, joints.t_ns), 0, len(pelvis) - 1)
     keep = pelvis.t_ns[at] == joints.t_ns
     at = at[keep]
-    p = pelvis.columns["p_frame_in_world"][at] @ _R_OPENSIM_WORLD.T
     R = Rotation.from_quat(pelvis.columns["q_world_frame"][at], scalar_first=True).as_matrix()
+    R = _R_OPENSIM_WORLD @ R @ _R_OPENSIM_WORLD.T
+    p = pelvis.columns["p_frame_in_world"][at] @ _R_OPENSIM_WORLD.T - R @ np.array(model.p_hips_in_pelvis)
     # the model's pelvis turns about its own z (tilt), then x (list), then y (rotation)
-    turns = Rotation.from_matrix(_R_OPENSIM_WORLD @ R @ _R_OPENSIM_WORLD.T).as_euler("ZXY")
+    turns = Rotation.from_matrix(R).as_euler("ZXY")
     names = ["pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"]
     columns = [np.degrees(np.unwrap(turns, axis=0)), p]
     for i, name in enumerate(joints.constants["names"]):
-        theirs, sign = _COORDINATES.get(name, (name, 1.0))
+        theirs, sign = model.coordinates.get(name, (name, 1.0))
         names.append(theirs)
         columns.append(np.degrees(sign * joints.columns["position"][keep, i : i + 1]))
     return _write_mot(path, "motion", names, joints.t_ns[keep], np.column_stack(columns), in_degrees=True)
 
 
-def _write_loads(recording: Recording, sides: list[str], path: Path) -> int:
+def _write_loads(recording: Recording, model: Model, sides: list[str], path: Path) -> int:
     t_ns = recording.block(f"/truth/foot_{sides[0]}/wrench").t_ns
     names: list[str] = []
     columns: list[Array] = []
     for side in sides:
-        names += [f"ground_force_{side}_{what}{axis}" for what in ("v", "p") for axis in "xyz"]
-        names += [f"ground_torque_{side}_{axis}" for axis in "xyz"]
+        names += [f"{model.force[side]}{what}{axis}" for what in ("v", "p") for axis in "xyz"]
+        names += [f"{model.torque[side]}{axis}" for axis in "xyz"]
         columns += [part @ _R_OPENSIM_WORLD.T for part in _at_pressure_centre(recording, side, t_ns)]
     return _write_mot(path, "ground_reactions", names, t_ns, np.column_stack(columns), in_degrees=False)
 
@@ -120,14 +165,14 @@ def _write_mot(path: Path, name: str, columns: list[str], t_ns: np.ndarray, tabl
     return len(t_ns)
 
 
-def _ties(sides: list[str]) -> str:
+def _ties(model: Model, sides: list[str]) -> str:
     forces = "".join(
         f"<ExternalForce name={quoteattr('ground_' + s)}><applied_to_body>calcn_{s}</applied_to_body>"
         "<force_expressed_in_body>ground</force_expressed_in_body>"
         "<point_expressed_in_body>ground</point_expressed_in_body>"
-        f"<force_identifier>ground_force_{s}_v</force_identifier>"
-        f"<point_identifier>ground_force_{s}_p</point_identifier>"
-        f"<torque_identifier>ground_torque_{s}_</torque_identifier></ExternalForce>\n"
+        f"<force_identifier>{model.force[s]}v</force_identifier>"
+        f"<point_identifier>{model.force[s]}p</point_identifier>"
+        f"<torque_identifier>{model.torque[s]}</torque_identifier></ExternalForce>\n"
         for s in sides
     )
     return (

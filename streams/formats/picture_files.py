@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.bounded import LARGEST_PICTURE, MOST_PIXELS, decode_picture, read_bytes
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.imported import unreadable
 from stridetwin.streams.ros_pictures import rgb_from_bgr
@@ -73,13 +74,15 @@ def png_is_sound(data: bytes) -> bool:
 
 def _pixels(path: Path) -> NDArray[Any]:
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, LARGEST_PICTURE)
         sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if sound else None
+        pixels = decode_picture(data) if sound else None
     except OSError as error:
         raise unreadable(path, error) from error
-    except cv2.error:
-        pixels = None
+    except ValueError as error:
+        raise ConfigError(
+            path, "", f"a damaged picture: {error}", f"a PNG or JPEG of up to {MOST_PIXELS} pixels"
+        ) from error
     if pixels is None:
         raise ConfigError(path, "", "a damaged picture", "one that OpenCV reads")
     return pixels

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.recording import Recording, RecordingWriter
 from stridetwin.streams.samples import Depth, Image
@@ -25,8 +25,10 @@ def write_recording(recording: Recording, path: Path, progress: Callable[[float]
         progress: Told how far it is (0-1).
 
     Raises:
-        StrideTwinError: A picture is damaged (unless lenient), or the place cannot be written.
+        StrideTwinError: There is nothing to write, a picture is damaged (unless lenient), or the place is not writable.
     """
+    if not recording.topics:
+        raise RecordingError(f"{recording.path}: no stream that can be read")
     try:
         _write(recording, path, progress)
     except StrideTwinError:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.imported import Notes, unreadable
 from stridetwin.streams.samples import Array
@@ -17,12 +18,24 @@ from stridetwin.streams.samples import Array
 LONGEST_STAMP = 19
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Row:
-    """One line: its number in the file and its words."""
+    """One line.
+
+    Attributes:
+        line: Its number in the file.
+        text: What it says, without comments.
+        separator: Between words; None is any white space.
+    """
 
     line: int
-    words: list[str]
+    text: str
+    separator: str | None
+
+    @property
+    def words(self) -> list[str]:
+        """Its words."""
+        return [w.strip() for w in self.text.split(self.separator)]
 
 
 def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[Row]]:
@@ -35,18 +48,17 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
     Raises:
         StrideTwinError: The file cannot be read.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise unreadable(path, error) from error
     header: list[str] = []
     rows: list[Row] = []
-    for number, line in enumerate(lines, 1):
-        text, mark, comment = line.partition("#")
-        if text.strip():
-            rows.append(Row(number, [w.strip() for w in text.strip().split(separator)]))
-        elif mark and not rows:
-            header = [w.strip() for w in comment.strip().split(separator)]
+    try:
+        for number, line in enumerate(lines(path, "utf-8-sig"), 1):
+            told, mark, comment = line.partition("#")
+            if told := told.strip():
+                rows.append(Row(number, told, separator))
+            elif mark and not rows:
+                header = [w.strip() for w in comment.strip().split(separator)]
+    except (OSError, UnicodeDecodeError) as error:
+        raise unreadable(path, error) from error
     return header, rows
 
 
@@ -67,10 +79,13 @@ def numbers(
     """
     places = [at for _, at in columns]
     try:
-        whole = np.array([[row.words[at] for at in places] for row in rows], dtype=np.str_).astype(np.float64)
+        whole, times = np.empty((len(rows), len(places))), np.empty(len(rows), np.int64)
+        for i, row in enumerate(rows):
+            words = row.words
+            times[i], whole[i] = stamp(words[0]), [float(words[at]) for at in places]
         if rows and np.isfinite(whole).all():
-            return np.array([stamp(row.words[0]) for row in rows], np.int64), whole
-    except (ValueError, IndexError):
+            return times, whole
+    except (ValueError, IndexError, OverflowError):
         pass  # something is wrong: row by row the error says where
     stamps: list[int] = []
     table: list[list[float]] = []

@@ -80,7 +80,8 @@ def test_stock_mcap_reader_agrees(recorded):
         assert summary.statistics.message_count == len(messages)
         assert [m.log_time for _, _, m in messages] == sorted(m.log_time for _, _, m in messages)
         assert [a.name for a in reader.iter_attachments()] == ["rig.yaml"]
-        assert {m.name: m.metadata for m in reader.iter_metadata()} == {"stridetwin": {"seed": "7"}}
+        told = {m.name: m.metadata for m in reader.iter_metadata()}
+        assert told == {"stridetwin": {"seed": "7"}, "stridetwin_schema": {"version": "1.0"}}
         per_topic = {}
         for _, channel, _ in messages:
             per_topic[channel.topic] = per_topic.get(channel.topic, 0) + 1

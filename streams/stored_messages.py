@@ -1,0 +1,71 @@
+"""A recording's messages in order of time: as they lie in the file, or made of the samples of another tool's."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Sequence
+
+from stridetwin.streams.mcap_scan import chunk_contents, read_chunk
+from stridetwin.streams.messages import Encoder
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording_index import RecordingIndex
+from stridetwin.streams.reorder import rank_of
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.topic_reader import increasing
+from stridetwin.streams.wire import Message
+
+_Entry = tuple[int, int, str]
+
+
+def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
+    """Messages of some topics in order of time, at equal stamps IMUs first and pictures last.
+
+    Args:
+        recording: An MCAP file's messages come as they lie; of others pictures come with every pixel, depth in float
+            metres.
+        topics: Those wanted.
+    """
+    if not recording.is_mcap:
+        rig = recording.rig if recording.has_rig else Rig()
+        encoder = Encoder(rig, depth_encoding="32FC1", jpeg_quality=None)
+        yield from _sorted(map(encoder.message, recording.samples(topics)), recording)
+        return
+    index = RecordingIndex(recording.path, recording.lenient)
+    last: dict[str, int] = {}
+    heap: list[tuple[_Entry, int, Message]] = []
+    chunks = [
+        (min(c.parts[t].first for t in here), c, here) for c in index.chunks if (here := c.parts.keys() & set(topics))
+    ]
+    count = 0
+    for start, chunk, here in sorted(chunks, key=lambda c: (c[0], c[1].offset)):
+        while heap and heap[0][0][0] < start:
+            yield heapq.heappop(heap)[2]
+        _, by_channel = chunk_contents(read_chunk(index.path, chunk.offset))
+        for channel, messages in by_channel.items():
+            topic = index.channels.get(channel, "")
+            if topic not in here:
+                continue
+            reader = index.readers[topic]
+            times = reader.times(messages) if reader.is_picture else reader.block(messages).t_ns
+            before = chunk.parts[topic].before
+            for i in increasing(times, before).nonzero()[0].tolist():
+                t_ns = int(times[i])
+                if t_ns > last.get(topic, -1):
+                    last[topic] = t_ns
+                    message = Message(t_ns=t_ns, topic=topic, typename=reader.typename, payload=messages.payload(i))
+                    rank = rank_of(recording.topics[topic].kind)
+                    count += 1
+                    heapq.heappush(heap, ((t_ns, rank, topic), count, message))
+    while heap:
+        yield heapq.heappop(heap)[2]
+
+
+def _sorted(messages: Iterator[Message], recording: Recording) -> Iterator[Message]:
+    """Messages in order of time, those of an instant in ours."""
+    group: list[Message] = []
+    for message in messages:
+        if group and message.t_ns != group[0].t_ns:
+            yield from sorted(group, key=lambda m: (rank_of(recording.topics[m.topic].kind), m.topic))
+            group = []
+        group.append(message)
+    yield from sorted(group, key=lambda m: (rank_of(recording.topics[m.topic].kind), m.topic))

@@ -1,0 +1,112 @@
+"""What is opened may come from anybody: YAML is loaded safely, nothing unpickled; servers listen on this host alone."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.imu_table import read_imu_table
+from stridetwin.streams.wire import parse_address
+from stridetwin.streams.yaml_node import parse_yaml
+
+ROOT = Path(__file__).parents[2]
+SOURCES = [p for part in ("streams", "sim", "estimators", "scenarios", "examples") for p in (ROOT / part).rglob("*.py")]
+PIPES = {
+    "sim/rendering.py",
+    "sim/camera_processes.py",
+}  # between the twin and its own rendering processes, never a file
+SAFE = {"SafeLoader", "_StrictLoader"}
+
+
+def calls(path):
+    """(name, node) of every call, such as `yaml.load`."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func), node
+
+
+def test_there_are_sources():
+    assert len(SOURCES) > 300
+
+
+@pytest.mark.parametrize("part", ["streams", "sim", "estimators", "scenarios", "examples"])
+def test_yaml_is_loaded_safely(part):
+    for path in SOURCES:
+        if path.relative_to(ROOT).parts[0] != part:
+            continue
+        for name, node in calls(path):
+            where = f"{path}:{node.lineno}"
+            assert name not in ("yaml.unsafe_load", "yaml.full_load", "yaml.load_all", "yaml.unsafe_load_all"), where
+            if name == "yaml.load":
+                loader = ast.unparse(node.args[1] if len(node.args) > 1 else node.keywords[0].value)
+                assert loader in SAFE, where
+            if name in ("YAML", "ruamel.yaml.YAML"):
+                assert "safe" in ast.unparse(node), where
+
+
+@pytest.mark.parametrize("part", ["streams", "sim", "estimators", "scenarios", "examples"])
+def test_nothing_that_is_opened_is_unpickled_or_run(part):
+    for path in SOURCES:
+        own = str(path.relative_to(ROOT))
+        if not own.startswith(part):
+            continue
+        for name, node in calls(path):
+            where = f"{path}:{node.lineno}"
+            assert name.split(".")[0] not in ("marshal", "shelve", "dill", "joblib"), where
+            assert not (name.startswith(("pickle.load", "pickle.Unpickler")) and own not in PIPES), where
+            assert name not in ("eval", "exec", "os.system", "__import__"), where
+            if name in ("np.load", "numpy.load"):
+                assert any(k.arg == "allow_pickle" and ast.unparse(k.value) == "False" for k in node.keywords), where
+            assert not any(k.arg == "allow_pickle" and ast.unparse(k.value) != "False" for k in node.keywords), where
+            assert not any(k.arg == "shell" and ast.unparse(k.value) != "False" for k in node.keywords), where
+
+
+def test_servers_listen_on_this_machine_alone():
+    assert parse_address("", "--listen")[0] == "127.0.0.1"
+    assert parse_address(":7365", "--listen")[0] == "127.0.0.1"
+    for path in SOURCES:
+        text = path.read_text(encoding="utf-8")
+        assert "0.0.0.0" not in text.replace("10.0.0.0", ""), path
+        assert "INADDR_ANY" not in text, path
+
+
+def test_a_pickle_in_a_table_stays_one(tmp_path):
+    import numpy as np
+
+    class Evil:
+        def __reduce__(self):
+            return (Path.touch, (tmp_path / "done",))
+
+    np.savez(tmp_path / "a.npz", t=np.array([Evil()], object), accel=np.zeros((1, 3)), gyro=np.zeros((1, 3)))
+    with pytest.raises(StrideTwinError, match="cannot be read"):
+        read_imu_table(tmp_path / "a.npz")
+    assert not (tmp_path / "done").exists()
+
+
+ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 6)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (ALIASES, "values, 40 levels"),
+        ("a: &a [*a]", "values, 40 levels"),
+        ("[" * 1000, "levels"),
+        ("x" * (2 << 20), "length in characters"),
+        ("a: " + "9" * 5000, "not YAML"),
+        ("a: 2001-99-99", "not YAML"),
+        ("a: !!python/object/apply:os.getcwd []", "not YAML"),
+        ("a: [1, 2", "line [12]"),
+    ],
+)
+def test_yaml_that_grows_is_refused(text, said):
+    with pytest.raises(StrideTwinError, match=said):
+        parse_yaml(text, "file.yaml")
+
+
+def test_yaml_with_aliases_that_share_a_little_is_read():
+    """As PyYAML writes lists that are used twice."""
+    assert parse_yaml("a: &x [1, 2]\nb: *x\n", "f").value == {"a": [1, 2], "b": [1, 2]}
