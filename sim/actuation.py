@@ -72,6 +72,10 @@ def modules(exo: Exo) -> dict[str, Module]:
     Raises:
         ConfigError: No such mode, joints that the mode does not power, or hips to be helped that have no modules.
     """
+    if exo.own is not None:
+        if exo.drive == "assist" and not {"hip_l", "hip_r"} <= set(exo.own.modules):
+            raise ConfigError("exo", "drive", exo.drive, f"idle, or motors.hip_l and .hip_r in {exo.own.rig}")
+        return dict(exo.own.modules)
     if exo.mode not in _CHOICES:
         raise ConfigError("exo", "mode", exo.mode, ", ".join(map(str, _CHOICES)))
     choices = _CHOICES[exo.mode]

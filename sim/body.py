@@ -7,7 +7,7 @@ sole under the heel's centre.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 
 import mujoco
@@ -18,6 +18,8 @@ from stridetwin.sim.anthropometry import Anthropometry, anthropometry
 from stridetwin.sim.config import SIDES, Exo, Person
 from stridetwin.sim.exo_body import add_exoskeleton
 from stridetwin.sim.exoskeleton import ExoLinks, fit_links
+from stridetwin.sim.own_exo import OwnExo
+from stridetwin.sim.own_exo_body import add_own_exo
 
 LEG_JOINTS = (
     "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
@@ -46,7 +48,7 @@ class Wearer:
     girth: float
     shoe: Shoe
     ankle_x: float
-    exo: ExoLinks | None
+    exo: ExoLinks | OwnExo | None
 
 
 def wearer(person: Person, with_exo: bool = True) -> Wearer:
@@ -65,9 +67,11 @@ def wearer(person: Person, with_exo: bool = True) -> Wearer:
     return Wearer(body=body, girth=girth, shoe=shoe, ankle_x=ankle_x, exo=links)
 
 
-def tracked(with_exo: bool) -> tuple[str, ...]:
-    """Bodies whose motion is told, with or without exoskeleton."""
-    return _TRACKED + (_TRACKED_EXO if with_exo else ())
+def tracked(size: Wearer) -> tuple[str, ...]:
+    """Bodies whose motion is told."""
+    if size.exo is None:
+        return _TRACKED
+    return _TRACKED + (_TRACKED_EXO if isinstance(size.exo, ExoLinks) else size.exo.bodies)
 
 
 def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
@@ -78,6 +82,8 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     """
     spec.compiler.degree = False  # as in the leaf files
     size = wearer(person, exo is not None)
+    if exo is not None and exo.own is not None:
+        size = replace(size, exo=exo.own)
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826
@@ -101,8 +107,10 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
         arm = _leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
         _attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
     _set_inertials(spec, body)
-    if exo is not None and size.exo is not None:
+    if exo is not None and isinstance(size.exo, ExoLinks):
         add_exoskeleton(spec, pelvis, size.exo, girth, modules(exo))
+    elif isinstance(size.exo, OwnExo):
+        add_own_exo(spec, pelvis, size.exo)
     return size
 
 

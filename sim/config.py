@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stridetwin.sim.faults import Fault
 from stridetwin.sim.fitting import Fitting
+
+if TYPE_CHECKING:
+    from stridetwin.sim.own_exo import OwnExo
 
 SIDES = ("l", "r")
 
@@ -35,18 +38,20 @@ DRIVES = ("idle", "assist")
 
 @dataclass(frozen=True, kw_only=True)
 class Exo:
-    """The exoskeleton of Shim et al. 2019 and its actuation modules.
+    """The exoskeleton of Shim et al. 2019 and its actuation modules, or one of the user's own.
 
     Attributes:
         mode: 0 no modules (measurement only), 1 both hips and knees, 2 both hips or both knees, 3 hip and knee of one
             leg, 4 one joint.
         joints: Which joints have a module (hip_l, hip_r, knee_l, knee_r), where the mode leaves a choice.
         drive: What the motors do in the forward simulation: `idle` or `assist` (help both hips).
+        own: The user's own, which says itself which joints are powered: mode and joints mean nothing then.
     """
 
     mode: int = 0
     joints: tuple[str, ...] = ()
     drive: str = "idle"
+    own: OwnExo | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

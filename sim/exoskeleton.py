@@ -20,6 +20,7 @@ import numpy as np
 from stridetwin.sim.anthropometry import Anthropometry
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.coupling import Coupling
+from stridetwin.sim.own_exo import own_couplings
 from stridetwin.streams.samples import Array
 
 if TYPE_CHECKING:
@@ -181,6 +182,46 @@ def chain(links: ExoLinks, side: str) -> tuple[Array, Array]:
     return np.array(offsets), np.array(axes, dtype=float)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegFrame:
+    """One leg of the exoskeleton that is worn, a chain of J hinges.
+
+    Attributes:
+        bodies: Names, from the pelvis to the tip.
+        joints: Names.
+        offsets: (J, 3) m, origin of each body in its parent's frame; the first parent is the pelvis.
+        axes: (J, 3) of its joint.
+        stops: (J, 2) rad.
+    """
+
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    offsets: Array
+    axes: Array
+    stops: Array
+
+
+def leg_frame(size: Wearer, side: str) -> LegFrame:
+    """A leg of the exoskeleton that a wearer has on.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if size.exo is None:
+        raise ValueError("the wearer has no exoskeleton")
+    if isinstance(size.exo, ExoLinks):
+        offsets, axes = chain(size.exo, side)
+        bodies, joints = (tuple(f"{n}_{side}" for n in names) for names in (EXO_LEG_BODIES, EXO_LEG_JOINTS))
+        return LegFrame(bodies=bodies, joints=joints, offsets=offsets, axes=axes, stops=RANGE_RAD)
+    leg = size.exo.legs[side]
+    offsets = np.array([link.offset for link in leg])
+    offsets[0] += size.exo.base.offset
+    return LegFrame(
+        bodies=tuple(link.name for link in leg), joints=tuple(link.joint for link in leg), offsets=offsets,
+        axes=np.array([link.axis for link in leg]), stops=np.array([link.stops for link in leg]),
+    )  # fmt: skip
+
+
 def couplings(size: Wearer) -> list[Coupling]:
     """What ties the exoskeleton's legs to the wearer: cuffs at thigh and shank, holder of the heel; none without it.
 
@@ -191,6 +232,8 @@ def couplings(size: Wearer) -> list[Coupling]:
     """
     if size.exo is None:
         return []
+    if not isinstance(size.exo, ExoLinks):
+        return own_couplings(size.exo, size)
     links, made = size.exo, []
     for side in SIDES:
         s = _outward(side)

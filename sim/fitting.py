@@ -68,13 +68,14 @@ class Clock:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShoeMount:
-    """Where something sits on a shoe; the same numbers serve both, mirrored.
+class Seat:
+    """Where something sits on the body that carries it; on shoes the same numbers serve both, mirrored.
 
     Attributes:
-        position_m: In the foot's frame: forward, towards the other foot, up.
-        faces_rad: From forward towards the other foot, and up: where a camera looks, or what a board faces.
-        roll_rad: A camera's turn about where it looks, the picture's top towards the other foot positive.
+        position_m: In the body's frame: forward, aside, up. Aside is towards the other foot on shoes, and left on head
+            and chest.
+        faces_rad: From forward aside, and up: where a camera or a sonar looks, or what a board faces.
+        roll_rad: A camera's turn about where it looks, the picture's top aside positive.
     """
 
     position_m: tuple[float, float, float]
@@ -98,7 +99,8 @@ class Fitting:
         pitch_down_rad: How far the camera with depth, and the IMU beside it, look down instead.
         frames: `board`, where the shoe cameras draw nothing but the surroundings of the other shoe's board, or `full`.
         position_m: Where a shoe's IMU sits instead, in the foot's frame: forward, outward, up.
-        mount: Where a shoe's camera sits instead.
+        rotation_rad: How a shoe's IMU is turned: roll, pitch, yaw of the left one; the right one is its mirror image.
+        mount: Where a shoe's camera or sonar, or the camera with depth (and the IMU beside it), sits instead.
         board: Where a shoe's board sits instead; with the cameras.
     """
 
@@ -113,8 +115,9 @@ class Fitting:
     pitch_down_rad: float | None = None
     frames: str = "board"
     position_m: tuple[float, float, float] | None = None
-    mount: ShoeMount | None = None
-    board: ShoeMount | None = None
+    rotation_rad: tuple[float, float, float] | None = None
+    mount: Seat | None = None
+    board: Seat | None = None
 
 
 def part_of(

@@ -160,7 +160,7 @@ class Player(Generic[AnyWalk]):
         walk = self._walk
         q, v = walk.moving(t_ns * 1e-9)
         names, layout = walk.coordinates.names[6:], walk.coordinates
-        tracks = self._tracks(tracked(walk.size.exo is not None), self._tree, t_ns, q, v)
+        tracks = self._tracks(tracked(walk.size), self._tree, t_ns, q, v)
         return Motion(
             t_ns=t_ns,
             qpos=q,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike
 from stridetwin.sim.actuation import modules
 from stridetwin.sim.calibration import told
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Fitting, ShoeMount, part_of
+from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Fitting, Seat, part_of
+from stridetwin.sim.own_exo import OnLink
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
 from stridetwin.sim.parts.told import TOLD
+from stridetwin.sim.rotation import from_euler
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
@@ -29,8 +31,8 @@ _DEG = math.pi / 180
 _WALK_S = 100.0
 
 _FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
-FOOT_CAMERA = ShoeMount(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
-FOOT_BOARD = ShoeMount(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
+FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
+FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
 RGBD_PITCH_RAD = 25 * _DEG
 _RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
 _AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
@@ -111,13 +113,19 @@ def outfit(config: TwinConfig) -> Outfit:
     return Outfit(rig=rig, sensors=sensors)
 
 
-def _fit(config: TwinConfig, group: str, standard: str | None = None) -> tuple[Any, Any, Fitting]:
-    """The part of a group as it is and as it is told, and the group's fitting."""
-    real, told = part_of(config.fittings, group, config.ideal, standard)
-    return real, told, config.fittings.get(group, Fitting())
+def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, Fitting]:
+    """The part of a group as it is and as it is told, and the group's fitting.
+
+    `standard` is the part where the scenario asks for none: by name, or as the rig file of an exoskeleton gives it.
+    """
+    fitting = config.fittings.get(group, Fitting())
+    if isinstance(standard, Part):
+        given = config.fittings if fitting.part else {**config.fittings, group: replace(fitting, part=standard)}
+        return *part_of(given, group, config.ideal), fitting
+    return *part_of(config.fittings, group, config.ideal, standard), fitting
 
 
-def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | None = None) -> WornSensor:
+def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> WornSensor:
     part, told, fitting = _fit(config, group, standard)
     return WornSensor(group=group, told=_told_imu(topic, told, mount), part=part, fitting=fitting)
 
@@ -150,10 +158,19 @@ def foot_imu_place(config: TwinConfig, side: str) -> Array:
     return np.array([forward, outward * _outward(side), up])
 
 
+def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
+    """(3, 3) rotation of a shoe's IMU in the foot's frame."""
+    turned = config.fittings.get("foot_imu", Fitting()).rotation_rad
+    if turned is None:
+        return np.eye(3)
+    roll, pitch, yaw = turned
+    return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
+
+
 def _foot_imus(config: TwinConfig) -> Iterator[WornSensor]:
     for side in SIDES:
-        mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(np.eye(3), foot_imu_place(config, side)))
-        yield _imu(config, "foot_imu", f"/foot_{side}/imu", mount)
+        pose = _pose(_foot_imu_turn(config, side), foot_imu_place(config, side))
+        yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
 
 
 def _head_imu(config: TwinConfig) -> Iterator[WornSensor]:
@@ -197,7 +214,7 @@ def _foot_cameras(config: TwinConfig) -> Iterator[WornSensor]:
         yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
 
 
-def _on_shoe(sits: ShoeMount, side: str) -> tuple[Array, Array]:
+def _on_shoe(sits: Seat, side: str) -> tuple[Array, Array]:
     """(3,) place, m, and (3,) direction that it faces, in the foot's frame."""
     forward, inward, up = sits.position_m
     towards, upward = sits.faces_rad
@@ -211,9 +228,11 @@ def _rgbd(config: TwinConfig) -> Iterator[WornSensor]:
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     body, position = _RGBD_MOUNT[config.rig_mount]
-    asked = config.fittings.get("head_camera", Fitting()).pitch_down_rad
-    pitch = RGBD_PITCH_RAD if asked is None else asked
-    return Mount(body=body, T_body_sensor=_pose(_looking(_direction(0.0, -pitch)), position))
+    fitting = config.fittings.get("head_camera", Fitting())
+    pitch = RGBD_PITCH_RAD if fitting.pitch_down_rad is None else fitting.pitch_down_rad
+    sits = fitting.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
+    turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
+    return Mount(body=body, T_body_sensor=_pose(turn, sits.position_m))
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:
@@ -245,9 +264,13 @@ def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, 
 
 
 def _sonars(config: TwinConfig) -> Iterator[WornSensor]:
+    sits = config.fittings.get("sonar", Fitting()).mount
     for side in SIDES:
         out = _outward(side)
-        pose = _pose(_x_along((0.0, -out, 0.0)), (-0.030, -0.040 * out, 0.050))
+        inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
+        if sits is not None:
+            place, inward = _on_shoe(sits, side)
+        pose = _pose(_x_along(inward), place)
         yield _other(
             config, "sonar", "range", f"/foot_{side}/sonar", Mount(body=f"foot_{side}", T_body_sensor=pose)
         )  # fmt: skip
@@ -262,25 +285,43 @@ def _insoles(config: TwinConfig) -> Iterator[WornSensor]:
 
 
 def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
-    for place in _AHRS_PLACES:
+    own = config.exo.own if config.exo is not None else None
+    for place, seat in own.ahrs.items() if own is not None else ():
+        standard = STANDARD_BACK_AHRS if place == "back" else None
+        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", _on(seat), standard=standard)
+    for place in _AHRS_PLACES if own is None else ():
         standard = STANDARD_BACK_AHRS if place == "back" else None
         yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
 
 
 def _exo_imus(config: TwinConfig) -> Iterator[WornSensor]:
-    """What the inertial sensors inside the AHRSs measure by themselves."""
-    for place in _AHRS_PLACES:
+    """What the inertial sensors inside the AHRSs measure by themselves; those added to an exoskeleton of the user's."""
+    own = config.exo.own if config.exo is not None else None
+    for place, (seat, part) in own.imus.items() if own is not None else ():
+        yield _imu(config, "exo_imu", f"/exo/{place}/imu", _on(seat), part)
+    for place in _AHRS_PLACES if own is None else ():
         standard = STANDARD_BACK_IMU if place == "back" else None
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
 
 
 def _encoders(config: TwinConfig) -> Iterator[WornSensor]:
-    for side in SIDES:
-        yield _other(config, "encoder", "encoder", f"/exo/knee_{side}/encoder", Mount(body=f"exo_shank_{side}"))
+    own = config.exo.own if config.exo is not None else None
+    if own is None:
+        turned = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
+    else:
+        turned = {name: own.turned_by(name) for name in own.encoders}
+    for name, body in turned.items():
+        yield _other(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
 
 
 def _interactions(config: TwinConfig) -> Iterator[WornSensor]:
-    for place in (f"{part}_{side}" for part in ("thigh", "shank") for side in SIDES):
+    own = config.exo.own if config.exo is not None else None
+    for cuff in own.cuffs if own is not None else ():
+        if cuff.force_cells:
+            yield _other(
+                config, "interaction", "interaction", f"/exo/{cuff.body}/interaction", Mount(body=cuff.link)
+            )  # fmt: skip
+    for place in (f"{part}_{side}" for part in ("thigh", "shank") for side in SIDES) if own is None else ():
         yield _other(
             config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=f"exo_{place}")
         )  # fmt: skip
@@ -288,6 +329,15 @@ def _interactions(config: TwinConfig) -> Iterator[WornSensor]:
 
 def _actuators(config: TwinConfig) -> Iterator[WornSensor]:
     mounted = {} if config.exo is None else modules(config.exo)
+    own = config.exo.own if config.exo is not None else None
+    if own is not None:
+        for name, module in mounted.items():
+            yield _other(
+                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.turned_by(name)),
+                standard=own.motors[name], torque_max_nm=float(module.torque_max_nm),
+                speed_max_radps=float(module.speed_max_radps),
+            )  # fmt: skip
+        return
     for joint, body in (("hip", "thigh"), ("knee", "shank")):
         for side in SIDES:
             name, limits = f"{joint}_{side}", {}
@@ -317,6 +367,10 @@ _SENSORS = {
 }
 
 
+def _on(seat: OnLink) -> Mount:
+    return Mount(body=seat.link, T_body_sensor=seat.T_link)
+
+
 def _outward(side: str) -> float:
     return 1.0 if side == "l" else -1.0
 
@@ -342,6 +396,8 @@ def _looking(forward: Array, roll: float = 0.0) -> Array:
 
 
 def _x_along(axis: ArrayLike) -> Array:
-    """Rotation of a frame whose x axis is a horizontal `axis` and whose z axis points up."""
-    x, z = np.asarray(axis, dtype=float), np.array([0.0, 0.0, 1.0])
-    return np.column_stack([x, np.cross(z, x), z])
+    """Rotation of a frame whose x axis is `axis`, not vertical, and whose y axis is horizontal."""
+    x = np.asarray(axis, dtype=float)
+    y = np.cross([0.0, 0.0, 1.0], x)
+    y /= np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])

@@ -20,12 +20,14 @@ from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
 from stridetwin.sim.crowd_bodies import add_bystanders
 from stridetwin.sim.crowd_bodies import pose as pose_crowd
+from stridetwin.sim.dynamics.drive import Law
 from stridetwin.sim.dynamics.replay import Replay
-from stridetwin.sim.dynamics.simulate import simulate
+from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
 from stridetwin.sim.fault_plan import plan_faults
 from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.gait.exo_fit import check_legs
 from stridetwin.sim.gait.reference import Reference, reference
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.render import FilmCamera
@@ -86,6 +88,7 @@ class Twin:
         spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # on in the forward simulation alone
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)
+        check_legs(self.model, self.size)
         steps = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
         self.reference: Reference = reference(config, self.model, self.size, self.terrain, steps)
         self.crowd: Crowd = self._crowd()
@@ -120,9 +123,20 @@ class Twin:
         """What the wearer does: the plan itself, or what becomes of it with real contacts."""
         if self.config.physics == "kinematic":
             return self.reference
+        simulation = self.simulation()
+        while not simulation.over:
+            simulation.step()
+        return simulation.walk()
+
+    def simulation(self, law: Law | None = None) -> Simulation:
+        """The walk with real contacts, still to be made step by step.
+
+        Args:
+            law: Drives the exoskeleton in place of what the scenario says.
+        """
         noise = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
         dynamics = self.config.dynamics or Dynamics()
-        return simulate(self.model, self.reference, self.size, dynamics, self.config.exo, noise)
+        return Simulation(self.model, self.reference, self.size, dynamics, self.config.exo, noise, law)
 
     @cached_property
     def straps(self) -> Straps:

@@ -14,11 +14,11 @@ from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
-from stridetwin.sim.dynamics.drive import DRIVER_S, Drive
+from stridetwin.sim.dynamics.drive import DRIVER_S, Drive, Law
 from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import Sensed, StepReplan
-from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk, through
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import cross
 from stridetwin.sim.exoskeleton import couplings
@@ -27,72 +27,109 @@ from stridetwin.streams.samples import Array
 
 STEP_S = DRIVER_S
 _SETTLE_S = 0.2  # on its soles, before the walk begins
+MARGIN_S = 2.0 * STEP_S
+"""Splines through steps that are still to come change what is told of so long before."""
+_EVERY = round(CONTROL_S / STEP_S)
 _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 
-def simulate(
-    model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, exo: Exo | None,
-    rng: np.random.Generator,
-) -> SimulatedWalk:  # fmt: skip
-    """Walks the reference forward in time with real contacts.
+class Simulation:
+    """A walk that is simulated a step of `STEP_S` at a time.
 
     Args:
-        model: Model with soles; contacts off outside this function.
+        model: Model with soles; contacts off outside the simulation.
         reference: The planned motion.
         size: Wearer.
         dynamics: Help and disturbances.
         exo: The exoskeleton and what drives it; the wearer is used to it and knows what its motors do.
         rng: Noise of the joint torques.
+        law: Drives the exoskeleton in place of what `exo` says.
+
+    Attributes:
+        fell_at: When the walker fell, s; None as long as he walks.
     """
-    plan = plan_control(reference, model, size)
-    push, misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
-    model = _physics(disturbed(model, dynamics))
-    layout = Coordinates.of(model)
-    data = mujoco.MjData(model)
-    control = Controller(
-        model, size, layout, Gains(), assist=dynamics.assist, believed=1.0 / (1.0 + dynamics.mass_error)
-    )
-    coupled = CouplingSet.of(model, couplings(size))
-    n = round(reference.duration_s / STEP_S)
-    every = round(CONTROL_S / STEP_S)
-    record, soles, bias = _Record(n, model), Soles.of(model), ContactBias.of(model)
-    data.qpos, data.qvel = plan.q[0], plan.v[0]
-    data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
-    pushed = data.xfrc_applied[model.body("pelvis").id]
-    torque, shift = np.zeros(model.nv), StepReplan.none()
-    drive = Drive(model, exo)
-    touching = np.zeros((len(SIDES), PER_FOOT), dtype=bool)
-    fell_at = None
-    for step in range(-round(_SETTLE_S / STEP_S), n):
+
+    def __init__(
+        self, model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, exo: Exo | None,
+        rng: np.random.Generator, law: Law | None = None,
+    ) -> None:  # fmt: skip
+        self._plan = plan = plan_control(reference, model, size)
+        self._push, self._misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
+        self._reference, self._size, self._noise, self._rng = reference, size, dynamics.torque_noise, rng
+        self._model = model = _physics(disturbed(model, dynamics))
+        self._data = data = mujoco.MjData(model)
+        self._control = Controller(
+            model, size, Coordinates.of(model), Gains(), assist=dynamics.assist,
+            believed=1.0 / (1.0 + dynamics.mass_error),
+        )  # fmt: skip
+        self._coupled = CouplingSet.of(model, couplings(size))
+        self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
+        self._record, self._soles = _Record(self._steps, model), Soles.of(model)
+        self._bias, self._drive = ContactBias.of(model), Drive(model, exo, law)
+        data.qpos, data.qvel = plan.q[0], plan.v[0]
+        data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
+        self._pushed = data.xfrc_applied[model.body("pelvis").id]
+        self._torque, self._shift = np.zeros(model.nv), StepReplan.none()
+        self._touching = np.zeros((len(SIDES), PER_FOOT), dtype=bool)
+        self.fell_at: float | None = None
+
+    @property
+    def over(self) -> bool:
+        """Whether the walk has come to its end, or the walker fell."""
+        return self.fell_at is not None or self._step >= self._steps
+
+    @property
+    def time_s(self) -> float:
+        """How far the walk has come; below 0 while the walker settles on his soles."""
+        return self._step * STEP_S
+
+    def step(self) -> None:
+        """Goes on by `STEP_S`."""
+        model, data, plan, step = self._model, self._data, self._plan, self._step
         mujoco.mj_step1(model, data)
+        coupled = self._coupled
         known = coupling_forces(
             coupled.bodies, coupled.points, coupled.law, coupled.chain, data.xpos, data.xmat, data.cvel, data.cdof,
             data.subtree_com[1],
         )  # fmt: skip
-        motors = drive.torques(data)
+        motors = self._drive.torques(data)
         known += motors
-        i = min(max(step, 0) // every, len(plan.t) - 1)
-        if step % every == 0:
-            touching, floor = soles.feel(data, plan, i, touching)
-            mujoco.mj_subtreeVel(model, data)
-            com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
-            sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(touching, axis=1))
-            shift.update(CONTROL_S, plan.feet(i), sensed, misplace[i])
-            torque = control.torques(data, plan, i, shift, touching, known)
-            if dynamics.torque_noise:
-                torque[6:] *= 1.0 + dynamics.torque_noise * rng.standard_normal(model.nv - 6)
-            pushed[:2] = push[i]
-        data.qfrc_applied = torque + known
+        i = min(max(step, 0) // _EVERY, len(plan.t) - 1)
+        if step % _EVERY == 0:
+            self._control_step(i, known)
+        data.qfrc_applied = self._torque + known
         if step >= 0:
-            record.before(step, data, torque + motors)
-        bias.apply(data)
+            self._record.before(step, data, self._torque + motors)
+        self._bias.apply(data)
         mujoco.mj_step2(model, data)
         if step >= 0:
-            record.after(step, data)
-        if data.qpos[2] < plan.q[i, 2] + shift.root[0, 2] - _FALLEN_M:
-            fell_at = step * STEP_S
-            break
-    return record.walk(step + 1, reference, size, fell_at)
+            self._record.after(step, data)
+        if data.qpos[2] < plan.q[i, 2] + self._shift.root[0, 2] - _FALLEN_M:
+            self.fell_at = step * STEP_S
+        self._step = step + 1
+
+    def _control_step(self, i: int, known: Array) -> None:
+        """What the walker does from here on, by row i of the plan and the (nv,) forces that he knows of."""
+        model, data, plan = self._model, self._data, self._plan
+        self._touching, floor = self._soles.feel(data, plan, i, self._touching)
+        mujoco.mj_subtreeVel(model, data)
+        com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
+        sensed = Sensed(com=com, floor=floor, pressing=np.logical_or.reduce(self._touching, axis=1))
+        self._shift.update(CONTROL_S, plan.feet(i), sensed, self._misplace[i])
+        self._torque = self._control.torques(data, plan, i, self._shift, self._touching, known)
+        if self._noise:
+            self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
+        self._pushed[:2] = self._push[i]
+
+    def recent(self, seconds: float) -> SimulatedWalk:
+        """The last of the walk; what it says of its last `MARGIN_S` may still change."""
+        return self._record.recent(
+            self._step, max(self._step - round(seconds / STEP_S), 0), self._reference, self._size
+        )
+
+    def walk(self) -> SimulatedWalk:
+        """The walk so far."""
+        return self._record.walk(self._step, self._reference, self._size, self.fell_at)
 
 
 def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -128,6 +165,15 @@ class _Record:
         _foot_loads(
             self._side, self._feet, data.xpos, data.xmat, contact.geom, contact.pos, contact.frame,
             contact.efc_address, data.efc_force, self._R[i], self._p[i], self._force[i], self._moment[i], self._cop[i],
+        )  # fmt: skip
+
+    def recent(self, n: int, first: int, reference: Reference, size: Wearer) -> SimulatedWalk:
+        """What happened from one step to before another, as a walk of its own; its footsteps are the planned ones."""
+        t, x = STEP_S * np.arange(first, n, dtype=float), reference.coordinates.from_mujoco(self._q[first:n])
+        return SimulatedWalk(
+            duration_s=float(t[-1]), size=size, steps=reference.steps, coordinates=reference.coordinates,
+            splines=through(t, x), fell_at=None, t=t, torque=self._torque[first:n], foot_force=self._force[first:n],
+            foot_torque=self._moment[first:n], cop=self._cop[first:n], _pitch=np.zeros((n - first, len(SIDES))),
         )  # fmt: skip
 
     def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:

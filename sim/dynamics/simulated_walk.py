@@ -78,9 +78,6 @@ class SimulatedWalk:
             p_foot: (N, 2, 3) m.
         """
         x = reference.coordinates.from_mujoco(q)
-        dt = t[1] - t[0]
-        control = np.concatenate([x[:1], x[:1], x, x[-1:], x[-1:]])
-        knots = t[0] + dt * (np.arange(len(control) + 4) - 4.0)
         end = float(t[-1])
         steps = {
             side: [
@@ -92,7 +89,7 @@ class SimulatedWalk:
         pitch = np.column_stack([_pitch(steps[side], t, R_foot[:, k]) for k, side in enumerate(SIDES)])
         return cls(
             duration_s=end, size=size, steps=steps, coordinates=reference.coordinates,
-            splines=BSpline(knots, control, 3), fell_at=fell_at, t=t, torque=torque, foot_force=foot_force,
+            splines=through(t, x), fell_at=fell_at, t=t, torque=torque, foot_force=foot_force,
             foot_torque=foot_torque, cop=cop, _pitch=pitch,
         )  # fmt: skip
 
@@ -109,7 +106,7 @@ class SimulatedWalk:
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
     def _nearest_steps(self, t: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-        return np.clip(np.round(t / (self.t[1] - self.t[0])).astype(np.int64), 0, len(self.t) - 1)
+        return np.clip(np.round((t - self.t[0]) / (self.t[1] - self.t[0])).astype(np.int64), 0, len(self.t) - 1)
 
     def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
         """What the ground carries at (N,) s."""
@@ -132,6 +129,12 @@ class SimulatedWalk:
         torque = self.torque[i]
         R = from_euler(self.splines(t)[:, 3:6])
         return torque[:, self.coordinates.dof], torque[:, :3], np.einsum("nij,nj->ni", R, torque[:, 3:6])
+
+
+def through(t: Array, x: Array) -> BSpline:
+    """Cubic splines with (N, n) control points at (N,) even times."""
+    control = np.concatenate([x[:1], x[:1], x, x[-1:], x[-1:]])
+    return BSpline(t[0] + (t[1] - t[0]) * (np.arange(len(control) + 4) - 4.0), control, 3)
 
 
 def _as_it_happened(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot: Array) -> Footstep:

@@ -1,6 +1,6 @@
 """How the exoskeleton's legs follow the wearer: first where their couplings hold them, then what their weight does.
 
-Each leg of the frame hangs on the pelvis by six joints with stops and is coupled to the wearer at the thigh cuff, the
+Each leg of the frame hangs on the pelvis by joints with stops and is coupled to the wearer at the thigh cuff, the
 shank cuff and the heel (`exoskeleton.couplings`). `fit_leg` finds the angles of least elastic energy, the leg taken as
 weightless. `settle` adds what its weight, inertia, rotors and friction do: the motion about that fit, linearised at
 every instant, integrated in time. So the couplings carry the leg as they would in a forward simulation.
@@ -18,8 +18,9 @@ from stridetwin.sim.actuation import FRICTION_SPEED_RADPS
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.coordinates import Coordinates
-from stridetwin.sim.exoskeleton import EXO_LEG_BODIES, EXO_LEG_JOINTS, RANGE_RAD, chain, couplings
+from stridetwin.sim.exoskeleton import RANGE_RAD, ExoLinks, couplings, leg_frame
 from stridetwin.sim.gait import exo_kernel
+from stridetwin.sim.own_exo import OwnExo, check_held
 from stridetwin.sim.rigid_tree import Tree, chain_loads
 from stridetwin.streams.samples import Array
 
@@ -27,7 +28,6 @@ STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops
 STOP_WIDTH_RAD = np.radians(0.5)  # over which a stop comes in
 _ITERATIONS = 12
 _STOP_ITERATIONS = 12
-_JOINTS = np.arange(6)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,6 +62,8 @@ class ExoLeg:
         side: `l` or `r`.
 
     Attributes:
+        frame: Its joints and bodies.
+        is_standard: Whether it is that of Shim et al.
         kernel: What the compiled loops read.
 
     Raises:
@@ -69,44 +71,74 @@ class ExoLeg:
     """
 
     def __init__(self, size: Wearer, side: str) -> None:
-        if size.exo is None:
-            raise ValueError("the wearer has no exoskeleton")
-        offsets, axes = chain(size.exo, side)
+        self.frame = frame = leg_frame(size, side)
+        self.is_standard = isinstance(size.exo, ExoLinks)
         own = [c for c in couplings(size) if c.name.endswith(f"_{side}")]
         self._held = [c.body[:-2] for c in own]
         self.kernel = exo_kernel.Leg(
-            offsets=offsets, axes=axes, last=np.array([EXO_LEG_BODIES.index(c.exo_body[:-2]) for c in own]),
+            offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in own]),
             p_in_exo=np.array([c.p_in_exo for c in own]), p_in_body=np.array([c.p_in_body for c in own]),
             stiffness=np.array([[c.stiffness, c.turn_stiffness] for c in own]),
             damping=np.array([[c.damping, c.turn_damping] for c in own]),
-            stops=RANGE_RAD, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
+            stops=frame.stops, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
         )  # fmt: skip
 
     def strains(self, q: Array, wearer: Limbs) -> tuple[Array, Array]:
-        """(N, 18) strains of the couplings (displacement, turn; see `coupling.strain`) and their (N, 18, 6) Jacobian.
+        """(N, 6 C) strains of the couplings (displacement, turn; see `coupling.strain`) and their (N, 6 C, J) Jacobian.
 
         Args:
-            q: (N, 6) rad, `EXO_LEG_JOINTS`.
+            q: (N, J) rad.
             wearer: The leg of the wearer.
         """
         return exo_kernel.strains(self.kernel, q, *self.held(wearer))
 
     def held(self, wearer: Limbs) -> tuple[Array, Array]:
-        """(N, 3, 3) m, origins, and (N, 3, 3, 3) rotations of the wearer's bodies that the couplings hold on to."""
+        """(N, C, 3) m, origins, and (N, C, 3, 3) rotations of the wearer's bodies that the couplings hold on to."""
         return np.stack([wearer.p[b] for b in self._held], 1), np.stack([wearer.R[b] for b in self._held], 1)
 
 
+def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
+    """Refuses an exoskeleton of the user's own whose cuffs do not hold it, or too stiffly for its weight.
+
+    Raises:
+        ConfigError: As `own_exo.check_held`.
+    """
+    if not isinstance(size.exo, OwnExo):
+        return
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    whole = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    up = np.eye(3)[None]
+    for side in SIDES:
+        leg = ExoLeg(size, side)
+        foot = np.array([[-size.ankle_x, size.body.hip_half_width_m * (1.0 if side == "l" else -1.0),
+                          -size.body.thigh_m - size.body.shank_m - size.body.ankle_height_m]])  # fmt: skip
+        value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), limbs(size, side, up, up, foot, up))
+        dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])
+        stiffness, damping = (
+            exo_kernel.project(leg.kernel, law, jacobian, value)[1][0]
+            for law in (leg.kernel.stiffness, leg.kernel.damping)
+        )
+        check_held(size.exo, side, whole[np.ix_(dofs, dofs)], stiffness, damping)
+
+
 def fit_leg(leg: ExoLeg, wearer: Limbs) -> Array:
-    """(N, 6) angles of a weightless leg: the least energy of couplings and stops, by Newton's method."""
+    """(N, J) angles of a weightless leg: the least energy of couplings and stops, by Newton's method."""
+    q = _guess(wearer) if leg.is_standard else np.zeros((len(wearer.p["foot"]), len(leg.frame.joints)))
+    exo_kernel.fit(leg.kernel, q, *leg.held(wearer), _ITERATIONS)
+    return q
+
+
+def _guess(wearer: Limbs) -> Array:
+    """(N, 6) angles of the leg of Shim et al. near its wearer's."""
     R_thigh, R_shank = wearer.R["thigh"], wearer.R["shank"]
     R_ankle = np.swapaxes(R_shank, 1, 2) @ wearer.R["foot"]
     q = np.zeros((len(R_thigh), 6))
     q[:, 2] = np.arctan2(-R_thigh[:, 0, 2], R_thigh[:, 2, 2])
     q[:, 3] = np.arccos(np.clip(np.einsum("ni,ni->n", R_thigh[:, :, 2], R_shank[:, :, 2]), -1, 1))
     q[:, 4] = np.arctan2(-R_ankle[:, 0, 2], R_ankle[:, 2, 2])
-    q = np.clip(q, RANGE_RAD[:, 0], RANGE_RAD[:, 1])
-    exo_kernel.fit(leg.kernel, q, *leg.held(wearer), _ITERATIONS)
-    return q
+    return np.clip(q, RANGE_RAD[:, 0], RANGE_RAD[:, 1])
 
 
 def settle(
@@ -120,7 +152,7 @@ def settle(
 
     Args:
         legs: Statics by side.
-        start: (N, 6) rad by side, angles at `t` to begin with: of weightless legs, or what a motion close to this one
+        start: (N, J) rad by side, angles at `t` to begin with: of weightless legs, or what a motion close to this one
             gave.
         wearers: The wearer's legs at `t`.
         model: Compiled model of the wearer.
@@ -130,14 +162,15 @@ def settle(
         rounds: How often it is solved.
 
     Returns:
-        (N, 6) rad by side.
+        (N, J) rad by side.
     """
     dt = float(t[1] - t[0])
     whole = Tree.of(model)
-    names = [[f"{body}_{side}" for body in EXO_LEG_BODIES] for side in SIDES]
+    names = [legs[side].frame.bodies for side in SIDES]
     tree = whole.only([whole.row(model.body(name).id) for own in names for name in own])
     chains = np.array([[tree.row(model.body(name).id) for name in own] for own in names])
-    hinges = np.array([[model.joint(f"{joint}_{side}").id for joint in EXO_LEG_JOINTS] for side in SIDES])
+    hinges = np.array([[model.joint(name).id for name in legs[side].frame.joints] for side in SIDES])
+    diagonal = np.arange(hinges.shape[1])
     qpos, dofs = model.jnt_qposadr[hinges], model.jnt_dofadr[hinges]
     viscous, friction = model.dof_damping[dofs], model.dof_frictionloss[dofs] / FRICTION_SPEED_RADPS
     q, v, a = layout.at(splines, t)
@@ -154,9 +187,9 @@ def settle(
             damped, damp = exo_kernel.project(leg, leg.damping, jacobian, make_interp_spline(t, value, k=5)(t, 1))
             slowed = np.tanh(speed / FRICTION_SPEED_RADPS)
             drag = viscous[k] * speed + FRICTION_SPEED_RADPS * friction[k] * slowed
-            damp[:, _JOINTS, _JOINTS] += viscous[k] + friction[k] * (1.0 - slowed**2)
+            damp[:, diagonal, diagonal] += viscous[k] + friction[k] * (1.0 - slowed**2)
             force = -(gradient + damped + load[:, k] + model.dof_armature[dofs[k]] * a[:, dofs[k]] + drag)
-            mass[:, k, _JOINTS, _JOINTS] += model.dof_armature[dofs[k]]
+            mass[:, k, diagonal, diagonal] += model.dof_armature[dofs[k]]
             angles[:, k] += exo_kernel.march(
                 leg, mass[:, k], damp, stiff, force, angles[:, k], dt, _STOP_ITERATIONS
             )  # fmt: skip

@@ -25,7 +25,6 @@ from stridetwin.sim.triples import (
 )
 from stridetwin.streams.samples import Array
 
-DOFS = 6
 _FAR = 40.0  # widths from a stop where it is no more felt than rounding
 # Steps below which there is nothing left to gain: the fit converges linearly, the march by squares of the step over
 # the width of a stop.
@@ -33,17 +32,17 @@ _FITTED_RAD, _MET_RAD = 1e-4, 1e-6
 
 
 class Leg(NamedTuple):
-    """A leg of the frame and its C couplings to the wearer.
+    """A leg of the frame, a chain of J joints, and its C couplings to the wearer.
 
     Attributes:
-        offsets: (6, 3) m, origin of each body in its parent's frame.
-        axes: (6, 3) of its joint, one of ±x, ±y, ±z.
+        offsets: (J, 3) m, origin of each body in its parent's frame.
+        axes: (J, 3) of its joint, unit vectors.
         last: (C,) body of the leg that each coupling holds.
         p_in_exo: (C, 3) m, attachment in that body's frame.
         p_in_body: (C, 3) m, attachment in the frame of the wearer's body.
         stiffness: (C, 2, 3, 3) of displacement, N/m, and turn, N m/rad.
         damping: (C, 2, 3, 3) N s/m, N m s/rad.
-        stops: (6, 2) rad, lower and upper.
+        stops: (J, 2) rad, lower and upper.
         stop: (2,) stiffness of a stop, N m/rad, and the width over which it comes in, rad.
     """
 
@@ -64,16 +63,16 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
 
     Args:
         leg: The leg.
-        q: (N, 6) rad.
+        q: (N, J) rad.
         p: (N, C, 3) m, origin of the wearer's body at each coupling, in the pelvis' frame.
         R: (N, C, 3, 3) its rotation.
 
     Returns:
-        (N, 6 C) displacement and turn by coupling, and (N, 6 C, 6).
+        (N, 6 C) displacement and turn by coupling, and (N, 6 C, J).
     """
-    n, count = len(q), 6 * len(leg.last)
-    value, jacobian = np.empty((n, count)), np.zeros((n, count, DOFS))
-    pivots, turns, axes = np.empty((DOFS, 3)), np.empty((DOFS, 3, 3)), np.empty((DOFS, 3))
+    n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)
+    value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))
+    pivots, turns, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     for i in range(n):
         _strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, turns, axes)
     return value, jacobian
@@ -81,26 +80,27 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
 
 @numba.njit(cache=True)
 def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
-    """Moves (N, 6) angles to where couplings and stops have the least energy, by the Gauss-Newton method.
+    """Moves (N, J) angles to where couplings and stops have the least energy, by the Gauss-Newton method.
 
     The instants follow on each other: from the second on, what the one before was moved by is the first move.
     """
-    value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), DOFS))
-    pivots, turns, axes = np.empty((DOFS, 3)), np.empty((DOFS, 3, 3)), np.empty((DOFS, 3))
-    step, hessian, moved = np.empty(DOFS), np.empty((DOFS, DOFS)), np.zeros(DOFS)
+    dofs = len(leg.axes)
+    value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
+    pivots, turns, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    step, hessian, moved = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs)
     for i in range(len(q)):
         guess = q[i].copy()
         q[i] += moved
         for _ in range(iterations):
             _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, turns, axes)
             _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
-            for j in range(DOFS):
+            for j in range(dofs):
                 torque, slope = stop_torque(leg, j, q[i, j])
                 step[j] += torque
                 hessian[j, j] += slope
             _solve(hessian, step)
             largest = 0.0
-            for j in range(DOFS):
+            for j in range(dofs):
                 q[i, j] -= step[j]
                 largest = max(largest, abs(step[j]))
             if largest < _FITTED_RAD:
@@ -110,9 +110,9 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
 
 @numba.njit(cache=True)
 def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array, Array]:
-    """(N, 6) Jᵀ L x and (N, 6, 6) Jᵀ L J of strains or their rates x (N, 6 C) under a law (C, 2, 3, 3)."""
-    n = len(value)
-    torque, matrix = np.empty((n, DOFS)), np.empty((n, DOFS, DOFS))
+    """(N, J) Jᵀ L x and (N, J, J) Jᵀ L J of strains or their rates x (N, 6 C) under a law (C, 2, 3, 3)."""
+    n, dofs = len(value), len(leg.axes)
+    torque, matrix = np.empty((n, dofs)), np.empty((n, dofs, dofs))
     for i in range(n):
         _project(leg.last, law, jacobian[i], value[i], torque[i], matrix[i])
     return torque, matrix
@@ -122,27 +122,27 @@ def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array,
 def march(
     leg: Leg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
 ) -> Array:
-    """(N, 6) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in balance (`exo_fit.settle`).
+    """(N, J) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in balance (`exo_fit.settle`).
 
     Newmark's method with constant average acceleration; each step by Newton's method on the stops.
     """
-    n = len(force)
-    path, x, v, a = np.empty((n, DOFS)), np.zeros(DOFS), np.zeros(DOFS), np.zeros(DOFS)
-    matrix, right, new = np.empty((DOFS, DOFS)), np.empty(DOFS), np.zeros(DOFS)
-    rest, jacobian = np.empty(DOFS), np.empty((DOFS, DOFS))
+    n, dofs = force.shape
+    path, x, v, a = np.empty((n, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
+    matrix, right, new = np.empty((dofs, dofs)), np.empty(dofs), np.zeros(dofs)
+    rest, jacobian = np.empty(dofs), np.empty((dofs, dofs))
     per, per2 = 2.0 / dt, 4.0 / dt**2
     _meet_stops(leg, stiff[0], force[0], angles[0], x, rest, jacobian, iterations)
     path[0] = x
     for i in range(1, n):
-        for j in range(DOFS):
+        for j in range(dofs):
             right[j] = force[i, j]
-            for k in range(DOFS):
+            for k in range(dofs):
                 matrix[j, k] = stiff[i, j, k] + per * damp[i, j, k] + per2 * mass[i, j, k]
                 right[j] += mass[i, j, k] * (per2 * x[k] + 2.0 * per * v[k] + a[k])
                 right[j] += damp[i, j, k] * (per * x[k] + v[k])
             new[j] = x[j] + dt * (v[j] + 0.5 * dt * a[j])
         _meet_stops(leg, matrix, right, angles[i], new, rest, jacobian, iterations)
-        for j in range(DOFS):
+        for j in range(dofs):
             a_new = per2 * (new[j] - x[j]) - 2.0 * per * v[j] - a[j]
             v[j] += 0.5 * dt * (a[j] + a_new)
             a[j], x[j] = a_new, new[j]
@@ -168,18 +168,19 @@ def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
 def _meet_stops(
     leg: Leg, matrix: Array, right: Array, angles: Array, x: Array, rest: Array, jacobian: Array, iterations: int
 ) -> None:  # fmt: skip
-    """Moves x (6,) to the solution of A x + stops(angles + x) = b by Newton's method; `rest`, `jacobian` are room."""
+    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method; `rest`, `jacobian` are room."""
+    dofs = len(x)
     for _ in range(iterations):
-        for j in range(DOFS):
+        for j in range(dofs):
             torque, slope = stop_torque(leg, j, angles[j] + x[j])
             rest[j] = right[j] - torque
-            for k in range(DOFS):
+            for k in range(dofs):
                 jacobian[j, k] = matrix[j, k]
                 rest[j] -= matrix[j, k] * x[k]
             jacobian[j, j] += slope
         _solve(jacobian, rest)
         largest = 0.0
-        for j in range(DOFS):
+        for j in range(dofs):
             x[j] += rest[j]
             largest = max(largest, abs(rest[j]))
         if largest < _MET_RAD:
@@ -192,7 +193,7 @@ def _strain(
 ) -> None:
     """One instant of `strains`, and pivots, rotations and axes of the leg's bodies in the pelvis' frame."""
     at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    for j in range(DOFS):
+    for j in range(len(leg.axes)):
         at = plus(at, turned(M, triple(leg.offsets[j])))
         own = triple(leg.axes[j])
         put(at, pivots[j])
@@ -247,7 +248,7 @@ def _project(
                 torque[j] += dot(weighted, strain)
                 for k in range(j + 1):
                     matrix[j, k] += dot(weighted, _column(jacobian, first, k))
-    for j in range(DOFS):
+    for j in range(len(torque)):
         for k in range(j):
             matrix[k, j] = matrix[j, k]
 
@@ -259,19 +260,20 @@ def _column(jacobian: Array, first: int, j: int) -> Triple:
 
 @numba.njit(cache=True)
 def _solve(A: Array, b: Array) -> None:
-    """Solves A x = b (6 unknowns, A symmetric positive definite) by Cholesky's method; b becomes x, A is used up."""
-    for j in range(DOFS):
+    """Solves A x = b (A symmetric positive definite) by Cholesky's method; b becomes x, A is used up."""
+    dofs = len(b)
+    for j in range(dofs):
         for k in range(j):
             A[j, j] -= A[j, k] * A[j, k]
         A[j, j] = 1.0 / np.sqrt(A[j, j])
-        for i in range(j + 1, DOFS):
+        for i in range(j + 1, dofs):
             for k in range(j):
                 A[i, j] -= A[i, k] * A[j, k]
             A[i, j] *= A[j, j]
         for k in range(j):
             b[j] -= A[j, k] * b[k]
         b[j] *= A[j, j]
-    for j in range(DOFS - 1, -1, -1):
-        for k in range(j + 1, DOFS):
+    for j in range(dofs - 1, -1, -1):
+        for k in range(j + 1, dofs):
             b[j] -= A[k, j] * b[k]
         b[j] *= A[j, j]

@@ -130,7 +130,7 @@ def reference(
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose))
         elif round_ == _ZMP_ROUNDS - 1:
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), exo)
-        splines = make_interp_spline(t, coordinates(layout, p_pelvis, pose, legs_, exo, paths), k=5)
+        splines = make_interp_spline(t, coordinates(size, layout, p_pelvis, pose, legs_, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
             coarse = t[::_STRIDE]
             q, v, a = layout.at(splines, coarse)
@@ -173,7 +173,7 @@ def _exo(
     stride: int, weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
     settled: dict[str, Array] | None = None,
 ) -> dict[str, Array]:  # fmt: skip
-    """(N, 6) angles of both legs of the exoskeleton, found at every `stride`-th instant and splined between.
+    """(N, J) angles of both legs of the exoskeleton, found at every `stride`-th instant and splined between.
 
     They are those of weightless legs, or where `weighing` says what to weigh with, of legs with weight, near those that
     have `settled` before.
@@ -198,7 +198,7 @@ def _exo(
     if weighing is None:
         return fine
     model, layout, pose = weighing
-    splines = make_interp_spline(t, coordinates(layout, p_pelvis, pose, legs, fine, paths), k=5)
+    splines = make_interp_spline(t, coordinates(size, layout, p_pelvis, pose, legs, fine, paths), k=5)
     rounds = _SETTLING_ROUNDS if settled is None else 1
     angles = settle(frames, coarse, wearers, model, layout, splines, t[k], rounds)
     return {side: make_interp_spline(t[k], angles[side], k=5)(t) for side in SIDES}

@@ -9,7 +9,7 @@ import numpy as np
 from stridetwin.sim.body import LEG_JOINTS, Wearer
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.coordinates import Coordinates
-from stridetwin.sim.exoskeleton import EXO_LEG_JOINTS
+from stridetwin.sim.exoskeleton import leg_frame
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.leg_ik import LegAngles, solve_leg
 from stridetwin.sim.gait.pelvis import KNEE_HARD_MIN_RAD
@@ -27,10 +27,10 @@ def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, Foo
 
 
 def coordinates(
-    layout: Coordinates, p_pelvis: Array, pose: Posture, legs_: Mapping[str, LegAngles], exo: Mapping[str, Array],
-    paths: Mapping[str, FootPath],
+    size: Wearer, layout: Coordinates, p_pelvis: Array, pose: Posture, legs_: Mapping[str, LegAngles],
+    exo: Mapping[str, Array], paths: Mapping[str, FootPath],
 ) -> Array:  # fmt: skip
-    """(N, names) coordinates in the order of `layout.names`; `exo` holds (N, 6) angles by side, none without it."""
+    """(N, names) coordinates in the order of `layout.names`; `exo` holds (N, J) angles by side, none without it."""
     columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
     columns |= pose.joints
     for side in SIDES:
@@ -38,7 +38,7 @@ def coordinates(
             columns[f"{joint}_{side}"] = getattr(legs_[side], joint)
         columns[f"toe_extension_{side}"] = paths[side].toe_extension
         if side in exo:
-            columns |= {f"{joint}_{side}": exo[side][:, i] for i, joint in enumerate(EXO_LEG_JOINTS)}
+            columns |= dict(zip(leg_frame(size, side).joints, exo[side].T))
     return np.column_stack([columns[name] for name in layout.names])
 
 

@@ -16,11 +16,13 @@ class Part:
         name: Of the part.
         description: Maker and type.
         rate_hz: Of its samples.
+        mass_kg: As it is worn, with its case; 0 where nobody has said.
     """
 
     name: str
     description: str
     rate_hz: float = figure("rate_hz", 1, 2000)
+    mass_kg: float = figure("mass_g", 0, 5000, scale=1e-3, default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

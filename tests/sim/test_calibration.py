@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.calibration import CalibrationSd, depth_scale
+from stridetwin.sim.cameras import Cameras, Due
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.fitting import Fitting
 from stridetwin.sim.standard_rig import outfit
@@ -54,15 +55,21 @@ def test_what_is_told_wrong_changes_nothing_but_the_scale_of_depth() -> None:
     assert not np.array_equal(
         twin.rig.cameras["/head/color"].mount.T_body_sensor, perfect.rig.cameras["/head/color"].mount.T_body_sensor
     )
-    here, there = (last_depth(t) for t in (twin, perfect))
+    here, there = (depth_seen(t) for t in (twin, perfect))
     both = (here > 0) & (there > 0)
     scale = depth_scale("/head/color", SD, 4)
     assert abs(scale - 1) > 1e-4
     assert np.median(here[both] / there[both]) == pytest.approx(scale, abs=4e-4)  # depth is told in whole millimetres
 
 
-def last_depth(twin: Twin) -> np.ndarray:
-    return [item for chunk in twin.blocks() for item in chunk if isinstance(item, Depth)][-1].depth
+def depth_seen(twin: Twin) -> np.ndarray:
+    """A picture in the middle of the walk."""
+    t_ns = np.array([round(0.5e9 * twin.duration_s)])
+    motion, due = twin.player().motion(t_ns), Due(t_ns=int(t_ns[0]), topic="/head/color", twist=np.zeros((2, 6)))
+    with Cameras(twin.model, twin.outfit, twin.crowd, twin.seed) as cameras:
+        taken = list(cameras.frames([due], motion.qpos, motion.upper_poses(np.arange(1))))
+    (depth,) = [item.depth for item in taken if isinstance(item, Depth)]
+    return depth
 
 
 def test_strikes_shake_the_case_and_truth_and_imu_agree_on_it() -> None:

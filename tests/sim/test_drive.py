@@ -11,7 +11,7 @@ import pytest
 
 from stridetwin.sim.actuation import HIP, KNEE
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
-from stridetwin.sim.dynamics.drive import DRIVER_S, Drive
+from stridetwin.sim.dynamics.drive import DRIVER_S, PERIOD_S, Drive
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
@@ -106,3 +106,10 @@ def test_actuators_tell_what_the_motors_did(twin: Twin) -> None:
     true = walk.efforts(t)[0][:, names.index("exo_hip_flexion_l")]
     assert np.abs(command).max() > 5.0
     assert np.corrcoef(command, true)[0, 1] > 0.97
+
+
+def test_a_law_of_ones_own_is_followed_a_period_later(twin: Twin) -> None:
+    asked = iter(np.arange(1.0, 9.0)[:, None] * np.ones(4))
+    drive, data = Drive(twin.model, Exo(mode=1), lambda angle: next(asked)), mujoco.MjData(twin.model)
+    given = np.array([drive.torques(data)[hinge(twin.model, "exo_knee_flexion_l")[1]] for _ in range(40)])
+    assert given.reshape(4, -1).tolist() == [[k] * round(PERIOD_S / DRIVER_S) for k in (0.0, 1.0, 2.0, 3.0)]

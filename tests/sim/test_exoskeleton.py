@@ -337,9 +337,14 @@ def test_limb_that_pushes_forward_presses_the_front_cell(forward: float) -> None
     assert (front > back) == (forward > 0)
 
 
+@pytest.fixture(scope="module")
+def level() -> Twin:
+    return Twin(config("level", sensors=()), 7)
+
+
 @pytest.fixture(scope="module", params=list(ROUTES))
-def walk(request: pytest.FixtureRequest) -> Twin:
-    return Twin(config(request.param, sensors=()), 7)
+def walk(request: pytest.FixtureRequest, level: Twin) -> Twin:
+    return level if request.param == "level" else Twin(config(request.param, sensors=()), 7)
 
 
 def test_walk_keeps_within_the_stops_and_the_cuffs_stay_gentle(walk: Twin) -> None:
@@ -365,9 +370,9 @@ def test_a_foot_that_lies_flat_carries_the_exoskeletons_foot_with_it(walk: Twin)
         assert tilt[flat].max() < 3.0
 
 
-def test_couplings_carry_the_legs_of_the_exoskeleton() -> None:
+def test_couplings_carry_the_legs_of_the_exoskeleton(level: Twin) -> None:
     """Without modules inverse dynamics leaves nothing to the exoskeleton's joints: cuffs and holder do it all."""
-    twin = Twin(config("level", sensors=()), 7)
+    twin = level
     playback = Playback(twin.model, twin.reference)
     t_ns = np.arange(0, int(twin.duration_s * 1e9), 10_000_000)
     torque = playback.loads(t_ns, playback.motion(t_ns)).joint_torque
@@ -376,9 +381,9 @@ def test_couplings_carry_the_legs_of_the_exoskeleton() -> None:
     assert np.sqrt((torque[:, own] ** 2).mean(axis=0)).max() < 0.7  # N m; the hip, of some 10
 
 
-def test_forward_simulation_of_the_legs_follows_the_plan() -> None:
+def test_forward_simulation_of_the_legs_follows_the_plan(level: Twin) -> None:
     """The legs of the exoskeleton, simulated in steps of 1 ms on the walking wearer, stay where they are planned."""
-    twin = Twin(config("level", sensors=()), 7)
+    twin = level
     model, dt, start = twin.model, 1e-3, 3.0  # a whole stride, after the steps from standing
     own = np.array([model.joint(f"{j}_{s}").dofadr[0] for s in "lr" for j in EXO_LEG_JOINTS])
     bodies = [(c, model.body(c.exo_body).id, model.body(c.body).id) for c in couplings(twin.size)]
@@ -413,10 +418,9 @@ def test_forward_simulation_of_the_legs_follows_the_plan() -> None:
     assert np.degrees(np.std(away, axis=0).max()) < 0.30
 
 
-def test_idle_modules_load_the_cuffs() -> None:
+def test_idle_modules_load_the_cuffs(level: Twin) -> None:
     peak = {}
-    for mode in (0, 1):
-        twin = Twin(config("level", Exo(mode=mode), sensors=()), 7)
+    for mode, twin in enumerate((level, Twin(config("level", Exo(mode=1), sensors=()), 7))):
         motion = Playback(twin.model, twin.reference).motion(np.arange(0, int(twin.duration_s * 1e9), 10_000_000))
         peak[mode] = {place: np.abs(force).max() for place, force in motion.cuff_force.items()}
     assert all(peak[1][place] > 1.3 * peak[0][place] for place in peak[0])

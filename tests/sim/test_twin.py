@@ -37,6 +37,21 @@ RATES_HZ = {
 }  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def quiet() -> Twin:
+    return Twin(QUIET, 5)
+
+
+@pytest.fixture(scope="module")
+def plain(quiet: Twin) -> dict[str, list[Block]]:
+    return blocks(quiet)
+
+
+@pytest.fixture(scope="module")
+def short() -> Twin:
+    return Twin(SHORT, 5)
+
+
 def record(twin: Twin, path: Path) -> Path:
     with RecordingWriter(path, twin.rig) as writer:
         for items in twin.blocks():
@@ -76,31 +91,28 @@ def test_every_stream_is_recorded_at_its_rate(tmp_path: Path) -> None:
     assert [p.foot for p in prints[:3]] == ["l", "r", "r"]
 
 
-def test_same_seed_same_bytes_other_seed_others(tmp_path: Path) -> None:
-    one = record(Twin(QUIET, 5), tmp_path / "one.mcap").read_bytes()
+def test_same_seed_same_bytes_other_seed_others(tmp_path: Path, quiet: Twin) -> None:
+    one = record(quiet, tmp_path / "one.mcap").read_bytes()
     assert one == record(Twin(QUIET, 5), tmp_path / "two.mcap").read_bytes()
     assert one != record(Twin(QUIET, 6), tmp_path / "three.mcap").read_bytes()
 
 
-def test_a_sensor_more_or_less_changes_no_other_sensor() -> None:
+def test_a_sensor_more_or_less_changes_no_other_sensor(plain: dict[str, list[Block]]) -> None:
     few = blocks(Twin(replace(SHORT, sensors=("foot_imu",)), 5))["/foot_l/imu"]
-    many = blocks(Twin(QUIET, 5))["/foot_l/imu"]
-    for a, b in zip(few, many, strict=True):
+    for a, b in zip(few, plain["/foot_l/imu"], strict=True):
         assert all(np.array_equal(a.columns[name], b.columns[name]) for name in a.columns)
 
 
 @pytest.mark.parametrize("body", ["foot_l", "foot_r", "head", "torso"])
-def test_the_fast_track_of_a_body_is_that_of_the_physics_engine(body: str) -> None:
-    twin = Twin(QUIET, 5)
-    t_ns = np.arange(0, int(twin.duration_s * 1e9), 7_000_000, dtype=np.int64)
-    fast, slow = twin.player().track(body, t_ns), twin.player().motion(t_ns).carrier(body)
+def test_the_fast_track_of_a_body_is_that_of_the_physics_engine(quiet: Twin, body: str) -> None:
+    t_ns = np.arange(0, int(quiet.duration_s * 1e9), 7_000_000, dtype=np.int64)
+    fast, slow = quiet.player().track(body, t_ns), quiet.player().motion(t_ns).carrier(body)
     for name in ("p_body_in_world", "v_body_in_world", "w_body"):
         np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=1e-9)
     assert (fast.rotation.inv() * slow.rotation).magnitude().max() < 1e-9
 
 
-def test_another_part_or_clock_of_one_group_changes_no_other_sensor() -> None:
-    plain = blocks(Twin(QUIET, 5))
+def test_another_part_or_clock_of_one_group_changes_no_other_sensor(plain: dict[str, list[Block]]) -> None:
     late = Clock(offset_s=0.002, drift_ppm=50.0, jitter_s=0.0002)
     other = Twin(replace(QUIET, fittings={"foot_imu": Fitting(part=part("MPU-9250")), "sonar": Fitting(clock=late)}), 5)
     changed = blocks(other)
@@ -115,13 +127,12 @@ def test_another_part_or_clock_of_one_group_changes_no_other_sensor() -> None:
     assert np.mean(sonar.t_ns - before.t_ns) == pytest.approx(2e6, rel=0.1)
 
 
-def test_the_number_of_rendering_processes_changes_no_pixel() -> None:
-    twin = Twin(SHORT, 5)
+def test_the_number_of_rendering_processes_changes_no_pixel(short: Twin) -> None:
     t_ns = np.round(np.arange(30, 38) * 1e9 / 60).astype(np.int64)
-    motion = Playback(twin.model, twin.reference).motion(t_ns)
+    motion = Playback(short.model, short.reference).motion(t_ns)
     taken = []
     for count in (1, 2):
-        with CameraProcesses(twin.model, twin.outfit, Crowd(), 5, processes=count) as processes:
+        with CameraProcesses(short.model, short.outfit, Crowd(), 5, processes=count) as processes:
             taken.append(list(processes.ask(motion, int(t_ns[0]) - 1, int(t_ns[-1]))))
     assert len(taken[0]) == len(taken[1]) == 2 * 8 + 2 * 4
     for a, b in zip(*taken):
@@ -131,11 +142,10 @@ def test_the_number_of_rendering_processes_changes_no_pixel() -> None:
         )
 
 
-def test_a_rendering_process_that_dies_is_told() -> None:
-    twin = Twin(SHORT, 5)
+def test_a_rendering_process_that_dies_is_told(short: Twin) -> None:
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
-    motion = Playback(twin.model, twin.reference).motion(t_ns)
-    with CameraProcesses(twin.model, twin.outfit, Crowd(), 5) as processes:
+    motion = Playback(short.model, short.reference).motion(t_ns)
+    with CameraProcesses(short.model, short.outfit, Crowd(), 5) as processes:
         pictures = processes.ask(motion, -1, int(t_ns[-1]))
         os.kill(processes.pids[0], signal.SIGKILL)
         with pytest.raises(StrideTwinError, match="rendering process ended early"):

@@ -1,0 +1,226 @@
+"""What a walker's own limbs hide: rays against the shapes of person, shoes and exoskeleton, many at once, compiled.
+
+A line of sight is a segment. Every shape is convex, so that a line is inside it from one place to another: it is in the
+way where that span and the segment have something in common.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim import rigid_tree
+from stridetwin.sim.rigid_tree import Tree
+from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.sim.triples import Triple, dot, minus, plus, times, transposed, triple, turned
+from stridetwin.sim.triples import rows as rows_of
+from stridetwin.streams.samples import Array
+
+NEAR_M = SUNK_M = 0.02
+"""What is nearer to an eye hides nothing, and so deep it may sit in what carries it: bodies are cruder than people."""
+_SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = 2, 3, 4, 5, 6  # mjtGeom
+_NOTHING = (math.inf, -math.inf)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limbs:
+    """Shapes of a walker at N instants.
+
+    Attributes:
+        kind: (G,) number of `mjtGeom`.
+        size: (G, 3) m, as in MuJoCo.
+        reach: (G,) m, radius about the shape's middle.
+        p: (N, G, 3) m, middles in the world.
+        R: (N, G, 3, 3), shape to world.
+    """
+
+    kind: NDArray[np.int64]
+    size: Array
+    reach: Array
+    p: Array
+    R: Array
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, q: Array, v: Array) -> Limbs:
+        """The shapes at (N, nq) positions; velocities (N, nv) do not matter."""
+        tree = Tree.of(model)
+        worn = shapes(model, set(tree.ids.tolist()))
+        p_body, quat, _, _ = rigid_tree.motion(tree, q, v)
+        rows = np.searchsorted(tree.ids, [shape.body for shape in worn])
+        R_body = matrix_from_quat(quat)[:, rows]
+        return cls(
+            kind=np.array([shape.kind for shape in worn], np.int64),
+            size=np.array([shape.size for shape in worn]),
+            reach=np.array([shape.reach for shape in worn]),
+            p=p_body[:, rows] + np.einsum("ngij,gj->ngi", R_body, [shape.p for shape in worn]),
+            R=np.einsum("ngij,gjk->ngik", R_body, [shape.R for shape in worn]),
+        )
+
+    def hide(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
+        """Whether a limb is between each origin and its targets.
+
+        Args:
+            rows: (M,) instants.
+            origins: (M, 3) m in the world, one an instant; deeper than `SUNK_M` inside a limb everything is hidden.
+            targets: (M, K, 3) m in the world.
+
+        Returns:
+            (M, K).
+        """
+        return _hidden(
+            self.kind, self.size, self.reach, self.p, self.R, np.asarray(rows, np.int64),
+            np.ascontiguousarray(origins, float), np.ascontiguousarray(targets, float),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape:
+    """A convex shape on a body.
+
+    Attributes:
+        body: Number of the body.
+        kind: Number of `mjtGeom`.
+        size: (3,) m, as in MuJoCo.
+        reach: m, radius about its middle.
+        p: (3,) m, its middle in the body's frame.
+        R: (3, 3) its rotation there.
+    """
+
+    body: int
+    kind: int
+    size: Array
+    reach: float
+    p: Array
+    R: Array
+
+    def first_touch(self, origin: Array, direction: Array) -> float:
+        """How many times `direction` (3,) it is from `origin` (3,), in the body's frame; inf where a ray passes it."""
+        o, d = self.R.T @ (origin - self.p), self.R.T @ direction
+        enters, leaves = _span(
+            self.kind, (float(self.size[0]), float(self.size[1]), float(self.size[2])),
+            (float(o[0]), float(o[1]), float(o[2])), (float(d[0]), float(d[1]), float(d[2])),
+        )  # fmt: skip
+        return enters if enters <= leaves and leaves >= 0.0 else math.inf
+
+
+def shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
+    """Shapes on some bodies, and on what is fixed to these without a joint."""
+    found = []
+    for geom in range(model.ngeom):
+        body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], matrix_from_quat(model.geom_quat[geom])
+        while body and body not in bodies and not model.body_jntnum[body]:
+            turn = matrix_from_quat(model.body_quat[body])
+            p, R, body = model.body_pos[body] + turn @ p, turn @ R, int(model.body_parentid[body])
+        if body in bodies:
+            size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])
+            found.append(Shape(body=body, kind=int(model.geom_type[geom]), size=size, reach=reach, p=p.copy(), R=R))
+    return found
+
+
+@numba.njit(cache=True)
+def _hidden(
+    kind: NDArray[np.int64], size: Array, reach: Array, p: Array, R: Array, rows: NDArray[np.int64], origins: Array,
+    targets: Array,
+) -> NDArray[np.bool_]:  # fmt: skip
+    found = np.zeros(targets.shape[:2], np.bool_)
+    for m in range(len(rows)):
+        n = rows[m]
+        eye = triple(origins[m])
+        for k in range(targets.shape[1]):
+            d = minus(triple(targets[m, k]), eye)
+            length = dot(d, d)
+            for g in range(len(kind)):
+                to = minus(eye, triple(p[n, g]))
+                share = min(max(-dot(to, d) / length, 0.0), 1.0) if length > 0.0 else 0.0
+                near = plus(to, times(share, d))
+                if dot(near, near) > reach[g] * reach[g]:
+                    continue
+                back = transposed(rows_of(R[n, g]))
+                if _in_the_way(kind[g], triple(size[g]), turned(back, to), turned(back, d)):
+                    found[m, k] = True
+                    break
+    return found
+
+
+@numba.njit(cache=True)
+def _in_the_way(kind: int, size: Triple, o: Triple, d: Triple) -> bool:
+    """Whether a shape is between o and o + d, in its own frame.
+
+    It is not where it begins nearer than `NEAR_M` or o lies less than `SUNK_M` in it: pictures do not show it either.
+    """
+    enters, leaves = _span(kind, size, o, d)
+    if enters > leaves or enters >= 1.0 or leaves <= 0.0:
+        return False
+    if enters > 0.0:
+        return enters * enters * dot(d, d) > NEAR_M * NEAR_M
+    length = size[1] if kind == _CAPSULE else size[1] - SUNK_M
+    core = (size[0] - SUNK_M, length, size[2] - SUNK_M)
+    thin = core[0] <= 0.0 or (core[1] <= 0.0 and kind != _SPHERE) or (core[2] <= 0.0 and kind in (_ELLIPSOID, _BOX))
+    if thin:
+        return False
+    enters, leaves = _span(kind, core, o, d)
+    return enters <= 0.0 <= leaves
+
+
+@numba.njit(cache=True)
+def _span(kind: int, size: Triple, o: Triple, d: Triple) -> tuple[float, float]:
+    """From where to where the line o + t d, in the shape's own frame, is inside it; empty: (inf, -inf)."""
+    if kind == _BOX:
+        enters, leaves = -math.inf, math.inf
+        for i in range(3):
+            a, b = _slab(o[i], d[i], size[i])
+            enters, leaves = max(enters, a), min(leaves, b)
+        return enters, leaves
+    if kind == _CYLINDER:
+        a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
+        c, e = _slab(o[2], d[2], size[1])
+        return max(a, c), min(b, e)
+    if kind == _CAPSULE:
+        a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
+        c, e = _slab(o[2], d[2], size[1])
+        enters, leaves = max(a, c), min(b, e)
+        if enters > leaves:
+            enters, leaves = _NOTHING
+        for end in (-size[1], size[1]):  # the union is convex, so that the spans are one
+            z = o[2] - end
+            a, b = _quadric(
+                d[0] ** 2 + d[1] ** 2 + d[2] ** 2, o[0] * d[0] + o[1] * d[1] + z * d[2],
+                o[0] ** 2 + o[1] ** 2 + z**2 - size[0] ** 2,
+            )  # fmt: skip
+            enters, leaves = min(enters, a), max(leaves, b)
+        return enters, leaves
+    sx, sy, sz = size[0], size[1], size[2]
+    if kind == _SPHERE:
+        sy, sz = sx, sx
+    elif kind != _ELLIPSOID:
+        return _NOTHING
+    ox, oy, oz = o[0] / sx, o[1] / sy, o[2] / sz
+    dx, dy, dz = d[0] / sx, d[1] / sy, d[2] / sz
+    return _quadric(dx**2 + dy**2 + dz**2, ox * dx + oy * dy + oz * dz, ox**2 + oy**2 + oz**2 - 1.0)
+
+
+@numba.njit(cache=True)
+def _slab(o: float, d: float, half: float) -> tuple[float, float]:
+    """Where o + t d is between -half and half."""
+    if d == 0.0:
+        return (-math.inf, math.inf) if abs(o) <= half else (math.inf, -math.inf)
+    a, b = (-half - o) / d, (half - o) / d
+    return (a, b) if a < b else (b, a)
+
+
+@numba.njit(cache=True)
+def _quadric(a: float, b: float, c: float) -> tuple[float, float]:
+    """Where a t² + 2 b t + c is 0 or less, a not negative."""
+    if a == 0.0:
+        return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
+    inside = b * b - a * c
+    if inside < 0.0:
+        return (math.inf, -math.inf)
+    root = math.sqrt(inside)
+    return (-b - root) / a, (-b + root) / a

@@ -1,0 +1,99 @@
+"""A twin that walks while it is listened to: what its sensors say arrives as it walks, and its motors can be driven.
+
+Sensors read the simulation as they read a walk that has ended, through splines and filters, so that they tell of an
+instant a few milliseconds after it. Uppers of shoes and straps are rigid here: how they ring and slip is planned for
+whole walks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from stridetwin.sim import truth
+from stridetwin.sim.camera_processes import CameraProcesses
+from stridetwin.sim.dynamics.drive import Law
+from stridetwin.sim.dynamics.replay import Replay
+from stridetwin.sim.dynamics.simulate import MARGIN_S, Simulation
+from stridetwin.sim.sensor_suite import SensorSuite, instants
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.samples import Sample
+
+LATENCY_S = 0.008
+"""From an instant to what sensors tell of it, besides the time of a picture."""
+_WINDOW_S = 0.1
+
+
+class LiveTwin:
+    """One walk, made while it is sensed; a context manager where cameras are worn.
+
+    Args:
+        twin: Who walks, where, with which sensors.
+        law: Drives the exoskeleton in place of what the scenario says.
+
+    Attributes:
+        simulation: The walk.
+
+    Raises:
+        ConfigError: The walk is a plan (`physics: kinematic`), or has faults, which are planned for whole walks.
+    """
+
+    def __init__(self, twin: Twin, law: Law | None = None) -> None:
+        config = twin.config
+        if config.physics != "dynamic":
+            raise ConfigError(
+                config.name, "physics", config.physics, "dynamic, where a walk is sensed while it is made"
+            )
+        if config.faults:
+            raise ConfigError(
+                config.name, "faults", f"{len(config.faults)} of them", "none, where a walk is sensed live"
+            )
+        self._twin, self.simulation = twin, twin.simulation(law)
+        self._suite = SensorSuite(twin.outfit, twin.terrain, twin.crowd, twin.seed)
+        self._cameras = CameraProcesses(twin.model, twin.outfit, twin.crowd, twin.seed, processes=1)
+        self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
+        self._open = ExitStack()
+        self._told_ns = -1
+
+    def __enter__(self) -> Self:
+        self._open.enter_context(self._cameras)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._open.close()
+
+    def advance(self, until_s: float) -> list[Sample]:
+        """Walks on up to a time, or to the end; returns what has arrived by then, in order of its stamps.
+
+        Args:
+            until_s: s.
+        """
+        while self.simulation.time_s < until_s and not self.simulation.over:
+            self.simulation.step()
+        until_ns = math.floor((self.simulation.time_s - LATENCY_S) * 1e9)
+        if until_ns <= self._told_ns:
+            return []
+        after_ns, self._told_ns = self._told_ns, until_ns
+        return sorted(self._sensed(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
+
+    def _sensed(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
+        window_s = max(_WINDOW_S, (until_ns - after_ns) * 1e-9 + _WINDOW_S)
+        player = Replay(self._twin.model, simulation.recent(window_s + LATENCY_S + MARGIN_S))
+        t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in self._rates]))
+        loads_ns = instants(truth.RATE_HZ, after_ns, until_ns)
+        if not len(t_ns):
+            return
+        motion = player.motion(t_ns)
+        pictures = self._cameras.ask(motion, after_ns, until_ns)
+        loads = player.loads(loads_ns, motion)
+        for block in self._suite.read(player, motion, loads, after_ns, until_ns):
+            yield from block
+        yield from pictures
