@@ -81,6 +81,10 @@ class Body:
                 return p
         return self._history[0][1]
 
+    def top(self, since_ns: int) -> float:
+        """Its greatest height since an instant, m."""
+        return max((float(p[2]) for t_ns, p in self._history if t_ns >= since_ns), default=float(self.p[2]))
+
     def heading(self, stride_s: float) -> float:
         """Direction of the walk, rad from the world's x: the way of the last stride."""
         way = (self.p - self.before(min(stride_s, _KEPT_S)))[:2]

@@ -8,18 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode.estimate import MODES
+from stridetwin.estimators.locomotion_mode.estimate import MODES, NextChange
+from stridetwin.estimators.locomotion_mode.footing import Line
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table
+from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table, under
+from stridetwin.estimators.locomotion_mode.rollout import Chain, moments
 from stridetwin.estimators.terrain_map import Stairs, TerrainEstimate
 from stridetwin.streams.samples import Array
 
 _MATCH_M = 0.15
 _PARALLEL = 0.8
+_STRIPS = 2.0
+"""Treads down are seen as strips: their depth is known that much worse than the map tells."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
+class _Found:
     """A change along the way.
 
     Attributes:
@@ -35,7 +39,7 @@ class Found:
     piece: int
 
 
-def first_change(ground: Sequence[Piece], here: int, mode: str, p: LocomotionModeParameters) -> Found | None:
+def _first(ground: Sequence[Piece], here: int, mode: str, p: LocomotionModeParameters) -> _Found | None:
     """The first bound ahead beyond which steps are of another mode than now.
 
     Stairs end at their last edge: the step over it still climbs, those beyond it do not.
@@ -50,18 +54,90 @@ def first_change(ground: Sequence[Piece], here: int, mode: str, p: LocomotionMod
     for k in range(here + 1, len(ground)):
         into = MODES[int(table[k - 1, k].argmax())]
         if into not in (mode, "LG"):
-            return Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, piece=k)
+            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, piece=k)
         onward = MODES[int(table[k, k].argmax())]
         if mode in ("SA", "SD"):
             last = k + 1 == len(ground) or MODES[int(table[k, k + 1].argmax())] != mode
             if into == mode and last and ground[k].length > p.tread_max_m:
-                return Found(mode=onward, at=ground[k].start, sd=ground[k].start_sd, piece=k)
+                return _Found(mode=onward, at=ground[k].start, sd=ground[k].start_sd, piece=k)
         elif into != mode:
-            return Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, piece=k)
+            return _Found(mode=into, at=ground[k].start, sd=ground[k].start_sd, piece=k)
     return None
 
 
-def flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
+def next_change(
+    estimate: TerrainEstimate | None, ground: Sequence[Piece], stance: float, line: Line, chain: Chain, s: Array,
+    times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: LocomotionModeParameters,
+) -> NextChange | None:  # fmt: skip
+    """Where the ground ahead first becomes another one, and when a foot lands beyond it.
+
+    Args:
+        estimate: What the map knows; None: nothing.
+        ground: Pieces along the way.
+        stance: m along it, where the foot on the ground stands.
+        line: The way.
+        chain: The coming steps.
+        s: (S,) m along the way, its cells.
+        times: s until each of them lands, and its deviation.
+        step_m: Length of a usual step.
+        step_s: Time of one.
+        p: Deviations.
+
+    Returns:
+        None where the ground stays as it is as far as it is known.
+    """
+    if estimate is None:
+        return None
+    here = under(ground, stance, p)
+    found = _first(ground, here, _mode_here(ground, here, p), p)
+    if found is None:
+        return None
+    beyond = chain.on[:, found.piece :].sum(axis=1) > 0.5
+    if beyond.any():
+        in_s, in_sd_s = times[int(beyond.argmax())]
+    else:
+        more = math.ceil(max(0.0, found.at - moments(chain.density[-1], s)[0]) / step_m)
+        in_s, in_sd_s = times[-1][0] + more * step_s, times[-1][1] * (1.0 + more / len(times))
+    place = line.origin + found.at * line.forward
+    sizes = dict.fromkeys(("riser", "riser_sd", "tread", "tread_sd", "slope", "slope_sd"), math.nan)
+    return NextChange(
+        mode=found.mode, p_in_world=place, distance=found.at - p.behind_m, distance_sd=max(found.sd, p.place_sd_m),
+        time_s=in_s, time_sd_s=in_sd_s, **sizes | _sizes(found.mode, ground[found.piece], estimate, place, line, p),
+    )  # fmt: skip
+
+
+def _mode_here(ground: Sequence[Piece], here: int, p: LocomotionModeParameters) -> str:
+    """What steps on the ground under the foot are: of a tread those of its stairs."""
+    piece = ground[here]
+    if piece.mode != "LG":
+        return piece.mode
+    if here > 0 and here + 1 < len(ground):
+        drops = piece.drop, ground[here + 1].drop
+        if min(map(abs, drops)) > p.kerb_m and drops[0] * drops[1] > 0 and piece.length < p.tread_max_m:
+            return "SA" if drops[0] > 0 else "SD"
+    return "LG"
+
+
+def _sizes(
+    mode: str, piece: Piece, estimate: TerrainEstimate, place: Array, line: Line, p: LocomotionModeParameters
+) -> dict[str, float]:
+    """Riser and tread, or slope, of what begins at a place; only those that are known."""
+    if mode in ("RA", "RD"):
+        return {"slope": piece.slope, "slope_sd": piece.slope_sd}
+    if mode not in ("SA", "SD"):
+        return {}
+    up = mode == "SA"
+    flight = _flight_at(estimate, place, line.forward, up)
+    if flight is None:
+        return {"riser": piece.drop, "riser_sd": math.hypot(p.riser_sd_m, piece.drop_sd)}
+    riser_sd, tread_sd = np.sqrt(np.diag(flight.covariance)[:2]).tolist()
+    told = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, p.size_sd_m)}
+    if flight.steps > 1:
+        told |= {"tread": flight.tread, "tread_sd": (1.0 if up else _STRIPS) * math.hypot(tread_sd, p.size_sd_m)}
+    return told
+
+
+def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
     """The stairs with an edge at a place of the way.
 
     Args:

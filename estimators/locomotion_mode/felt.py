@@ -15,7 +15,7 @@ import numpy as np
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.pieces import Piece
+from stridetwin.estimators.locomotion_mode.pieces import Piece, lie
 from stridetwin.streams.samples import Array
 
 _FLOOR = 1e-3
@@ -87,7 +87,7 @@ def suits(step: Felt, s: Array, ground: Sequence[Piece], before: Array, p: Locom
             the same at every step: to know how far the last step went does not make that any surer.
         p: Deviations.
     """
-    height, slope, slope_sd = _lie(ground, s)
+    height, slope, slope_sd = lie(ground, s)
     high, far = float(before @ height), float(before @ s)
     high_sd, far_sd = (math.sqrt(max(float(before @ (v - m) ** 2), 0.0)) for v, m in ((height, high), (s, far)))
     off = (
@@ -96,21 +96,6 @@ def suits(step: Felt, s: Array, ground: Sequence[Piece], before: Array, p: Locom
         (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + _LEAST_RAD**2),
     )
     return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + _FLOOR)
-
-
-def _lie(ground: Sequence[Piece], s: Array) -> tuple[Array, Array, Array]:
-    """(S,) m height over the first piece's, (S,) rad slope and (S,) its deviation, along the way."""
-    height, slope, slope_sd = (np.zeros(len(s)) for _ in range(3))
-    base, start = 0.0, float(s[0])
-    for piece in ground:
-        here = (s >= piece.start) & (s < piece.end)
-        begin = max(piece.start, start)
-        base += piece.drop
-        height[here] = base + math.tan(piece.slope) * (s[here] - begin)
-        slope[here], slope_sd[here] = piece.slope, piece.slope_sd
-        if math.isfinite(piece.end):
-            base += math.tan(piece.slope) * max(piece.end - begin, 0.0)
-    return height, slope, slope_sd
 
 
 def going_on(step: Felt, foot: float, p: LocomotionModeParameters) -> list[Piece]:

@@ -31,6 +31,7 @@ class LocomotionModeParameters:
         lean_rad: At touch-down the body is ahead of the middle between the feet by this share of its height.
         climb_lean: Further ahead on the way up a ramp, by this share of its height and slope, rad/rad.
         body_sd_m: Deviation of that.
+        top_sd_m: How much less or more the body rises over the standing foot than on level ground.
         edge_ahead_m: After a step over an edge the foot is this far ahead of the body.
         edge_ahead_sd_m: Deviation of that.
         heel_m: From the heel's centre back to the sole's end.
@@ -48,6 +49,7 @@ class LocomotionModeParameters:
         size_sd_m: Deviation of riser and tread of a flight, besides what the map tells.
         place_sd_m: Least deviation of the distance to a change.
         riser_m: A usual riser.
+        tread_m: A usual tread.
         riser_max_m: No riser is higher.
         tread_min_m: No tread is shorter.
         tread_max_m: No tread is longer; flat ground that is, is a landing.
@@ -82,6 +84,7 @@ class LocomotionModeParameters:
     lean_rad: float = 0.032
     climb_lean: float = 0.12
     body_sd_m: float = 0.035
+    top_sd_m: float = 0.035
     edge_ahead_m: float = 0.05
     edge_ahead_sd_m: float = 0.07
     heel_m: float = 0.045
@@ -99,6 +102,7 @@ class LocomotionModeParameters:
     size_sd_m: float = 0.003
     place_sd_m: float = 0.008
     riser_m: float = 0.18
+    tread_m: float = 0.30
     riser_max_m: float = 0.33
     tread_min_m: float = 0.22
     tread_max_m: float = 0.60

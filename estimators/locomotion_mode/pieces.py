@@ -19,8 +19,16 @@ _MOST = 10
 """Pieces; what lies beyond is left out."""
 _SIGNIFICANT = 3.0
 """Deviations beyond which a slope is one."""
-_HIDDEN_SD = 0.40
-"""Share by which risers that were not seen may differ from usual ones."""
+_HIDDEN_SD = 0.40, 0.15
+"""Share by which risers and treads that were not seen may differ from usual ones."""
+_ALIKE_SD = 0.05, 0.05
+"""The same of those that are like the stairs that were seen last."""
+_ALIKE_M = 0.03
+"""By how much a fall may differ from so many risers of those."""
+_KNOWN_RISER_M, _KNOWN_TREAD_M = 0.01, 0.03
+"""Deviations below which stairs are known well."""
+_UNDER_M, _BEGIN_SD_M = 0.5, 0.1
+"""Ground that is seen from so far before the body on begins there; deviation of where."""
 _GAP_SD = 4.0
 """Length of what is hidden behind an edge over the deviation that the map tells of the edge."""
 
@@ -57,22 +65,51 @@ class Piece:
         return self.end - self.start
 
 
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """Sizes of the stairs that were seen last: those of one building are alike.
+
+    Attributes:
+        riser: m.
+        tread: m.
+    """
+
+    riser: float
+    tread: float
+
+
+def seen_last(estimate: TerrainEstimate, before: Flight | None) -> Flight | None:
+    """Of the stairs that are known well those with most steps; where there are none, as before."""
+    most = np.array([_KNOWN_RISER_M, _KNOWN_TREAD_M]) ** 2
+    known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
+    if not known:
+        return before
+    longest = max(known, key=lambda flight: flight.steps)
+    return Flight(riser=longest.riser, tread=longest.tread)
+
+
 def pieces(
-    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: LocomotionModeParameters
-) -> list[Piece]:
-    """Cuts a profile at its changes.
+    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: LocomotionModeParameters,
+    usual: Flight | None = None,
+) -> list[Piece]:  # fmt: skip
+    """Cuts a profile at its changes; of what lies behind s = 0 no more than one piece is told.
 
     Args:
         profile: Of the ground along the way.
         estimate: The planes and terrains that it shows; None: nothing is known.
         forward: (2,) unit vector of the way.
         p: Deviations.
+        usual: Stairs as they are here; None: none were seen.
     """
     changes, until = _walked(_over(profile.changes, p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
+    seen = profile.s[profile.plane >= 0]
+    if len(seen) and seen[0] > p.behind_m + _UNDER_M:  # what is seen afar says nothing of the slope under the feet
+        bounds.append(_Bound(float(seen[0]), _BEGIN_SD_M, 0.0))
     for change in changes:
-        bounds += _bounds(change, p)
-    bounds = [*bounds[:_MOST], _Bound(math.inf, 0.0, 0.0)]
+        bounds += _bounds(change, usual, p)
+    first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
+    bounds = [*bounds[first : first + _MOST], _Bound(math.inf, 0.0, 0.0)]
     made = []
     for one, other in pairwise(bounds):
         slope, slope_sd = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
@@ -136,7 +173,7 @@ class _Bound(NamedTuple):
     drop_sd: float = 0.0
 
 
-def _bounds(change: Change, p: LocomotionModeParameters) -> list[_Bound]:
+def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -> list[_Bound]:
     """A change as edges that one can step over.
 
     Who looks down over an edge sees its ground up to the edge, and what lies behind it not at all: the edge is where
@@ -146,18 +183,29 @@ def _bounds(change: Change, p: LocomotionModeParameters) -> list[_Bound]:
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
     hidden = _GAP_SD * change.sd
-    count = round(-change.drop / p.riser_m)
+    riser, tread, riser_sd, tread_sd = _hidden_steps(-change.drop, usual, p)
+    count = round(-change.drop / riser)
     sd = min(change.sd, p.brink_sd_m)
     brink = change.s + max(sd - p.place_sd_m, 0.0)
     first = _Bound(brink, sd, change.drop)
     if -change.drop < p.riser_max_m or count < 2 or hidden < p.tread_min_m:
         return [first]
-    tread = hidden / (count - 1)
-    if tread < p.tread_min_m:
+    if hidden / (count - 1) < p.tread_min_m:
         count = 1 + int(hidden / p.tread_min_m)
-        tread = hidden / max(count - 1, 1)
-    tread, drop = min(tread, p.tread_max_m), change.drop / count
-    return [_Bound(brink + k * tread, p.brink_sd_m * (1.0 + k), drop, _HIDDEN_SD * abs(drop)) for k in range(count)]
+    tread, drop = min(hidden / max(count - 1, 1), tread), change.drop / count
+    return [
+        _Bound(brink + k * tread, p.brink_sd_m + tread_sd * k * tread, drop, riser_sd * abs(drop)) for k in range(count)
+    ]
+
+
+def _hidden_steps(fall: float, usual: Flight | None, p: LocomotionModeParameters) -> tuple[float, float, float, float]:
+    """Riser and tread of stairs that nobody sees, m, and by which share either may differ.
+
+    As those seen last, where so many of them make the fall; else as they are anywhere.
+    """
+    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < _ALIKE_M:
+        return usual.riser, usual.tread, *_ALIKE_SD
+    return p.riser_m, p.tread_m, *_HIDDEN_SD
 
 
 def _slope(
@@ -176,6 +224,36 @@ def _slope(
         return slope, sd
     share = p.flat_sd_rad**2 / (p.flat_sd_rad**2 + sd**2)
     return share * slope, math.sqrt(share) * sd
+
+
+def under(ground: Sequence[Piece], s: float, p: LocomotionModeParameters) -> int:
+    """Number of the piece under the middle of a sole whose heel's centre is at s, m along the way."""
+    middle = s + 0.5 * (p.toe_m - p.heel_m)
+    return next(k for k, piece in enumerate(ground) if middle < piece.end)
+
+
+def lie(ground: Sequence[Piece], s: Array) -> tuple[Array, Array, Array]:
+    """(S,) m height over the first piece's at s = 0, (S,) rad slope and (S,) its deviation, along the way."""
+    height, slope, slope_sd = (np.zeros(len(s)) for _ in range(3))
+    base = 0.0
+    for k, piece in enumerate(ground):
+        here = (s >= piece.start) & (s < piece.end) if k else s < piece.end
+        begin = piece.start if k else 0.0
+        base += piece.drop if k else 0.0
+        height[here] = base + math.tan(piece.slope) * (s[here] - begin)
+        slope[here], slope_sd[here] = piece.slope, piece.slope_sd
+        if math.isfinite(piece.end):
+            base += math.tan(piece.slope) * (piece.end - begin)
+    return height, slope, slope_sd
+
+
+def heights(ground: Sequence[Piece], profile: Profile, s: Array) -> Array | None:
+    """(S,) m, of the ground at places along the way, also where it is not seen; None where nothing of it is."""
+    known = np.isfinite(profile.height)
+    if not known.any():
+        return None
+    off = np.median(profile.height[known] - lie(ground, profile.s[known])[0])
+    return np.asarray(lie(ground, s)[0] + off)
 
 
 def edges_before(ground: Sequence[Piece]) -> list[int]:

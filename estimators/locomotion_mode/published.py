@@ -13,8 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stridetwin.estimators.locomotion_mode.estimate import MODES, StepPrediction
 from stridetwin.estimators.locomotion_mode.footsteps import SIDE
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.rhythm import SOON_S, Rhythm
 from stridetwin.estimators.terrain_map import Ramp, TerrainMap
 from stridetwin.streams.samples import Array
 
@@ -56,11 +58,6 @@ class WalkingInformation:
         self._divisions = [*self._divisions[-2:], division]
 
     @property
-    def latest(self) -> tuple[Division, Division]:
-        """The last two touch-downs, of two at least."""
-        return self._divisions[-2], self._divisions[-1]
-
-    @property
     def last(self) -> Division | None:
         """The latest touch-down."""
         return self._divisions[-1] if self._divisions else None
@@ -68,6 +65,11 @@ class WalkingInformation:
     def sizes(self) -> list[float]:
         """δ of eq. (16), m, the last two in order."""
         return [float(np.linalg.norm((b.p - a.p)[:2])) for a, b in zip(self._divisions, self._divisions[1:])]
+
+    def last_size(self) -> float | None:
+        """The latest of them; None where there is none."""
+        sizes = self.sizes()
+        return sizes[-1] if sizes else None
 
     def step_time(self) -> float:
         """Between the last two touch-downs, s; NaN where there are not two."""
@@ -140,3 +142,38 @@ def mode_between(
     if isinstance(before[1], Ramp) or abs(risen) < p.kerb_m:
         return "LG", height
     return ("SA" if risen > 0 else "SD"), height
+
+
+def coming_steps(
+    walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
+    p: LocomotionModeParameters,
+) -> tuple[StepPrediction, ...]:  # fmt: skip
+    """The coming steps as the paper tells them; LG where too little is known.
+
+    Args:
+        walking: The last touch-downs.
+        rhythm: Which foot is next.
+        ground: The map.
+        body: (2,) m, where the camera is.
+        step_s: Time of a step.
+        t_ns: Now.
+        p: Thresholds.
+    """
+    size, before, steps = walking.next_size(), walking.stance(), []
+    for k, foot in enumerate(rhythm.coming()):
+        told = walking.footprint(k + 1)
+        at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * SOON_S * (k + 1)))
+        place, height, mode = body, math.nan, "LG"
+        if told is not None:
+            place, forward = told
+            here = place - forward * size if before is None else before
+            mode, height = mode_between(ground, here, place, forward, p)
+            before = place
+        steps.append(
+            StepPrediction(
+                step=rhythm.step + k + 1, foot=foot, mode=mode, probabilities={m: float(m == mode) for m in MODES},
+                t_ns=at_ns, t_sd_s=math.nan, p_foot_in_world=np.array([*place, height]),
+                covariance=np.full((2, 2), math.nan),
+            )
+        )  # fmt: skip
+    return tuple(steps)

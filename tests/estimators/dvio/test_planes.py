@@ -234,12 +234,13 @@ def test_the_plane_unseen_for_longest_makes_room_and_one_in_sight_does_not():
 def test_a_bare_wall_holds_distance_and_attitude():
     """From a time on nothing is painted on the wall: its depth alone holds what it tells of."""
     wall = Wall(swaying, 12.0, seed=9)
+    both, lasts = [Dvio(rig(), parameters=DvioParameters(planes=on)) for on in (False, True)], [None, None]
+    for s in wall.samples():
+        if isinstance(s, Image) and s.t_ns > 5e9:
+            s = replace(s, pixels=np.full_like(s.pixels, 128))
+        lasts = [odometry.update(s) or last for odometry, last in zip(both, lasts)]
     ends = []
-    for on in (False, True):
-        odometry, last = Dvio(rig(), parameters=DvioParameters(planes=on)), None
-        for s in wall.samples():
-            bare = isinstance(s, Image) and s.t_ns > 5e9
-            last = odometry.update(replace(s, pixels=np.full_like(s.pixels, 128)) if bare else s) or last
+    for last in lasts:
         R, p = wall.pose(last.t_ns * 1e-9)
         turned_by = Rotation.from_matrix(last.T_world_imu[:3, :3] @ R.T).as_rotvec()
         ends.append((abs(last.T_world_imu[0, 3] - p[0]), np.abs(turned_by[1:]).max()))

@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.footing import Footing, Line
 from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
-from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table, pieces, unseen, weights, with_unseen
+from stridetwin.estimators.locomotion_mode.pieces import Flight, Piece, mode_table, pieces, unseen, weights, with_unseen
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
+from stridetwin.estimators.locomotion_mode.rhythm import Landing
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
 from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
 from stridetwin.estimators.terrain_map import Change, Profile
@@ -143,6 +145,66 @@ def test_hidden_stairs_down_are_no_brink():
     made = pieces(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P)
     assert len(made) == 5
     assert all(m.drop == pytest.approx(-0.18) for m in made[1:])
+
+
+def test_what_is_seen_afar_says_nothing_of_the_ground_under_the_feet():
+    here = P.behind_m
+    assert len(pieces(way(seen=lambda s: s > here + 0.3), None, np.array([1.0, 0.0]), P)) == 1
+    feet, afar = pieces(way(seen=lambda s: s > here + 0.8), None, np.array([1.0, 0.0]), P)
+    assert feet.end == afar.start == pytest.approx(here + 0.8, abs=0.03)
+    assert (feet.slope, feet.mode, afar.drop) == (0.0, "LG", 0.0)
+
+
+def test_hidden_stairs_are_like_those_seen_last():
+    made = pieces(way((2.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
+    assert [m.drop for m in made[1:]] == pytest.approx([-0.15] * 5)
+    assert np.diff([m.start for m in made[1:]]) == pytest.approx(0.28)
+    assert made[1].drop_sd < 0.01
+
+
+def test_hidden_stairs_that_cannot_be_like_those_are_as_anywhere():
+    made = pieces(way((2.0, -0.72, 0.9 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.25, tread=0.28))
+    assert [m.drop for m in made[1:]] == pytest.approx([-0.18] * 4)
+    assert made[1].drop_sd > 0.05
+
+
+def test_the_brink_that_a_walker_has_left_behind_still_tells_where_the_hidden_treads_are():
+    made = pieces(way((-1.0, -0.75, 1.4 / 4)), None, np.array([1.0, 0.0]), P, Flight(riser=0.15, tread=0.28))
+    assert [m.start for m in made] == pytest.approx([-1.0 + 0.28 * k for k in (3, 4)], abs=0.05)
+    assert made[1].drop == pytest.approx(-0.15)
+
+
+def test_the_top_of_the_body_tells_on_which_tread_the_foot_stands():
+    """Treads of 0.28 m and 0.15 m down; a body that rises 1.5 m over feet on the level."""
+    footing, line = Footing(P), Line(np.zeros(2), np.array([1.0, 0.0]))
+    height = -0.15 * np.clip(np.ceil((footing.s - 2.0) / 0.28), 0.0, 4.0)
+    wide = np.exp(-0.5 * ((footing.s - 2.3) / 0.2) ** 2)
+    wide /= wide.sum()
+    assert footing.stood(wide, height, 1.5) is wide  # how tall he is is not known yet
+    level = np.zeros(len(footing.s))
+    for k in range(8):
+        landing = Landing(feet=("lr"[k % 2],), after=True)
+        footing.land(landing, Line(np.array([0.6 * k, 0.0]), line.forward), ground(), level, 1.45, 1.5, 0.0, 0.6)
+    for tread in (1, 2, 3):
+        stood = footing.stood(wide, height, 1.52 - 0.15 * tread)
+        assert stood[np.isclose(height, -0.15 * tread)].sum() > 0.9
+    assert footing.stood(wide, None, 1.5) is wide
+
+
+@pytest.mark.parametrize("degrees", [5.0, 15.0, 60.0, 90.0, 150.0])
+def test_a_foot_stays_where_it_is_when_the_walker_turns(degrees):
+    footing, east = Footing(P), np.array([1.0, 0.0])
+    for k in range(4):
+        landing = Landing(feet=("lr"[k % 2],), after=True)
+        line = Line(np.array([0.6 * k - P.behind_m, 0.0]), east)
+        footing.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
+    ahead, _ = moments(footing.standing(line), footing.s)
+    foot = line.origin + ahead * east
+    body, turned = line.origin + P.behind_m * east, math.radians(degrees)
+    to = np.array([math.cos(turned), math.sin(turned)])
+    s, sd = moments(footing.standing(Line(body - P.behind_m * to, to)), footing.s)
+    assert s - P.behind_m == pytest.approx((foot - body) @ to, abs=0.03)
+    assert sd < 0.15
 
 
 def test_ground_that_was_not_seen_may_be_any():
