@@ -1,9 +1,8 @@
 """What was seen ahead of a walker on a whole recording: ground and coming steps, beside the truth.
 
 The odometry's poses lead a terrain map and, where there are insoles, the prediction of locomotion modes through the
-recording, as they would on the walker. Of the depth stream as many pictures are taken as the estimators' figures were
-measured with. What they tell is laid over the truth as it was at each instant, so that the drift of the poses is the
-odometry's error alone.
+recording, as they would on the walker. What they tell is laid over the truth as it was at each instant, so that the
+drift of the poses is the odometry's error alone.
 """
 
 from __future__ import annotations
@@ -19,24 +18,23 @@ from numpy.typing import NDArray
 from stridetwin.estimators.locomotion_mode import LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import Plane, Stairs, TerrainEstimate, TerrainMap
 from stridetwin.scenarios.evaluate import Estimate, true_path
+from stridetwin.scenarios.footprints import FOOTPRINTS, along_way, true_footprints
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.ground_grid import KINDS, GroundGrid, kinds_at
-from stridetwin.scenarios.laying import Laying
+from stridetwin.scenarios.laying import Laid, Laying
 from stridetwin.scenarios.map_score import MapScorer, MapScores, map_figures
+from stridetwin.scenarios.mode_figures import mode_figures
 from stridetwin.scenarios.mode_files import INSOLES
-from stridetwin.scenarios.mode_score import Laid, ModeScores, mode_figures, score_modes
+from stridetwin.scenarios.mode_score import ModeScores, score_modes
 from stridetwin.scenarios.odometry import mount_of
 from stridetwin.scenarios.scoring import Scores
-from stridetwin.scenarios.step_scores import FOOTPRINTS
-from stridetwin.scenarios.terrain_files import depth_camera, pose_sample
+from stridetwin.scenarios.terrain_files import depth_camera, pose_sample, seen_from
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.route import Layout
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array, Depth, Footprint, Sample
 from stridetwin.streams.trajectory import Trajectory
 
-PICTURES_HZ = 15.0
 HALF_WIDTH_M, CELL_M = 1.0, 0.04
 """How far to each side of the way the ground is kept, and how finely."""
 _SOLE_M = 0.27
@@ -142,8 +140,7 @@ def look_ahead(recording: Recording, odometry: Estimate, progress: Callable[[str
     """
     camera, layout = depth_camera(recording.rig), from_metadata(recording.metadata)
     assert layout is not None
-    T_body_imu = recording.rig.imu(f"/{odometry.frame}").mount.T_body_sensor
-    mount = Mount(body=camera.mount.body, T_body_sensor=np.linalg.inv(T_body_imu) @ camera.mount.T_body_sensor)
+    mount = seen_from(recording.rig.imu(f"/{odometry.frame}").mount, camera)
     ground = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
     insoles = [topic for topic in INSOLES if topic in recording.topics]
     predictor = LocomotionMode(ground, camera, mount=mount) if insoles else None
@@ -153,8 +150,8 @@ def look_ahead(recording: Recording, odometry: Estimate, progress: Callable[[str
     true = truth.at(told.t_ns)
     laid = Laid(told, true)
     here = layout.way.project(true.p_frame_in_world[:, :2])
-    footprints = list(recording.block(FOOTPRINTS))
-    places = layout.way.project(np.array([f.p_foot_in_world[:2] for f in footprints]), 1.5)
+    footprints = true_footprints(recording)
+    places = along_way([f.p_foot_in_world for f in footprints], layout)
     scorer = MapScorer(layout, np.column_stack([[f.t_ns for f in footprints], places]))
     way = _Unrolled(layout, float(here.min()) - 0.5, float(max(here.max(), places.max())) + 1.0)
 
@@ -231,15 +228,9 @@ def _trusted(odometry: Estimate, truth: TruePath) -> Trajectory:
 
 
 def _samples(recording: Recording, told: Trajectory, insoles: list[str], depth: str) -> Iterator[Sample]:
-    """Poses, insoles and some of the depth pictures in order of time, a pose before the picture of its instant."""
+    """Poses, insoles and depth pictures in order of time, a pose before the picture of its instant."""
     poses: Iterator[Sample] = map(pose_sample, told.t_ns.tolist(), told.p_frame_in_world, told.q_world_frame)
-    due_ns = -(2**62)
-    for sample in heapq.merge(poses, recording.samples([*insoles, depth]), key=lambda s: s.t_ns):
-        if isinstance(sample, Depth):
-            if sample.t_ns < due_ns:
-                continue
-            due_ns = sample.t_ns + int(0.9e9 / PICTURES_HZ)
-        yield sample
+    return heapq.merge(poses, recording.samples([*insoles, depth]), key=lambda s: s.t_ns)
 
 
 class _Unrolled:

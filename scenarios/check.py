@@ -66,6 +66,8 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
     findings += [Finding(topic="", what=w, spoils=False) for w in recording.warnings]
     if not recording.has_rig:
         findings.append(Finding(topic="", what="no calibration inside", spoils=True))
+    if not recording.topics:
+        findings.append(Finding(topic="", what="no stream that can be read", spoils=True))
     topics: dict[str, dict[str, Any]] = {}
     for i, topic in enumerate(sorted(recording.topics)):
         progress(i / len(recording.topics))
@@ -84,6 +86,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
     data = {
         "recording": str(recording.path),
         "duration_s": recording.duration,
+        "schema_version": recording.schema_version,
         "topics": topics,
         "camera_clocks": clocks,
         "findings": [vars(f) for f in findings],

@@ -20,7 +20,7 @@ from stridetwin.estimators.contact_terrain.geometry import (
     parse_exoskeleton,
     to_text,
 )
-from stridetwin.sim.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, dh_table
+from stridetwin.sim.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, ExoLinks, dh_table
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Rig
@@ -48,8 +48,8 @@ def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
         StrideTwinError: There is no exoskeleton.
     """
     links = size.exo
-    if links is None:
-        raise StrideTwinError("the wearer has no exoskeleton")
+    if not isinstance(links, ExoLinks):
+        raise StrideTwinError("the wearer has no exoskeleton, or one of the user's own, without a D-H table")
 
     def mount(topic: str, frame: int) -> Attitude:
         return Attitude(
@@ -96,7 +96,8 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
 def metadata(twin: Twin) -> dict[str, str]:
     """Geometry for a recording's metadata; nothing where a walk lacks the exoskeleton or its sensors."""
     kinds = {sensor.kind for sensor in twin.rig.others.values()}
-    return {KEY: to_text(geometry(twin.size, twin.rig))} if kinds >= _SENSORS else {}
+    is_known = kinds >= _SENSORS and isinstance(twin.size.exo, ExoLinks)
+    return {KEY: to_text(geometry(twin.size, twin.rig))} if is_known else {}
 
 
 def tells_geometry(recording: Recording) -> bool:

@@ -29,6 +29,7 @@ def export(
     camera: str | None = None,
     storage: str = "mcap",
     stereo_baseline_m: float | None = None,
+    model: str = "rajagopal",
 ) -> dict[str, int]:
     """Writes a recording in another format.
 
@@ -41,6 +42,7 @@ def export(
         camera: For `euroc` and `tum`, the topic of the camera; the first with depth by default.
         storage: For `rosbag2`, `mcap` or `sqlite3`.
         stereo_baseline_m: For `euroc`, makes a right camera at this distance from depth.
+        model: For `opensim`, `rajagopal` or `gait2392`.
 
     Returns:
         Rows written, by what they are.
@@ -59,7 +61,7 @@ def export(
         "euroc": lambda folder: write_euroc(recording, folder, camera, stereo_baseline_m),
         "tum": lambda folder: write_tum_rgbd(recording, folder, camera),
         "rosbag2": lambda folder: write_rosbag2(recording, folder, output.name, storage),
-        "opensim": lambda folder: write_opensim(recording, folder),
+        "opensim": lambda folder: write_opensim(recording, folder, model),
     }
     if output.exists() and not (output.is_dir() and not any(output.iterdir())):
         raise ConfigError("export", "-o", str(output), "a folder that is new or empty")

@@ -15,6 +15,7 @@ from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.scenarios.ahead import CELL_M, HALF_WIDTH_M, Ahead
 from stridetwin.scenarios.figures_path import GROUND, INK, outline
 from stridetwin.scenarios.flights import edges
+from stridetwin.scenarios.footprints import along_way
 from stridetwin.scenarios.ground_grid import KIND_COLORS, KINDS
 from stridetwin.scenarios.map_score import true_heights
 from stridetwin.scenarios.mode_score import ScoredMode, first_steps, told_by_step
@@ -27,7 +28,8 @@ _HEX = {kind: "#" + "".join(f"{c:02x}" for c in rgb) for kind, rgb in zip(KINDS,
 _PALE = 0.45
 _TRUE_STEP, _PATH = "#ffffff", "#5b6b7f"
 _ROW_M, _NARROW_ROW_M, _MOST_ROWS = 12.0, 5.0, 8
-_WITHIN_95 = 2.448  # deviations that hold 95 % of a normal density in the plane
+WITHIN_95 = 2.448
+"""Deviations that hold 95 % of a normal density in the plane."""
 _LINE_M = 0.2
 _CLEAR_M = 0.06
 _LEAST_CLEAR = 0.3  # of the cells across the way
@@ -56,7 +58,7 @@ class _Prints:
 
     def __init__(self, ahead: Ahead) -> None:
         way = ahead.layout.way
-        self.s = way.project(np.array([f.p_foot_in_world[:2] for f in ahead.footprints]), 1.5)
+        self.s = along_way([f.p_foot_in_world for f in ahead.footprints], ahead.layout)
         self.first, self.last = float(self.s.min()), float(self.s.max())
         self.heading = way.heading(self.s)
         self._origin = way.point(self.s)
@@ -107,7 +109,7 @@ def _row(ahead: Ahead, prints: _Prints, width: float, span: tuple[float, float],
             continue
         told = prints.told[i]
         if told is not None and np.isfinite(told[2]).all():
-            plot.ellipse(told[1], told[2], _WITHIN_95, "#ffffff66")
+            plot.ellipse(told[1], told[2], WITHIN_95, "#ffffff66")
         plot.polygon(true[:, 0], true[:, 1], _TRUE_STEP, stroke="#46546a")
         if told is not None:
             ends = np.vstack([told[0], told[0][:1]])

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stridetwin.scenarios.figures_path import GROUND, INK, to_scale
+from stridetwin.scenarios.footprints import along_way
 from stridetwin.scenarios.steps import ScoredStep
 from stridetwin.scenarios.svg import Plot, data_range, wide_and_narrow
 from stridetwin.sim.route import Layout
@@ -14,7 +15,6 @@ from stridetwin.streams.samples import Array
 
 _PLANE_M, _NORMAL_M = 0.26, 0.16
 _TOLD, _NORMAL = "#0a7d7d", "#c92a2a"
-_REACH_M = 1.5  # no step is longer
 
 
 def steps_from_aside(layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet") -> str:
@@ -26,7 +26,7 @@ def steps_from_aside(layout: Layout | None, steps: Sequence[ScoredStep], title: 
         title: Of the figure.
     """
     true, told, slopes = _places(steps)
-    s = true[:, 0] if layout is None else layout.way.project(true[:, :2], _REACH_M)
+    s = true[:, 0] if layout is None else along_way(true, layout)
     heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)
     error = told - true
     s_told = s + error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading)

@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from stridetwin.sim.route import Layout, Slab, Strip  # plain data: needs no simulator
 from stridetwin.sim.way import Piece, Way
+from stridetwin.streams.errors import RecordingError
 
 KEY = "terrain"
 
@@ -23,12 +24,19 @@ def to_text(layout: Layout) -> str:
 
 
 def from_metadata(metadata: Mapping[str, str]) -> Layout | None:
-    """The layout of a recording's metadata; None where it has none."""
+    """The layout of a recording's metadata; None where it has none.
+
+    Raises:
+        RecordingError: It is none.
+    """
     if KEY not in metadata:
         return None
-    rows = json.loads(metadata[KEY])
-    return Layout(
-        way=Way(pieces=tuple(Piece(**row) for row in rows["way"])),
-        profile=tuple(Strip(**row) for row in rows["profile"]),
-        slabs=tuple(Slab(**row) for row in rows["slabs"]),
-    )
+    try:
+        rows = json.loads(metadata[KEY])
+        return Layout(
+            way=Way(pieces=tuple(Piece(**row) for row in rows["way"])),
+            profile=tuple(Strip(**row) for row in rows["profile"]),
+            slabs=tuple(Slab(**row) for row in rows["slabs"]),
+        )
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise RecordingError(f"metadata {KEY}: no terrain of ours: {' '.join(str(error).split())[:120]}") from error

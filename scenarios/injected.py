@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from stridetwin.sim.faults import Events, Fault
+from stridetwin.streams.errors import RecordingError
 
 KEY = "faults"
 
@@ -38,5 +39,12 @@ def to_text(planned: Iterable[tuple[Fault, Events]]) -> str:
 
 
 def from_metadata(metadata: Mapping[str, str]) -> list[Injected]:
-    """What a recording tells of its faults, in order of time; nothing where none were injected."""
-    return [Injected(**entry) for entry in json.loads(metadata.get(KEY, "[]"))]
+    """What a recording tells of its faults, in order of time; nothing where none were injected.
+
+    Raises:
+        RecordingError: It is no list of them.
+    """
+    try:
+        return [Injected(**entry) for entry in json.loads(metadata.get(KEY, "[]"))]
+    except (ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(f"metadata {KEY}: no faults of ours: {' '.join(str(error).split())[:120]}") from error

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.scenarios.flights import edges, flights
+from stridetwin.scenarios.footprints import asked_ns
 from stridetwin.scenarios.laying import Laying
 from stridetwin.scenarios.scoring import Scores
-from stridetwin.scenarios.terrain_files import depth_camera, given_poses
 from stridetwin.sim.route import Layout, Slab, Strip
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.samples import Array, Depth, Odometry, Sample
+from stridetwin.streams.samples import Array
 
 if TYPE_CHECKING:
-    from stridetwin.sim.terrain import Terrain
+    pass
 
-LEAD_S = 1.5
-"""How long before the foot lands beyond a change it is asked for."""
 _HALF_WIDTH_M = 0.5
 _NEAR_M, _FAR_M = 0.5, 2.5
 _COMPLETE_M = 0.03
@@ -62,7 +58,7 @@ class TrueChange:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredChange:
-    """A change as it was known `LEAD_S` before.
+    """A change as it was known when it was asked for (`asked_ns`).
 
     Attributes:
         true: What there is.
@@ -104,41 +100,6 @@ class MapScores:
     accuracy_p95_m: float
     completeness: float
     edge_errors: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class Drift:
-    """What an odometry does to true poses.
-
-    Attributes:
-        share: Error of the position over the way travelled.
-        attitude_sd_rad: Standard deviation of roll, pitch and yaw about the truth.
-        attitude_s: How long such an error lasts.
-    """
-
-    share: float = 0.005
-    attitude_sd_rad: float = math.radians(0.1)
-    attitude_s: float = 1.0
-
-    def applied(self, poses: Iterable[Odometry], rng: np.random.Generator) -> Iterator[Odometry]:
-        """Poses as the odometry would tell them."""
-        direction = rng.normal(size=3)
-        direction /= np.linalg.norm(direction)
-        turn = rng.normal(size=3) * self.attitude_sd_rad
-        off = np.zeros(3)
-        last: Odometry | None = None
-        for pose in poses:
-            if last is not None:
-                keep = math.exp(-(pose.t_ns - last.t_ns) * 1e-9 / self.attitude_s)
-                turn = keep * turn + math.sqrt(1 - keep**2) * self.attitude_sd_rad * rng.normal(size=3)
-                off = off + direction * self.share * np.linalg.norm(pose.p_frame_in_world - last.p_frame_in_world)
-            last = pose
-            q = Rotation.from_rotvec(turn) * Rotation.from_quat(pose.q_world_frame, scalar_first=True)
-            yield Odometry(
-                topic=pose.topic, t_ns=pose.t_ns, p_frame_in_world=pose.p_frame_in_world + off,
-                q_world_frame=q.as_quat(scalar_first=True), v_frame_in_world=pose.v_frame_in_world,
-                angular_rate=pose.angular_rate,
-            )  # fmt: skip
 
 
 def mesh_of(slabs: Sequence[Slab]) -> Array:
@@ -195,62 +156,6 @@ def true_changes(profile: Sequence[Strip]) -> list[TrueChange]:
     return sorted(found, key=lambda change: change.s)
 
 
-def score_recording(
-    recording: Recording, terrain: Terrain, drift: Drift, rng: np.random.Generator, mapper: TerrainMap | None = None
-) -> MapScores:
-    """Walks through a twin's recording with a drifting odometry and scores the map that arises.
-
-    Args:
-        recording: With depth, the true path of the camera's IMU and the true footprints.
-        terrain: What was walked on; its way is straight.
-        drift: Of the odometry.
-        rng: What the drift is drawn from.
-        mapper: The map; None makes one with its standard parameters.
-    """
-    camera = depth_camera(recording.rig)
-    topic, mount = given_poses(recording, camera)
-    poses = recording.block(topic)
-    footprints = recording.block("/truth/footprints")
-    path = np.column_stack([footprints.t_ns, terrain.layout.way.project(footprints.columns["p_foot_in_world"][:, :2])])
-    mapper = mapper or TerrainMap(recording.rig, mount=mount)
-    truth = {pose.t_ns: pose for pose in poses}
-    told = drift.applied(poses, rng)
-    samples: Iterator[Sample] = iter(recording.samples([camera.depth_topic]))
-    return score_samples(samples, truth, told, path, terrain.layout, mapper)
-
-
-def score_samples(
-    pictures: Iterable[Sample], truth: dict[int, Odometry], told: Iterator[Odometry], path: Array, layout: Layout,
-    mapper: TerrainMap,
-) -> MapScores:  # fmt: skip
-    """As `score_recording`, from its parts.
-
-    Args:
-        pictures: Depth in time order.
-        truth: True poses by their stamps.
-        told: The same poses as the odometry tells them, in order.
-        path: (F, 2) times (ns) and arc lengths (m) of the true footprints.
-        layout: Of what was walked on.
-        mapper: The map.
-    """
-    scorer = MapScorer(layout, path)
-    pose = next(told)
-    pending: Odometry | None = next(told, None)
-    for picture in pictures:
-        if not isinstance(picture, Depth):
-            continue
-        while pending is not None and pending.t_ns <= picture.t_ns:
-            mapper.update(pose)
-            pose, pending = pending, next(told, None)
-        mapper.update(pose)
-        if mapper.update(picture) is not None:
-            true = truth[pose.t_ns].p_frame_in_world
-            begin = float(np.interp(pose.t_ns, *path.T))
-            here = float(layout.way.project(true[None, :2], begin=begin)[0])
-            scorer.look(picture.t_ns, mapper, Laying(told=pose.p_frame_in_world, true=true), here)
-    return scorer.scores()
-
-
 class MapScorer:
     """Looks at a map as it arises, and tells its scores.
 
@@ -261,7 +166,7 @@ class MapScorer:
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
-        self._asked = [(change, _asked_ns(change, path)) for change in true_changes(layout.profile)]
+        self._asked = [(change, asked_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
         self._changes: list[ScoredChange] = []
         self._points: list[Array] = []
         self._complete: list[float] = []
@@ -333,12 +238,6 @@ def _rms(values: Array | Sequence[float]) -> float:
     """Of those that are known; NaN of none."""
     known = np.asarray(values, float)[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
-
-
-def _asked_ns(change: TrueChange, path: Array) -> float:
-    """When the change is asked for: `LEAD_S` before the first foot lands beyond it."""
-    beyond = path[path[:, 1] > change.s]
-    return float(beyond[0, 0]) - LEAD_S * 1e9 if len(beyond) else math.inf
 
 
 def _ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Profile:

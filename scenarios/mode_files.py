@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,21 +81,35 @@ def follow_modes(predictor: LocomotionMode, samples: Iterable[Sample]) -> Iterat
             yield estimate
 
 
-def predicted_steps(estimates: Sequence[ModeEstimate]) -> list[PredictedStep]:
-    """Each step that was made, as it was last told before."""
-    since: dict[int, tuple[str, int]] = {}
-    found = []
-    before: ModeEstimate | None = None
-    for estimate in estimates:
+class MadeSteps:
+    """Each step that is made, as it was last told before, while estimates come."""
+
+    def __init__(self) -> None:
+        self._since: dict[int, tuple[str, int]] = {}
+        self._before: ModeEstimate | None = None
+
+    def add(self, estimate: ModeEstimate) -> PredictedStep | None:
+        """Takes what is told; returns the step that has been made since it was last told, if one has."""
+        since, before, made = self._since, self._before, None
         if before is not None and estimate.step > before.step:
             step = before.steps[0]
-            found.append(PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9))
-            since = {number: told for number, told in since.items() if number > estimate.step}
+            made = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9)
+            self._since = since = {number: told for number, told in since.items() if number > estimate.step}
         for step in estimate.steps:
             if since.get(step.step, ("", 0))[0] != step.mode:
                 since[step.step] = step.mode, estimate.t_ns
-        before = estimate
-    return found
+        self._before = estimate
+        return made
+
+    def steady_s(self, estimate: ModeEstimate) -> float:
+        """For how long the next step's mode had been told in the estimate that was added last."""
+        return (estimate.t_ns - self._since[estimate.steps[0].step][1]) * 1e-9
+
+
+def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
+    """Each step that was made, as it was last told before."""
+    steps = MadeSteps()
+    return [made for estimate in estimates if (made := steps.add(estimate)) is not None]
 
 
 def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
@@ -104,10 +118,11 @@ def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
-            writer.writerow(_cells(row))
+            writer.writerow(mode_cells(row))
 
 
-def _cells(row: PredictedStep) -> list[str]:
+def mode_cells(row: PredictedStep) -> list[str]:
+    """A step as a row of `COLUMNS`."""
     step, change = row.step, row.estimate.change
     heading = np.array([math.cos(row.estimate.heading), math.sin(row.estimate.heading)])
     variance = float(heading @ step.covariance @ heading)

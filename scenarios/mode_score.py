@@ -1,4 +1,4 @@
-"""Predicted locomotion modes beside the true footprints: right or not, how long before, how far off.
+"""Predicted steps beside the true footprints: mode right or not, how long before, how far off.
 
 The true mode of a step is that of the ground from the footprint before to its own (`Footprint.mode`). A prediction
 counts at the last update before its foot touches down; its lead is how long before that it became right and stayed so.
@@ -9,7 +9,7 @@ pass.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -17,26 +17,14 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
-from stridetwin.scenarios.flights import flights
-from stridetwin.scenarios.laying import Laying
-from stridetwin.sim.route import Layout, Strip
-from stridetwin.streams.samples import Array, Footprint
-from stridetwin.streams.trajectory import Trajectory
+from stridetwin.scenarios.change_score import ScoredApproach, mode_of, score_approaches
+from stridetwin.scenarios.footprints import along_way
+from stridetwin.scenarios.laying import Laid
+from stridetwin.sim.route import Layout
+from stridetwin.streams.samples import Footprint
 
-ASKED_S = 1.5
-"""How long before the foot lands beyond a change its place and size are asked for."""
 _JUST_LANDED_NS = 150_000_000
 _HEEL_M = 0.045
-_STAIR_M = 0.07
-_BINS = 10
-_STEADY = 0.2
-"""Steps in steady walking differ by no more, as a share of the shortest."""
-_SIZES = (
-    ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
-)  # fmt: skip
-_SEEN = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
-"""A size that is told with a larger deviation is a guess at what is usual: behind a brink nothing is seen."""
-_REACH_M = 1.5  # no step is longer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,61 +77,13 @@ class ScoredMode:
         return len(self.allowed) > 1
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScoredApproach:
-    """A true change of the ground, and how it was known `ASKED_S` before the first foot landed beyond it.
-
-    Attributes:
-        mode: Of the steps beyond it.
-        found: Whether the next change was told with this mode within 0.4 m.
-        distance_m: Told less true place along the way, NaN where it was not found; likewise below.
-        distance_sd_m: As told.
-        riser_m: Told less true.
-        riser_sd_m: As told.
-        tread_m: Told less true.
-        tread_sd_m: As told.
-        slope_rad: Told less true.
-        slope_sd_rad: As told.
-    """
-
-    mode: str
-    found: bool
-    distance_m: float = math.nan
-    distance_sd_m: float = math.nan
-    riser_m: float = math.nan
-    riser_sd_m: float = math.nan
-    tread_m: float = math.nan
-    tread_sd_m: float = math.nan
-    slope_rad: float = math.nan
-    slope_sd_rad: float = math.nan
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModeChange:
-    """Where steps along a way become of another mode.
-
-    Attributes:
-        s: m along the way.
-        mode: Of steps beyond it.
-        riser: m, down negative; 0 where no stair begins.
-        tread: m; 0 likewise.
-        slope: rad; 0 where no ramp begins.
-    """
-
-    s: float
-    mode: str
-    riser: float = 0.0
-    tread: float = 0.0
-    slope: float = 0.0
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeScores:
     """One walk.
 
     Attributes:
         steps: In order.
-        approaches: In order.
+        approaches: The changes of the ground, in order of the way.
     """
 
     steps: list[ScoredMode] = field(default_factory=list)
@@ -173,52 +113,6 @@ def _known(row: Mapping[str, Any]) -> dict[str, Any]:
     return {k: math.nan if v is None else v for k, v in row.items()}
 
 
-class Laid:
-    """Lays an estimator's world over the true one as it was at each instant: a drift that was made is no error here.
-
-    Args:
-        told: Poses as the estimator was given them.
-        truth: True poses of the same frame at the same stamps.
-    """
-
-    def __init__(self, told: Trajectory, truth: Trajectory) -> None:
-        self._t_ns = told.t_ns
-        self._told, self._true = told.p_frame_in_world, truth.p_frame_in_world
-        self._turn = _yaw(truth.q_world_frame) - _yaw(told.q_world_frame)
-
-    def at(self, t_ns: int) -> Laying:
-        """As it is laid at a time."""
-        i = max(0, int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1)
-        return Laying(told=self._told[i], true=self._true[i], turn=float(self._turn[i]))
-
-    def point(self, t_ns: int, p: Array) -> Array:
-        """(2,) or (3,) m in the true world, of as many in the estimator's at a time."""
-        return self.at(t_ns).to_true(p)
-
-
-def _yaw(q: Array) -> Array:
-    w, x, y, z = q.T
-    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def mode_changes(layout: Layout) -> list[ModeChange]:
-    """Where the steps of a way become of another mode, in order: stairs from the first edge to the last, ramps."""
-    found = []
-    for flight in flights(layout.profile, _STAIR_M):
-        mode = "SA" if flight.riser > 0 else "SD"
-        found.append(ModeChange(s=flight.s, mode=mode, riser=flight.riser, tread=flight.tread))
-        found.append(ModeChange(s=flight.end, mode="LG"))
-    for before, after in pairwise(layout.profile):
-        if abs(after.z0 - before.z1) < _STAIR_M and after.slope != before.slope:
-            found.append(ModeChange(s=after.s0, mode=_mode_of(after), slope=after.slope))
-    return sorted(found, key=lambda change: change.s)
-
-
-def _mode_of(strip: Strip) -> str:
-    """Of steps along a strip without edges."""
-    return "LG" if strip.slope == 0 else "RA" if strip.slope > 0 else "RD"
-
-
 def score_modes(
     footprints: Sequence[Footprint], told: Sequence[ModeEstimate], laid: Laid, layout: Layout | None, sole_m: float
 ) -> ModeScores:
@@ -233,13 +127,17 @@ def score_modes(
     """
     landed = footprints[2:]
     by_step = told_by_step(landed, told)
-    first = first_told(landed, by_step)
-    places = None if layout is None else _places(footprints, layout)[2:]
+    first = _first_told(landed, by_step)
+    straddled: list[tuple[str, ...]] = [() for _ in landed]
+    approaches: list[ScoredApproach] = []
+    if layout is not None:
+        places = along_way([f.p_foot_in_world for f in footprints], layout)[2:]
+        straddled = [_straddled(f.mode, s, layout, sole_m) for f, s in zip(landed, places)]
+        approaches = score_approaches(landed, places, told, laid, layout)
     steps = []
     before = "LG"
     for i, print_ in enumerate(landed):
-        straddled = () if layout is None or places is None else _straddled(print_.mode, places[i], layout, sole_m)
-        allowed = (print_.mode, *straddled)
+        allowed = (print_.mode, *straddled[i])
         own = by_step[i]
         last = own[-1] if own else None
         wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
@@ -256,7 +154,6 @@ def score_modes(
             )
         )  # fmt: skip
         before = print_.mode
-    approaches = [] if layout is None or places is None else _approaches(landed, places, told, laid, layout)
     return ModeScores(steps=steps, approaches=approaches)
 
 
@@ -270,11 +167,11 @@ def first_steps(
         told: Likewise.
     """
     landed = footprints[2:]
-    first = first_told(landed, told_by_step(landed, told))
+    first = _first_told(landed, told_by_step(landed, told))
     return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
 
 
-def first_told(
+def _first_told(
     landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
 ) -> list[tuple[ModeEstimate, int] | None]:
     """Of each step the first estimate that tells it as the next one."""
@@ -285,25 +182,26 @@ def first_told(
     return found
 
 
-def _places(footprints: Sequence[Footprint], layout: Layout) -> Array:
-    """(F,) m along the way."""
-    return layout.way.project(np.array([f.p_foot_in_world[:2] for f in footprints]).reshape(-1, 2), _REACH_M)
-
-
 def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> list[list[tuple[ModeEstimate, int]]]:
     """For each step the estimates before its touch-down that tell of it, and under which number.
 
-    An insole tells of a touch-down a little after it: an estimate in between still waits for the foot that is there.
+    An insole tells of a touch-down a little after it: an estimate in between still waits for the foot that is there. A
+    touch-down that was guessed may be told a little before it: an estimate in between waits for the other foot already.
     """
     t_ns = np.array([f.t_ns for f in landed])
     found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
     for estimate in told:
         first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
-        waits = bool(estimate.steps) and first > 0 and estimate.steps[0].foot == landed[first - 1].foot
-        late = int(waits and estimate.t_ns - t_ns[first - 1] < _JUST_LANDED_NS)
+        next_foot = estimate.steps[0].foot if estimate.steps else ""
+        late = early = False
+        if first > 0 and estimate.t_ns - t_ns[first - 1] < _JUST_LANDED_NS:
+            late = next_foot == landed[first - 1].foot
+        if first < len(landed) and t_ns[first] - estimate.t_ns < _JUST_LANDED_NS:
+            early = next_foot not in ("", landed[first].foot)
+        shift = early - late
         for k in range(late, len(estimate.steps)):
-            if first + k - late < len(landed):
-                found[first + k - late].append((estimate, k))
+            if first + k + shift < len(landed):
+                found[first + k + shift].append((estimate, k))
     return found
 
 
@@ -313,7 +211,7 @@ def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str,
     found = []
     for before, after in pairwise(layout.profile):
         if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
-            found += [m for m in (_mode_of(before), _mode_of(after)) if m != mode]
+            found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
     return tuple(found)
 
 
@@ -328,159 +226,3 @@ def _miss(print_: Footprint, told: tuple[ModeEstimate, int] | None, laid: Laid) 
     forward /= np.linalg.norm(forward)
     off = p - print_.p_foot_in_world[:2]
     return float(off @ forward), float(off @ [-forward[1], forward[0]])
-
-
-def _approaches(
-    landed: Sequence[Footprint], places: Array, told: Sequence[ModeEstimate], laid: Laid, layout: Layout
-) -> list[ScoredApproach]:
-    t_ns = np.array([e.t_ns for e in told])
-    scored = []
-    for change in mode_changes(layout):
-        beyond = np.flatnonzero(places > change.s)
-        if not len(beyond) or not len(t_ns):
-            continue
-        at = int(np.searchsorted(t_ns, landed[int(beyond[0])].t_ns - ASKED_S * 1e9, side="right")) - 1
-        if at < 0:
-            continue
-        scored.append(_approach(change, told[at], laid, layout))
-    return scored
-
-
-def _approach(change: ModeChange, estimate: ModeEstimate, laid: Laid, layout: Layout) -> ScoredApproach:
-    found = estimate.change
-    if found is None or found.mode != change.mode:
-        return ScoredApproach(mode=change.mode, found=False)
-    heading = float(layout.way.heading(change.s))
-    beyond = laid.point(estimate.t_ns, found.p_in_world) - layout.way.point(change.s)
-    off = float(beyond @ [math.cos(heading), math.sin(heading)])
-    if abs(off) > 0.4:
-        return ScoredApproach(mode=change.mode, found=False)
-    return ScoredApproach(
-        mode=change.mode, found=True, distance_m=off, distance_sd_m=found.distance_sd,
-        riser_m=found.riser - change.riser if change.riser else math.nan, riser_sd_m=found.riser_sd,
-        tread_m=found.tread - change.tread if change.tread else math.nan, tread_sd_m=found.tread_sd,
-        slope_rad=found.slope - change.slope if change.slope else math.nan, slope_sd_rad=found.slope_sd,
-    )  # fmt: skip
-
-
-def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
-    """Figures over walks, ready for JSON; None where there is nothing to tell of.
-
-    Returns:
-        `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`,
-        `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {told: steps}}`, `lead_time_s: {median, p5}`,
-        `footprint_rmse_m: {forward, left}` one step ahead, `footprint_steady_rmse_m` likewise of steps in
-        steady walking (`_steady`), `calibration_error`, `steps`, `transitions`; of the changes
-        `changes_found_pct`, `begins_found_pct` (stairs and ramps, not their ends), `begins_seen_pct` (those of which
-        riser or slope were seen, and not only guessed: `_SEEN`), `distance_median_mm: {stairs, ramps}`,
-        `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg` of what was seen, `inside_95_pct` of all those sizes,
-        `distance_inside_95_pct`.
-    """
-    walks = list(walks)
-    steps = [s for w in walks for s in w.steps]
-    approaches = [a for w in walks for a in w.approaches]
-    transitions = [s for s in steps if s.transition]
-    lead = [s.lead_s for s in steps]
-    steady = [s for w in walks for s in _steady(w.steps)]
-    confusion = {m: {t: sum(s.mode == m and s.told == t for s in steps) for t in (*MODES, "")} for m in MODES}
-    return {
-        "accuracy_pct": _percent(s.right for s in steps),
-        "strict_accuracy_pct": _percent(s.strictly_right for s in steps),
-        "straddling_pct": _percent(s.straddles for s in steps),
-        "transition_accuracy_pct": _percent(s.right for s in transitions),
-        "accuracy_by_mode_pct": {m: _percent(s.right for s in steps if s.mode == m) for m in MODES},
-        "confusion": confusion,
-        "lead_time_s": {"median": _quantile(lead, 50), "p5": _quantile(lead, 5)},
-        "transition_lead_time_s": {
-            "median": _quantile([s.lead_s for s in transitions], 50),
-            "p5": _quantile([s.lead_s for s in transitions], 5),
-        },
-        "footprint_rmse_m": {"forward": _rms([s.forward_m for s in steps]), "left": _rms([s.left_m for s in steps])},
-        "footprint_steady_rmse_m": {
-            "forward": _rms([s.forward_m for s in steady]), "left": _rms([s.left_m for s in steady])
-        },
-        "calibration_error": _calibration(steps),
-        "steps": len(steps),
-        "transitions": len(transitions),
-        **_change_figures(approaches),
-    }  # fmt: skip
-
-
-def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
-    """Steps of the same mode as those beside them and nearly as long, without the first three and the last two.
-
-    Who pauses, or gathers speed, does not walk steadily.
-    """
-    found = []
-    for i in range(3, len(steps) - 2):
-        around = steps[i - 1 : i + 2]
-        lengths = [s.length_m for s in around]
-        if len({s.mode for s in around}) == 1 and not max(lengths) > (1.0 + _STEADY) * min(lengths):
-            found.append(steps[i])
-    return found
-
-
-def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
-    kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
-    median = {
-        kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
-        for kind, modes in kinds.items()
-    }
-    sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
-    seen = {name: [e for e, sd in sizes[name] if sd < most] for name, most in _SEEN.items()}
-    begins = [a for a in approaches if a.mode != "LG"]
-    return {
-        "changes": len(approaches),
-        "changes_found_pct": _percent(a.found for a in approaches),
-        "begins_found_pct": _percent(a.found for a in begins),
-        "begins_seen_pct": _percent(
-            a.riser_sd_m < _SEEN["riser_m"] or a.slope_sd_rad < _SEEN["slope_rad"] for a in begins
-        ),
-        "distance_median_mm": median,
-        "riser_rmse_mm": _scaled(_rms(seen["riser_m"]), 1e3),
-        "tread_rmse_mm": _scaled(_rms(seen["tread_m"]), 1e3),
-        "slope_rmse_deg": _scaled(_rms(seen["slope_rad"]), 180.0 / math.pi),
-        "inside_95_pct": _inside([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
-        "distance_inside_95_pct": _inside(sizes["distance_m"]),
-    }  # fmt: skip
-
-
-def _inside(told: Iterable[tuple[float, float]]) -> float | None:
-    """Share of errors within the told 95 % interval, of pairs of error and deviation, %."""
-    return _percent(abs(e) < 1.96 * sd for e, sd in told if math.isfinite(e) and math.isfinite(sd))
-
-
-def _calibration(steps: Sequence[ScoredMode]) -> float | None:
-    """Expected calibration error of the told modes' probabilities, 0-1."""
-    told = told_and_right(steps)
-    if not told:
-        return None
-    return sum(abs(p - right) * count for p, right, count in told) / sum(count for _, _, count in told)
-
-
-def told_and_right(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
-    """By tenths of the told mode's probability: its mean, the share of steps that were right, and their number."""
-    told = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
-    p, right = np.array([t[0] for t in told]), np.array([t[1] for t in told], float)
-    bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
-    return [
-        (float(p[bins == b].mean()), float(right[bins == b].mean()), int((bins == b).sum())) for b in np.unique(bins)
-    ]
-
-
-def _percent(right: Iterable[bool]) -> float | None:
-    answers = list(right)
-    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else None
-
-
-def _quantile(values: Sequence[float], percent: float) -> float | None:
-    return float(np.percentile(values, percent)) if len(values) else None
-
-
-def _rms(values: Sequence[float]) -> float | None:
-    known = [v for v in values if math.isfinite(v)]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else None
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor

@@ -25,6 +25,7 @@ from stridetwin.scenarios.figures_path import error_over_time, label_of, part_of
 from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
 from stridetwin.scenarios.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.scenarios.film import Film, data_uri, jpeg_uri
+from stridetwin.scenarios.footprints import FOOTPRINTS, true_footprints
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.injected import from_metadata as injected_faults
 from stridetwin.scenarios.norms import reference
@@ -241,8 +242,7 @@ def _picture(uri: str, alt: str, caption: str) -> str:
 def _paths(story: Story) -> str:
     if not story.results:
         return ""
-    topic = "/truth/footprints"
-    footprints = story.recording.block(topic) if topic in story.recording.topics else None
+    footprints = story.recording.block(FOOTPRINTS) if FOOTPRINTS in story.recording.topics else None
     layout = from_metadata(story.recording.metadata)
     feet = [r for r in story.results if part_of(r.estimate.name) in FEET]
     camera = [r for r in story.results if r not in feet]
@@ -306,10 +306,9 @@ def _ahead_table(ahead: Ahead) -> str:
 
 
 def _gait(story: Story) -> str:
-    topic = "/truth/footprints"
-    if topic not in story.recording.topics:
+    if FOOTPRINTS not in story.recording.topics:
         return ""
-    footprints = list(story.recording.block(topic))
+    footprints = true_footprints(story.recording)
     strides = level_strides(footprints)
     figures = [
         *joint_figures(story.recording, strides),

@@ -10,7 +10,7 @@ import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
 from stridetwin.scenarios.ahead import Ahead
-from stridetwin.scenarios.figures_ahead import WORDS
+from stridetwin.scenarios.figures_ahead import WITHIN_95, WORDS
 from stridetwin.scenarios.figures_path import outline
 from stridetwin.scenarios.ground_grid import KIND_COLORS, KINDS
 from stridetwin.scenarios.laying import Laying
@@ -20,7 +20,6 @@ GROUND, STEPS, MODE = "world/ahead", "world/steps", "modes"
 _STEPS_HZ = 5.0
 _INK, _TRUE = (15, 28, 46), (240, 244, 248)
 _OVER_M = 0.01  # so that lines do not lie in the ground
-_WITHIN_95 = 2.448
 _ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 
 
@@ -132,7 +131,7 @@ def _ellipse(sole: Array, covariance: Array) -> Array:
     """(25, 3) m, where the middle of the sole lands with 95 %."""
     middle = sole[:4].mean(axis=0)
     variances, axes = np.linalg.eigh(covariance)
-    half = _WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
+    half = WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
     xy = middle[:2] + (np.column_stack([np.cos(_ROUND), np.sin(_ROUND)]) * half) @ axes.T
     return np.column_stack([xy, np.full(len(xy), middle[2])])
 

@@ -12,8 +12,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from stridetwin.scenarios.fault_fields import fault
 from stridetwin.scenarios.fields import (
     Field,
@@ -26,11 +24,13 @@ from stridetwin.scenarios.fields import (
     number,
     one_of,
     one_word,
+    pair,
     sequence,
     suggest,
     text,
 )
 from stridetwin.scenarios.sensor_fields import Sensors, sensors
+from stridetwin.scenarios.strict_yaml import read_yaml
 from stridetwin.sim.actuation import JOINTS, modules
 from stridetwin.sim.config import (
     DRIVES,
@@ -54,6 +54,7 @@ from stridetwin.sim.config import (
 )
 from stridetwin.sim.fault_plan import check_faults
 from stridetwin.sim.gait_checks import ASYMMETRY_MAX, GAZES, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ
+from stridetwin.sim.mesh_terrain import MeshWay, mesh_terrain
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
 from stridetwin.sim.route_checks import BYSTANDERS_MAX, LANES_MAX, LIGHT_RANGE, SCENERIES, TEXTURES, THINGS
@@ -75,14 +76,19 @@ class Scenario:
     Attributes:
         description: One line that says what the walk is for.
         config: What the twin is made of.
+        notes: What its user should know of it.
     """
 
     description: str
     config: TwinConfig
+    notes: tuple[str, ...] = ()
 
 
-def _scenario(description: str, terrain: tuple[Segment, ...], **rest: Any) -> dict[str, Any]:
+def _scenario(description: str, terrain: tuple[Segment, ...] | MeshWay, **rest: Any) -> dict[str, Any]:
     of_route = {key: rest.pop(key) for key in _OF_ROUTE if key in rest}
+    if isinstance(terrain, MeshWay):
+        made = mesh_terrain(terrain, of_route.get("width_m", Route.width_m))
+        terrain, rest["notes"] = made.segments, (made.told,)
     if "sensors" in rest:
         asked: Sensors = rest.pop("sensors")
         rest |= {"sensors": asked.groups, "fittings": asked.fittings, "asked": asked.asked}
@@ -161,6 +167,27 @@ _EXO = mapping(
 )
 
 
+def _beside(node: object, where: Where) -> Path:
+    """The path of a file, from the folder of the scenario."""
+    if not isinstance(node, str) or not node.strip():
+        raise where.error(node, "the path of a file, from the folder of the scenario")
+    return Path(where.source).parent / node
+
+
+def _own_exo(model: Path, rig: Path, **rest: Any) -> Exo:
+    from stridetwin.sim.own_exo_rig import read_own_exo  # the one scenario that takes the simulator to be read
+
+    return Exo(own=read_own_exo(model, rig), **rest)
+
+
+_OWN_EXO = mapping(
+    {
+        "model": Field(attribute="model", read=_beside, required=True),
+        "rig": Field(attribute="rig", read=_beside, required=True),
+        "drive": Field(attribute="drive", read=one_word(DRIVES)),
+    },
+    _own_exo,
+)
 _DYNAMICS = mapping(
     {
         "assist": Field(attribute="assist", read=flag),
@@ -211,8 +238,8 @@ def _exo(node: object, where: Where) -> Exo | None:
     if node == "none":
         return None
     if not isinstance(node, dict):
-        raise where.error(node, "none, or keys mode, joints, drive")
-    exo: Exo = _EXO(node, where)
+        raise where.error(node, "none, or keys mode, joints, drive; or model, rig, drive")
+    exo: Exo = (_OWN_EXO if {"model", "rig"} & set(node) else _EXO)(node, where)
     try:
         modules(exo)
     except ConfigError as error:
@@ -278,6 +305,34 @@ _TERRAIN = {
     ),
     "lanes": _lanes,
 }
+_MESH = mapping(
+    {
+        "file": Field(attribute="path", read=_beside, required=True),
+        "unit": Field(attribute="scale", read=choice({"m": 1.0, "mm": 1e-3})),
+        "up": Field(attribute="up", read=one_word(("z", "y"))),
+        "start_m": Field(attribute="start_m", read=pair(number(-1000, 1000))),
+        "heading_deg": Field(attribute="heading_rad", read=number(-360, 360, scale=_DEG)),
+        "length_m": Field(attribute="length_m", read=number(1, 500)),
+    },
+    MeshWay,
+)
+
+
+def _terrain(node: object, where: Where) -> tuple[Segment, ...] | MeshWay:
+    """A list of segments, or a mesh."""
+    if not isinstance(node, dict):
+        segments: tuple[Segment, ...] = sequence(one_of(_TERRAIN))(node, where)
+        return segments
+    way: MeshWay = one_of({"mesh": _mesh})(node, where)
+    return way
+
+
+def _mesh(node: object, where: Where) -> MeshWay:
+    """A file, or a file and where the way lies on it."""
+    way: MeshWay = MeshWay(path=_beside(node, where)) if isinstance(node, str) else _MESH(node, where)
+    return way
+
+
 _THING = {
     "at_m": Field(attribute="at_m", read=number(-2, 500), required=True),
     "left_m": Field(attribute="left_m", read=number(-10, 10)),
@@ -286,7 +341,7 @@ _THINGS = {kind: mapping(_THING, partial(Thing, kind=kind)) for kind in THINGS}
 _FILE = mapping(
     {
         "description": Field(attribute="description", read=text, required=True),
-        "terrain": Field(attribute="terrain", read=sequence(one_of(_TERRAIN)), required=True),
+        "terrain": Field(attribute="terrain", read=_terrain, required=True),
         "width_m": Field(attribute="width_m", read=number(1.2, 10)),
         "scenery": Field(attribute="scenery", read=one_word(SCENERIES)),
         "person": Field(attribute="person", read=_person),
@@ -306,18 +361,6 @@ _FILE = mapping(
     },
     _scenario,
 )
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """YAML as the standard library of it reads, but a key that stands twice is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(k, deep=True) for k, _ in node.value]
-        for i, key in enumerate(keys):
-            if key in keys[:i]:
-                mark = node.value[i][0].start_mark
-                raise yaml.constructor.ConstructorError(problem=f"the key {key!r} stands twice", problem_mark=mark)
-        return super().construct_mapping(node, deep)
 
 
 def catalogue() -> dict[str, Path]:
@@ -352,23 +395,25 @@ def read_scenario(path: Path) -> Scenario:
         ConfigError: As `load_scenario`.
         StrideTwinError: The file cannot be read.
     """
-    try:
-        node = yaml.load(path.read_text(encoding="utf-8"), _StrictLoader)
-    except OSError as error:
-        raise StrideTwinError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise StrideTwinError(f"{path}: is not text in UTF-8") from error
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise StrideTwinError(f"{path}: line {line}: {error.problem}") from error
-    except yaml.YAMLError as error:
-        raise StrideTwinError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    return scenario_of(read_yaml(path), path)
+
+
+def scenario_of(node: object, path: Path) -> Scenario:
+    """The scenario that plain data describe.
+
+    Args:
+        node: What a scenario file holds.
+        path: Whose the data are: it names the scenario, and parts of the user's own are looked for beside it.
+
+    Raises:
+        ConfigError: As `load_scenario`.
+    """
     where = Where(source=str(path))
     values = _FILE(node, where)
     _check_order(path, values["route"].segments)
     if "dynamics" in values and values.get("physics") != "dynamic":
         raise where.key("physics").error(values.get("physics", TwinConfig.physics), "dynamic (as there is dynamics)")
-    asked = values.pop("asked", {})
+    asked, notes = values.pop("asked", {}), values.pop("notes", ())
     if values.get("exo", Exo()) is None:
         _check_worn(path, asked)
     try:
@@ -376,7 +421,7 @@ def read_scenario(path: Path) -> Scenario:
     except ConfigError as error:
         at = error.field.replace("segments", "terrain")
         raise ConfigError(path, at, error.value, error.valid) from error
-    scenario = Scenario(description=values.pop("description"), config=TwinConfig(name=path.stem, **values))
+    scenario = Scenario(description=values.pop("description"), config=TwinConfig(name=path.stem, **values), notes=notes)
     check_faults(path, scenario.config.faults, standard_rig(scenario.config))
     return scenario
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, pair, suggest, triple
 from stridetwin.sim.calibration import CalibrationSd
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.fitting import KIND, Clock, Fitting, ShoeMount
+from stridetwin.sim.fitting import KIND, Clock, Fitting, Seat
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
@@ -40,10 +40,12 @@ _CALIBRATION = mapping(
 )
 _POSITION = Field(attribute="position_m", read=triple(number(-300, 300, scale=1e-3)), required=True)
 _DEG = math.pi / 180
-_FACES = Field(attribute="faces_rad", read=pair(number(-180, 180, scale=_DEG)), required=True)
-_ROLL = Field(attribute="roll_rad", read=number(-180, 180, scale=_DEG))
-_BOARD = mapping({"position_mm": _POSITION, "faces_deg": _FACES}, ShoeMount)
-_MOUNT = mapping({"position_mm": _POSITION, "faces_deg": _FACES, "roll_deg": _ROLL}, ShoeMount)
+_ANGLE = number(-180, 180, scale=_DEG)
+_FACES = Field(attribute="faces_rad", read=pair(_ANGLE), required=True)
+_ROLL = Field(attribute="roll_rad", read=_ANGLE)
+_FACING = mapping({"position_mm": _POSITION, "faces_deg": _FACES}, Seat)
+_LOOKING = mapping({"position_mm": _POSITION, "faces_deg": _FACES, "roll_deg": _ROLL}, Seat)
+_MOUNTS = {"foot_camera": _LOOKING, "head_camera": _LOOKING, "sonar": _FACING}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +94,8 @@ def _fitting(group: str, node: object, where: Where) -> Fitting:
         raise where.error(node, f"a part, true, false, or keys {', '.join(_options(group))}")
     options = mapping(_options(group), dict)(node, where)
     fitting: Fitting = options.pop("fitting", Fitting())
+    if group == "head_camera" and {"mount", "pitch_down_deg"} <= set(node):
+        raise where.key("pitch_down_deg").error(node["pitch_down_deg"], "no pitch_down_deg, as mount says how it faces")
     return replace(fitting, **options)
 
 
@@ -112,10 +116,12 @@ def _options(group: str) -> dict[str, Field]:
         options["pitch_down_deg"] = Field(attribute="pitch_down_rad", read=number(-30, 75, scale=_DEG))
     if group == "foot_camera":
         options["frames"] = Field(attribute="frames", read=choice({"board": "board", "full": "full"}))
-        options["mount"] = Field(attribute="mount", read=_MOUNT)
-        options["board"] = Field(attribute="board", read=_BOARD)
+        options["board"] = Field(attribute="board", read=_FACING)
     if group == "foot_imu":
         options["position_mm"] = Field(attribute="position_m", read=triple(number(-300, 300, scale=1e-3)))
+        options["rotation_deg"] = Field(attribute="rotation_rad", read=triple(_ANGLE))
+    if group in _MOUNTS:
+        options["mount"] = Field(attribute="mount", read=_MOUNTS[group])
     return options
 
 

@@ -11,12 +11,11 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
 from stridetwin.scenarios.estimates import estimate_steps
 from stridetwin.scenarios.exo_geometry import of_recording, tells_geometry
+from stridetwin.scenarios.footprints import FOOTPRINTS
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
-
-FOOTPRINTS = "/truth/footprints"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -162,17 +162,18 @@ COLUMNS = (
 )  # fmt: skip
 
 
+def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
+    """A step as a row of `COLUMNS`."""
+    e = estimate
+    return (
+        f"{e.t_ns * 1e-9:.3f}", str(e.step), e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",
+        f"{e.slope_sd:.5f}", f"{e.elevation:.5f}", f"{e.elevation_sd:.5f}", *(f"{x:.5f}" for x in e.p_sole_in_world),
+    )  # fmt: skip
+
+
 def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
     """Writes a table with one row a step, columns `COLUMNS`."""
-    rows = [
-        (
-            f"{e.t_ns * 1e-9:.3f}", e.step, e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",
-            f"{e.slope_sd:.5f}", f"{e.elevation:.5f}", f"{e.elevation_sd:.5f}",
-            *(f"{x:.5f}" for x in e.p_sole_in_world),
-        )
-        for e in estimates
-    ]  # fmt: skip
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        writer.writerows(rows)
+        writer.writerows(map(step_cells, estimates))

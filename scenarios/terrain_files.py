@@ -53,14 +53,19 @@ def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, M
     for frame in frames:
         topic = f"/truth{frame.topic}/odometry"
         if topic in recording.topics and frame.mount.body == camera.mount.body:
-            T_frame_camera = np.linalg.inv(frame.mount.T_body_sensor) @ camera.mount.T_body_sensor
-            return topic, Mount(body=camera.mount.body, T_body_sensor=T_frame_camera)
+            return topic, seen_from(frame.mount, camera)
     paths = [topic for topic, info in recording.topics.items() if info.kind is Odometry]
     if len(paths) == 1 and not recording.is_mcap:  # a folder of depth alone: its poses are the depth camera's
         return paths[0], Mount(body=camera.mount.body)
     raise RecordingError(
         f"{recording.path}: no poses (/truth{camera.topic}/odometry); terrain_map needs them, or a file with --poses"
     )
+
+
+def seen_from(frame: Mount, camera: CameraCalibration) -> Mount:
+    """Where a camera sits in the frame of another sensor of its body."""
+    T_frame_camera = np.linalg.inv(frame.T_body_sensor) @ camera.mount.T_body_sensor
+    return Mount(body=camera.mount.body, T_body_sensor=T_frame_camera)
 
 
 def map_recording(recording: Recording, path: Trajectory | None = None) -> TerrainMap:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.scenarios.footprints import FOOTPRINTS
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array
@@ -34,7 +35,7 @@ def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
     """
     truth = TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))  # its axes are the camera's
     half = round(_OVER_S / 2 * 1e9)
-    steps = recording.block("/truth/footprints").t_ns[2:]  # those of the feet that stand at the start come first
+    steps = recording.block(FOOTPRINTS).t_ns[2:]  # those of the feet that stand at the start come first
     first, last = (steps[0], steps[-1]) if len(steps) else (truth.t_ns[0], truth.t_ns[-1])
     t_ns = np.arange(max(first, truth.t_ns[0] + half), min(last, truth.t_ns[-1] - half), round(1e9 / _RATE_HZ))
     way = truth.at(t_ns + half).p_frame_in_world - truth.at(t_ns - half).p_frame_in_world

@@ -12,16 +12,22 @@ from stridetwin.scenarios.commands.outcome import Outcome, Progress
 
 def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`list`."""
+    from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign
     from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
     from stridetwin.scenarios.fault_fields import KINDS
+    from stridetwin.scenarios.placement.problem_file import problems, read_problem
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
     from stridetwin.sim.parts.library import kind_of, library, part
     from stridetwin.sim.people import PEOPLE
 
     parts = {name: part(name) for name in library()}
     scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
+    placements = {name: read_problem(path).description for name, path in problems().items()}
+    many = {name: read_campaign(path).description for name, path in campaigns().items()}
     data = {
         "scenarios": scenarios,
+        "campaigns": many,
+        "placements": placements,
         "sensors": list(SENSORS),
         "estimators": ESTIMATORS,
         "experiments": EXPERIMENT_NAMES,
@@ -30,7 +36,9 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         "physics": list(PHYSICS),
         "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
-    lines = ["Scenarios", *(f"  {n:<16} {words}" for n, words in scenarios.items()), "", "Estimators"]
+    lines = ["Scenarios", *(f"  {n:<16} {words}" for n, words in scenarios.items()), ""]
+    lines += ["Campaigns", *(f"  {n:<16} {words}" for n, words in many.items()), ""]
+    lines += ["Placements", *(f"  {n:<16} {words}" for n, words in placements.items()), "", "Estimators"]
     lines += [
         *(f"  {n:<16} {words}" for n, words in ESTIMATORS.items()),
         "",

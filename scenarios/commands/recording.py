@@ -26,6 +26,7 @@ def export_command(arguments: Namespace, progress: Progress) -> Outcome:
         camera=arguments.camera,
         storage=arguments.storage,
         stereo_baseline_m=arguments.stereo_baseline,
+        model=arguments.model,
     )
     data = {"file": str(arguments.output), "format": arguments.format, "rows": sum(rows.values()), "parts": rows}
     return Outcome(data=data, lines=[f"{arguments.output}: {n} rows of {name}" for name, n in rows.items()])

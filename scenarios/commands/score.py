@@ -1,18 +1,16 @@
-"""`score`: every estimator that recordings feed, against the truth."""
+"""`score`: estimators against the truth, and against a baseline; `history`: how scores went."""
 
 from __future__ import annotations
 
-import json
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
-from stridetwin.scenarios.commands.source import opened
 from stridetwin.streams.errors import StrideTwinError
 
 if TYPE_CHECKING:
-    from stridetwin.scenarios.baseline import Regression
+    from stridetwin.scenarios.gate.own_estimators import OwnEstimator
     from stridetwin.scenarios.scoring import Scores
 
 _SHOWN_STEPS = {
@@ -65,43 +63,83 @@ _KINDS = (
 
 def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`score`."""
-    from stridetwin.scenarios.ahead import look_ahead, odometry_of
-    from stridetwin.scenarios.baseline import regressions
-    from stridetwin.scenarios.estimates import estimates
-    from stridetwin.scenarios.evaluate import Estimate, evaluate, summary
-    from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
-    from stridetwin.streams.tum import read_tum
+    from stridetwin.scenarios.evaluate import summary
+    from stridetwin.scenarios.gate.compare import Rules, compare_scores
+    from stridetwin.scenarios.gate.history import append_history, history_line
+    from stridetwin.scenarios.gate.score_table import document_of, read_table, table_of
+    from stridetwin.scenarios.gate.telling import junit, markdown, table_lines
+    from stridetwin.scenarios.gate.walk_scores import jobs_of, score_walks
+    from stridetwin.streams.files import whole_file
 
-    named = [_named_file(text) for text in arguments.estimate]
-    if named and len(arguments.recordings) > 1:
-        raise StrideTwinError("--estimate goes with one recording; valid: one RECORDING, or no --estimate")
-    baseline = _json_file(arguments.baseline) if arguments.baseline else None
-    entries, scores = [], []
-    for i, path in enumerate(arguments.recordings):
-        progress("score", i / len(arguments.recordings))
-        recording = opened(path, arguments.lenient)
-        made = [Estimate(name=n, frame=arguments.frame, path=read_tum(f)) for n, f in named] or estimates(recording)
-        steps = not named and feeds_steps(recording)
-        if not made and not steps:
-            raise StrideTwinError(
-                f"{path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu, with an "
-                "exoskeleton's AHRS, encoders and insoles, or with an RGB-D camera with IMU on head or chest"
-            )
-        scores.append({r.estimate.name: r.scores for r in evaluate(recording, made, arguments.align)})
-        if steps:
-            scores[-1]["contact_terrain"] = evaluate_steps(recording).scores
-        odometry = None if named else odometry_of(recording, made)
-        if odometry is not None:
-            scores[-1] |= look_ahead(recording, odometry, progress).scores
-        entries.append({"name": path.stem, "metadata": _public(recording.metadata), "estimators": scores[-1]})
-    mean = summary(scores)
-    data: dict[str, Any] = {"recordings": entries, "estimators": mean}
-    lines, worse = score_table(mean), []
+    for option in ("junit", "markdown"):
+        if getattr(arguments, option) and not arguments.baseline:
+            raise StrideTwinError(f"--{option} tells of changes; valid: with --baseline")
+    if arguments.history and not arguments.label:
+        raise StrideTwinError("--history needs the --label of this version, such as a commit")
+    baseline = read_table(arguments.baseline) if arguments.baseline else None
+    asked = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
+    jobs = jobs_of(arguments.recordings, **asked)
+    if arguments.estimate and len(jobs) > 1:
+        raise StrideTwinError("--estimate goes with one recording; valid: one RECORDING, or --program for many")
+    rows = list(score_walks(jobs, arguments.workers, progress))
+    means = summary(row["estimators"] for row in rows)
+    data = document_of(rows, means)
+    lines, code = score_table(means), int(any("failed" in row for row in rows))
+    lines += [f"FAILED {row['name']}: {n}: {why}" for row in rows for n, why in row.get("failed", {}).items()]
+    comparison = None
     if baseline is not None:
-        worse = regressions(mean, baseline, str(arguments.baseline), arguments.tolerance / 100.0)
-        data["regressions"] = [vars(r) for r in worse]
-        lines += ["", *_regression_table(worse, arguments.tolerance)]
-    return Outcome(data=data, lines=lines, code=1 if worse else 0)
+        rules = Rules(
+            level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0
+        )
+        comparison = compare_scores(table_of(data, "scores"), baseline, rules)
+        data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
+        data["regressions"] = [vars(line) for line in comparison.regressions]
+        lines += ["", *table_lines(comparison)]
+        code = 1 if comparison.regressions else code
+        for path, tell in ((arguments.junit, junit), (arguments.markdown, markdown)):
+            if path is not None:
+                with whole_file(path) as file:
+                    file.write_text(tell(comparison), encoding="utf-8")
+    if arguments.history:
+        append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
+    return Outcome(data=data, lines=lines, code=code)
+
+
+def history_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`history`."""
+    from stridetwin.scenarios.gate.history import history_page, read_history
+    from stridetwin.streams.files import whole_file
+
+    lines = read_history(arguments.history)
+    with whole_file(arguments.output) as file:
+        file.write_text(history_page(lines, arguments.title), encoding="utf-8")
+    data = {"file": str(arguments.output), "versions": len(lines), "last": lines[-1]["verdict"]}
+    return Outcome(data=data, lines=[f"{arguments.output}: {len(lines)} versions, the last: {lines[-1]['verdict']}"])
+
+
+def _own(arguments: Namespace) -> tuple[OwnEstimator, ...]:
+    """Estimators in the place of the built-in ones; what is wrong with one is told before anything is scored."""
+    from stridetwin.scenarios.gate.own_estimators import Program, PythonClass, TumFile
+
+    frame = arguments.frame
+    own: list[OwnEstimator] = []
+    for text in arguments.estimate:
+        name, file = _named(text, "--estimate", "FILE")
+        own.append(TumFile(name=name, file=Path(file), frame=frame))
+    for text in arguments.estimator:
+        name, place = _named(text, "--estimator", "module:Class")
+        estimator = PythonClass(name=name, place=place, frame=frame)
+        estimator.load()
+        own.append(estimator)
+    for text in arguments.program:
+        name, words = _named(text, "--program", '"COMMAND {recording} {output}"')
+        program = Program(name=name, command=words, frame=frame, timeout_s=arguments.timeout)
+        program.words()
+        own.append(program)
+    names = [estimator.name for estimator in own]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise StrideTwinError(f"two estimators are called {twice[0]!r}; valid: a name for each")
+    return tuple(own)
 
 
 def score_table(scores: dict[str, Scores]) -> list[str]:
@@ -122,29 +160,8 @@ def _score_lines(scores: dict[str, Scores], shown: dict[str, str]) -> list[str]:
     return lines
 
 
-def _regression_table(worse: list[Regression], tolerance: float) -> list[str]:
-    if not worse:
-        return [f"no score is worse than the baseline by more than {tolerance:g} %"]
-    lines = [f"{'worse than the baseline':<44}{'baseline':>12}{'limit':>12}{'now':>12}"]
-    for r in worse:
-        now = "missing" if r.now is None else f"{r.now:.4f}"
-        lines.append(f"{r.estimator + ' ' + r.metric:<44}{r.baseline:>12.4f}{r.limit:>12.4f}{now:>12}")
-    return lines
-
-
-def _named_file(text: str) -> tuple[str, Path]:
-    name, equals, file = text.partition("=")
-    if not (name and equals and file):
-        raise StrideTwinError(f"--estimate: {text!r} is not valid; valid: NAME=FILE")
-    return name, Path(file)
-
-
-def _json_file(path: Path) -> object:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise StrideTwinError(f"{path}: is not JSON: {error}") from error
-
-
-def _public(metadata: Any) -> dict[str, str]:
-    return {k: metadata[k] for k in ("scenario", "seed", "physics") if k in metadata}
+def _named(text: str, option: str, what: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise StrideTwinError(f"{option}: {text!r} is not valid; valid: NAME={what}")
+    return name, value

@@ -1,8 +1,9 @@
-"""`run` and `generate`: walks of the twin."""
+"""`run`, and `generate` of a scenario: walks of the twin."""
 
 from __future__ import annotations
 
 import shlex
+import sys
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
@@ -29,16 +30,17 @@ def run_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[*score_table(run.scores), "", f"report  {report}", f"files   {folder}/"])
 
 
-def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
-    """`generate`."""
+def record_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`generate` of a scenario."""
     from stridetwin.scenarios.record import record
     from stridetwin.scenarios.runner import make_twin
 
     scenario = _scenario(arguments)
-    twin = make_twin(scenario, arguments.seed)
+    seed = arguments.seed or 0
+    twin = make_twin(scenario, seed)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     record(twin, arguments.output, progress)
-    data = {"recording": str(arguments.output), "duration_s": twin.duration_s, "seed": arguments.seed}
+    data = {"recording": str(arguments.output), "duration_s": twin.duration_s, "seed": seed}
     return Outcome(data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"])
 
 
@@ -48,6 +50,8 @@ def _scenario(arguments: Namespace) -> Scenario:
     from stridetwin.streams.errors import ConfigError
 
     scenario = load_scenario(arguments.scenario)
+    for note in scenario.notes:
+        print(f"stridetwin: note: {note}", file=sys.stderr)
     if arguments.physics is not None:
         if arguments.physics not in PHYSICS:
             raise ConfigError("command line", "--physics", arguments.physics, ", ".join(PHYSICS))

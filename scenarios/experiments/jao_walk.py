@@ -14,6 +14,7 @@ import numpy as np
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.two_feet import METHODS, every_method, figures, true_start
 from stridetwin.scenarios.experiments.walks import RecordedWalk, recorded_walk
+from stridetwin.scenarios.footprints import FOOTPRINTS
 from stridetwin.scenarios.norms import reference
 from stridetwin.streams.samples import Array, Image, Sample
 
@@ -58,7 +59,7 @@ def run_walk(scenario: str, case: Case) -> dict[str, Any]:
 
 def touches_ns(walk: RecordedWalk) -> Array:
     """(N,) when feet touched down."""
-    return np.sort(walk.shoes.block("/truth/footprints").t_ns)
+    return np.sort(walk.shoes.block(FOOTPRINTS).t_ns)
 
 
 def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:

@@ -16,11 +16,13 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
 from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.mode_walks import MOUNTS, SENSORS, posed, scored, tell, true_footprints
+from stridetwin.scenarios.experiments.mode_walks import MOUNTS, SENSORS, posed, scored, tell
 from stridetwin.scenarios.experiments.odometry_walks import recorded
 from stridetwin.scenarios.experiments.spoilt import Samples
 from stridetwin.scenarios.experiments.walks import falls, fell_at_s
-from stridetwin.scenarios.mode_score import ModeScores, mode_figures
+from stridetwin.scenarios.footprints import true_footprints
+from stridetwin.scenarios.mode_figures import mode_figures
+from stridetwin.scenarios.mode_score import ModeScores
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.body import wearer
 from stridetwin.sim.config import Gait, Gaze

@@ -22,7 +22,8 @@ from stridetwin.scenarios.experiments.mode_tables import (
 from stridetwin.scenarios.experiments.mode_walks import GROUPS, MOUNTS
 from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.scenarios.experiments.zhao_generality import PATTERNS, TERRAINS
-from stridetwin.scenarios.mode_score import ModeScores, ScoredMode, told_and_right
+from stridetwin.scenarios.mode_figures import told_and_right
+from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
 from stridetwin.scenarios.report import page, section
 from stridetwin.scenarios.svg import Plot, wide_and_narrow
 from stridetwin.scenarios.walk_spread import EDGES

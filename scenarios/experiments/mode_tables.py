@@ -12,7 +12,8 @@ from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, MOUNTS
 from stridetwin.scenarios.experiments.zhao_generality import PATTERNS, TERRAINS
 from stridetwin.scenarios.experiments.zhao_trials import TRIALS
-from stridetwin.scenarios.mode_score import ModeScores, mode_figures
+from stridetwin.scenarios.mode_figures import mode_figures
+from stridetwin.scenarios.mode_score import ModeScores
 from stridetwin.scenarios.norms import reference, reference_rows
 from stridetwin.scenarios.walk_spread import EDGES, together
 

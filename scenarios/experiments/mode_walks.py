@@ -20,9 +20,11 @@ from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.odometry_walks import HEALTHY, dvio, recorded
 from stridetwin.scenarios.experiments.spoilt import Samples
 from stridetwin.scenarios.experiments.walks import fell_at_s
+from stridetwin.scenarios.footprints import true_footprints
 from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.laying import Laid
 from stridetwin.scenarios.mode_files import INSOLES
-from stridetwin.scenarios.mode_score import Laid, ModeScores, score_modes
+from stridetwin.scenarios.mode_score import ModeScores, score_modes
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample, posed_depth
 from stridetwin.scenarios.truth import TruePath
@@ -31,7 +33,7 @@ from stridetwin.sim.body import wearer
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.fitting import Fitting
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.samples import Depth, Footprint, Image, Imu, Insole, Odometry, Sample
+from stridetwin.streams.samples import Depth, Image, Imu, Insole, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 MOUNTS = ("head", "chest")
@@ -180,11 +182,6 @@ def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeSco
     laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
     footprints = true_footprints(recording)
     return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in told.estimates.items()}
-
-
-def true_footprints(recording: Recording) -> list[Footprint]:
-    """Those of the feet that stand at the start come first."""
-    return list(recording.block("/truth/footprints"))
 
 
 def posed(

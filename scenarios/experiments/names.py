@@ -18,6 +18,8 @@ EXPERIMENT_NAMES = {
     "mode_fusion": "modes of coming steps by camera, by an exoskeleton's legs, and by both, in light and dark",
     "mode_not_fooled": "what looks like a stair or a ramp and is none: paint, shadow, kerb, table, wall, legs, mirror",
     "mode_faults": "what the prediction of modes makes of faults: odometry lost, no depth, a dead insole, a bad view",
+    "assistance": "help by mode in closed loop: what it saves by who tells the mode, legs, camera or truth",
+    "assistance_wrong": "a hundred helped walks in which 1 % of the modes are wrong: does anyone fall",
     "dvio_bench": "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",
     "dvio_faults": "what the visual-inertial odometry makes of faults: depth, camera, IMU, passers-by, calibration",
     "shim_table5": "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.experiments import (
+    assistance,
     dvio_bench,
     dvio_faults,
     jao_faults,
@@ -137,6 +138,15 @@ EXPERIMENTS = {
     "mode_faults": Experiment(
         seeds=mode_faults.SEEDS, run_case=mode_faults.run_case, collect=mode_faults.collect, table=mode_faults.table
     ),
+    **{
+        name: Experiment(
+            seeds=seeds, run_case=partial(assistance.run_case, ways), collect=assistance.collect, table=assistance.table
+        )
+        for name, seeds, ways in (
+            ("assistance", assistance.SEEDS, ("none", "carried", "late", "predicted", "known")),
+            ("assistance_wrong", assistance.MANY, ("wrong",)),
+        )
+    },
     "dvio_bench": Experiment(
         seeds=dvio_bench.SEEDS, run_case=dvio_bench.run_case, collect=dvio_bench.collect, table=dvio_bench.table
     ),

@@ -20,8 +20,10 @@ from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.shim_table5 import SENSORS, subject
 from stridetwin.scenarios.experiments.spoilt import Samples, Spoilt
+from stridetwin.scenarios.experiments.walks import falls
+from stridetwin.scenarios.footprints import FOOTPRINTS
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.step_scores import FOOTPRINTS, percent, step_figures
+from stridetwin.scenarios.step_scores import percent, step_figures
 from stridetwin.scenarios.steps import ScoredStep, score_steps
 from stridetwin.sim.config import Exo, TwinConfig
 from stridetwin.sim.people import PEOPLE
@@ -216,7 +218,7 @@ def table(result: dict[str, Any]) -> list[str]:
     """As lines of text; classes are % of all steps, those untold for want of a sensor too."""
     lines = [
         f"{len(result['cases'])} subjects on {' and '.join(WALKS)}",
-        f"walks that ended by a fall: {', '.join(walk for c in result['cases'] for walk in c['fell']) or 'none'}",
+        falls(result["cases"]),
         f"{'':<38}{'slope °':>9}{'most':>7}{'elev. mm':>10}{'most':>7}{'in 95 %':>12}{'class %':>9}"
         f"{'unknown':>9}{'wrong':>7}{'steps':>7}{'missed':>8}",
     ]

@@ -3,6 +3,9 @@ from fake_twin import FakeTwin
 
 from stridetwin.scenarios import runner
 from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.record import record
+from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+from stridetwin.sim.twin import Twin
 
 
 def fake(patch):
@@ -23,3 +26,15 @@ def walk(tmp_path_factory):
         fake(patch)
         assert main(["run", "level_20m", "--seed", "3", "-o", str(folder)]) == 0
     return folder
+
+
+@pytest.fixture(scope="session")
+def seen(tmp_path_factory):
+    """Recording of a few simulated steps with every sensor that an estimator of hardware takes but shoe cameras."""
+    path = tmp_path_factory.mktemp("seen") / "walk.mcap"
+    sensors = ("foot_imu", "insole", "head_imu", "head_camera", "ahrs", "encoder")
+    route = Route(segments=(Level(length_m=0.5),))
+    record(
+        Twin(TwinConfig(name="seen", route=route, sensors=sensors, gait=Gait(stand_s=0.5)), 5), path, lambda *_: None
+    )
+    return path

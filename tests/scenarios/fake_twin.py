@@ -23,7 +23,7 @@ from stridetwin.streams.samples import (
     Wrench,
 )
 
-STRIDE_S, STRIDE_M, SWING, STAND_S, STRIDES, G = 1.1, 1.2, 0.4, 2.0, 8, 9.8029
+STRIDE_S, STRIDE_M, SWING, STAND_S, STRIDES, G = 1.1, 1.2, 0.4, 1.0, 5, 9.8029
 RATE_HZ, TRUTH_HZ, CAMERA_HZ = 120.0, 500.0, 10.0
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
-from stridetwin.scenarios.ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
-from stridetwin.scenarios.baseline import regressions
+from stridetwin.scenarios.ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, _samples, mode_scores
 from stridetwin.scenarios.commands.score import score_table
 from stridetwin.scenarios.figures_ahead import (
     WRONG,
@@ -21,13 +20,15 @@ from stridetwin.scenarios.figures_ahead import (
     mode_ribbon,
     told_runs,
 )
+from stridetwin.scenarios.gate.compare import Rules, compare_scores
+from stridetwin.scenarios.gate.score_table import table_of
 from stridetwin.scenarios.ground_grid import KINDS
-from stridetwin.scenarios.laying import Laying
+from stridetwin.scenarios.laying import Laid, Laying
 from stridetwin.scenarios.map_score import MapScores, ScoredChange, TrueChange, map_figures, true_heights
-from stridetwin.scenarios.mode_score import Laid, score_modes
+from stridetwin.scenarios.mode_score import score_modes
 from stridetwin.sim.config import Level, Route, Stairs
 from stridetwin.sim.route import lay_out
-from stridetwin.streams.samples import Footprint
+from stridetwin.streams.samples import Depth, Footprint, Odometry
 from stridetwin.streams.trajectory import Trajectory
 
 LAYOUT = lay_out(Route(segments=(Level(length_m=3), Stairs(risers=3, riser_m=0.15, tread_m=0.3), Level(length_m=3))))
@@ -138,6 +139,22 @@ def test_a_laid_world_goes_there_and_back():
     np.testing.assert_allclose(laid.to_true(points)[0], [[-1.0, 0.5, 3.2], [-1.0, 1.5, 3.7]], atol=1e-12)
     np.testing.assert_allclose(laid.to_told(laid.to_true(points)), points, atol=1e-12)
     np.testing.assert_allclose(laid.to_true(points[..., :2]), laid.to_true(points)[..., :2], atol=1e-12)
+
+
+class Pictures:
+    """In the place of a recording with 30 depth pictures a second."""
+
+    def samples(self, topics):
+        assert topics == ["/head/depth"]
+        return (Depth(topic="/head/depth", t_ns=k * 10**9 // 30, depth=np.zeros((2, 2), np.float32)) for k in range(30))
+
+
+def test_map_and_prediction_are_given_every_picture_and_first_the_pose_of_its_instant():
+    t_ns = np.arange(30) * 10**9 // 30
+    path = Trajectory(t_ns=t_ns, p_frame_in_world=np.zeros((30, 3)), q_world_frame=np.tile([1.0, 0, 0, 0], (30, 1)))
+    given = list(_samples(Pictures(), path, [], "/head/depth"))
+    assert [s.t_ns for s in given if isinstance(s, Depth)] == t_ns.tolist()
+    assert [type(s) for s in given] == [Odometry, Depth] * 30
 
 
 def test_steps_told_in_a_turned_and_shifted_world_are_as_far_off_as_they_were_made(ahead):
@@ -258,6 +275,9 @@ def test_scores_are_told_by_kind_and_judged_the_right_way_round(ahead):
     for words in ("transitions %", "lead s", "accuracy mm", "complete %", "edges mm"):
         assert words in lines
     better = {"locomotion_mode": scores["locomotion_mode"] | {"accuracy_pct": 100.0, "lead_median_s": 9.0}}
-    worse = regressions(scores, {"estimators": better}, "", 0.05)
-    assert {r.metric for r in worse} == {"accuracy_pct", "lead_median_s"}
-    assert regressions(better, {"estimators": {"locomotion_mode": scores["locomotion_mode"]}}, "", 0.05) == []
+    whole, good, own = (
+        table_of({"estimators": side}, "") for side in (scores, better, {"locomotion_mode": scores["locomotion_mode"]})
+    )
+    rules = Rules(tolerance=0.05)
+    assert {r.metric for r in compare_scores(whole, good, rules).regressions} == {"accuracy_pct", "lead_median_s"}
+    assert compare_scores(good, own, rules).regressions == []

@@ -23,7 +23,7 @@ EVERY = [
     {"kind": "nan", "topic": "/foot_r/imu", **AT},
     {"kind": "late", "topic": "/foot_*/imu", "at_s": 5, "duration_s": 0.5, "delay_s": 0.2},
     {"kind": "out_of_order", "topic": "/foot_r/insole", **AT},
-    {"kind": "clock_jump", "topic": "/foot_r/imu", "at_s": 9, "jump_s": -0.2},
+    {"kind": "clock_jump", "topic": "/foot_r/imu", "at_s": 6, "jump_s": -0.2},
     {"kind": "saturation", "topic": "/foot_*/imu", "at_s": 0, "fraction": 0.8},
     {"kind": "occlusion", "topic": "/head/*", **AT, "share": 0.4},
     {"kind": "lens_dirt", "topic": "/head/color", "at_s": 6},
@@ -96,11 +96,17 @@ def errors(said: str) -> list[str]:
     return [x for x in said.splitlines() if not x.endswith("...") and not x.startswith("stridetwin: warning:")]
 
 
-@pytest.mark.parametrize("fault", EVERY, ids=lambda f: f["kind"])
-def test_every_command_survives_every_fault(simulator, tmp_path, capsys, fault):
+REFUSED = ("repeat", "nan", "out_of_order", "clock_jump")  # unless read leniently; one walk has all the others
+ALONE = [[f] for f in EVERY if f["kind"] in REFUSED]
+
+
+@pytest.mark.parametrize(
+    "faults", [*ALONE, [f for f in EVERY if f["kind"] not in REFUSED]], ids=lambda fs: "+".join(f["kind"] for f in fs)
+)
+def test_every_command_survives_every_fault(simulator, tmp_path, capsys, faults):
     """Each estimates, or says in one line what stops it; read leniently each goes through."""
     recording, out = tmp_path / "a.mcap", tmp_path / "out.txt"
-    assert main(["generate", str(written(tmp_path, [fault])), "-o", str(recording)]) == 0
+    assert main(["generate", str(written(tmp_path, faults)), "-o", str(recording)]) == 0
     commands = (
         ["estimate", "foot_ins", str(recording), "-o", str(out)],
         ["score", str(recording)],
@@ -111,7 +117,9 @@ def test_every_command_survives_every_fault(simulator, tmp_path, capsys, fault):
         if main(command) != 0:
             said = errors(capsys.readouterr().err)
             assert len(said) == 1
-            assert fault["topic"].replace("*", "") in said[0].replace("foot_r", "foot_") or "--lenient" in said[0]
+            topics = [fault["topic"].replace("*", "") for fault in faults]
+            assert "--lenient" in said[0] or any(t in said[0].replace("foot_r", "foot_") for t in topics)
+            assert faults[0]["kind"] in REFUSED
         assert main([*command, "--lenient"]) == 0
 
 
@@ -145,7 +153,5 @@ def test_a_walk_without_faults_tells_of_none(simulator, tmp_path):
 def test_a_fault_after_the_end_of_the_walk_is_refused(simulator, tmp_path, capsys):
     path = written(tmp_path, [{"kind": "nan", "topic": "/foot_l/imu", "at_s": 500}])
     assert main(["generate", str(path), "-o", str(tmp_path / "a.mcap")]) == 2
-    assert (
-        "faulty: faults[0].at_s: 500.0 is not valid; valid: 0-13.9, the length of the walk" in capsys.readouterr().err
-    )
+    assert "faulty: faults[0].at_s: 500.0 is not valid; valid: 0-8.6, the length of the walk" in capsys.readouterr().err
     assert not (tmp_path / "a.mcap").exists()

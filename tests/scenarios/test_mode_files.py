@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -12,22 +13,21 @@ from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.mode_files import COLUMNS
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+from stridetwin.sim.fitting import Fitting
 from stridetwin.sim.twin import Twin
-
-
-def recorded(folder: Path, *sensors: str) -> Path:
-    """Four metres on the level, with some groups of sensors."""
-    path = folder / "walk.mcap"
-    route = Route(segments=(Level(length_m=4.0),))
-    record(
-        Twin(TwinConfig(name="modes", route=route, sensors=sensors, gait=Gait(stand_s=0.6)), 5), path, lambda *_: None
-    )
-    return path
+from stridetwin.streams.recording import Recording, RecordingWriter
 
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    return recorded(tmp_path_factory.mktemp("walk"), "insole", "head_imu", "head_camera")
+    """Four metres on the level."""
+    path = tmp_path_factory.mktemp("walk") / "walk.mcap"
+    config = TwinConfig(
+        name="modes", route=Route(segments=(Level(length_m=4.0),)), sensors=("insole", "head_imu", "head_camera"),
+        gait=Gait(stand_s=0.6), fittings={"head_camera": Fitting(rate_hz=10.0)},
+    )  # fmt: skip
+    record(Twin(config, 5), path, lambda *_: None)
+    return path
 
 
 @pytest.mark.parametrize("method", ["stridetwin", "published"])
@@ -42,9 +42,13 @@ def test_estimate_writes_a_row_a_step(walk, tmp_path, method):
     assert np.all(np.diff([float(row["t_s"]) for row in rows]) > 0.0)
 
 
-def test_a_recording_without_insoles_is_refused(tmp_path, capsys):
-    walk = recorded(tmp_path, "head_imu", "head_camera")
-    assert main(["estimate", "locomotion_mode", str(walk), "-o", str(tmp_path / "modes.csv")]) == 2
+def test_a_recording_without_insoles_is_refused(walk, tmp_path, capsys):
+    recording, without = Recording(walk), tmp_path / "walk.mcap"
+    topics = [topic for topic in recording.topics if topic.startswith("/head/")]
+    with RecordingWriter(without, replace(recording.rig, others={}), recording.metadata) as writer:
+        for sample in islice(recording.samples(topics), 300):
+            writer.write(sample)
+    assert main(["estimate", "locomotion_mode", str(without), "-o", str(tmp_path / "modes.csv")]) == 2
     told = capsys.readouterr().err
     assert "walk.mcap" in told
     assert "/foot_l/insole or /foot_r/insole" in told

@@ -11,17 +11,12 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.scenarios.change_score import ScoredApproach, mode_changes
 from stridetwin.scenarios.experiments.zhao_generality import GROUPS, MOUNTS, PATTERNS, SEEDS, TERRAINS, condition
 from stridetwin.scenarios.flights import flights
-from stridetwin.scenarios.mode_score import (
-    Laid,
-    ModeScores,
-    ScoredApproach,
-    ScoredMode,
-    mode_changes,
-    mode_figures,
-    score_modes,
-)
+from stridetwin.scenarios.laying import Laid
+from stridetwin.scenarios.mode_figures import mode_figures
+from stridetwin.scenarios.mode_score import ModeScores, ScoredMode, score_modes, told_by_step
 from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.samples import Footprint
@@ -154,3 +149,23 @@ def test_who_pauses_does_not_walk_steadily():
     figures = mode_figures([ModeScores(steps=steps)])
     assert figures["footprint_steady_rmse_m"]["forward"] == pytest.approx(0.01)
     assert figures["footprint_rmse_m"]["forward"] > 0.1
+
+
+def test_estimates_about_a_touch_down_tell_of_the_feet_that_they_wait_for() -> None:
+    """Feet land at 1, 2, 3 s; one lands heard late, one was guessed early."""
+    landed = [SimpleNamespace(t_ns=t * 10**9, foot=foot) for t, foot in ((1, "l"), (2, "r"), (3, "l"))]
+
+    def told(t_s: float, feet: str) -> SimpleNamespace:
+        return SimpleNamespace(t_ns=int(t_s * 1e9), steps=[SimpleNamespace(foot=foot) for foot in feet])
+
+    cases = {
+        (0.5, "lr"): [0, 1],
+        (1.04, "lrl"): [None, 1, 2],  # the left foot is down, the insole has not told yet
+        (1.96, "lr"): [2, None],  # the right foot counts as down already
+        (1.6, "lr"): [1, 2],  # who waits for the wrong foot for long is not helped
+        (2.5, ""): [],
+    }
+    for (t_s, feet), steps in cases.items():
+        found = told_by_step(landed, [told(t_s, feet)])
+        numbers = {k: i for i, of in enumerate(found) for _, k in of}
+        assert [numbers.get(k) for k in range(len(feet))] == steps

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.commands.source import opened
 from stridetwin.scenarios.scoring import compare
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.recording import Recording
@@ -19,7 +20,15 @@ description: a few steps in a room
 terrain:
   - level: {length_m: 1.5}
 scenery: room
-sensors: [insole, head_imu, head_camera]
+sensors:
+  head_camera: {rate_hz: 15}
+  foot_imu: false
+  foot_camera: false
+  sonar: false
+  ahrs: false
+  encoder: false
+  interaction: false
+  actuator: false
 gait: {stand_s: 1.2}
 """
 
@@ -81,16 +90,44 @@ def test_the_ground_and_the_steps_ahead_are_scored_and_shown(walked):
         assert entity.encode() in live
 
 
-@pytest.mark.parametrize(
-    "form", [["tum", "--camera", "/head/color"], ["rosbag2"], ["euroc", "--stereo-baseline", "0.095"]]
-)
-def test_folders_and_bags_of_others_lead_to_the_same_path(walked, tmp_path, form):
-    folder, path = tmp_path / form[0], tmp_path / "path.txt"
-    assert main(["export", str(walked / "recording.mcap"), "--format", *form, "-o", str(folder)]) == 0
+def test_a_folder_of_two_cameras_leads_to_the_same_path(walked, tmp_path):
+    folder, path = tmp_path / "euroc", tmp_path / "path.txt"
+    words = ["export", str(walked / "recording.mcap"), "--format", "euroc", "--stereo-baseline", "0.095"]
+    assert main([*words, "-o", str(folder)]) == 0
     assert main(["estimate", "dvio", str(folder), "-o", str(path)]) == 0
     fitted = over_truth(path, walked)
     assert fitted.coverage > 0.8
     assert np.linalg.norm(fitted.error_m, axis=1).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("form", "depth_m"), [(["tum", "--camera", "/head/color"], 1.01e-4), (["rosbag2"], 0.0)], ids=["tum", "rosbag2"]
+)
+def test_folders_and_bags_of_others_bring_what_the_odometry_takes(walked, tmp_path, form, depth_m):
+    """From equal samples and an equal rig comes an equal path; TUM's depth is in fifths of a millimetre."""
+    recording, folder = Recording(walked / "recording.mcap"), tmp_path / form[0]
+    assert main(["export", str(walked / "recording.mcap"), "--format", *form, "-o", str(folder)]) == 0
+    back = opened(folder, lenient=False)
+    a, b = recording.block("/head/imu"), back.block("/head/imu")
+    np.testing.assert_array_equal(a.t_ns, b.t_ns)
+    for name in ("angular_rate", "specific_force"):
+        np.testing.assert_array_equal(a.columns[name], b.columns[name])
+    for image, other in zip(recording.images("/head/color"), back.images("/head/color"), strict=True):
+        assert image.t_ns == other.t_ns
+        np.testing.assert_array_equal(image.pixels, other.pixels)
+    for depth, other in zip(recording.images("/head/depth"), back.images("/head/depth"), strict=True):
+        assert depth.t_ns == other.t_ns
+        np.testing.assert_allclose(depth.depth, other.depth, rtol=0, atol=depth_m)
+    for sensor in ("imus", "cameras"):
+        topic = {"imus": "/head/imu", "cameras": "/head/color"}[sensor]
+        one, two = (dict(vars(getattr(r.rig, sensor)[topic])) for r in (recording, back))
+        del one["mount"], two["mount"]
+        assert one == two
+    between = [
+        np.linalg.inv(r.rig.imu("/head/imu").mount.T_body_sensor) @ r.rig.cameras["/head/color"].mount.T_body_sensor
+        for r in (recording, back)
+    ]
+    np.testing.assert_allclose(*between, atol=1e-12)
 
 
 def test_what_goes_with_one_foot_is_refused(tmp_path, capsys):

@@ -41,16 +41,6 @@ def test_the_report_has_no_script_no_address_and_no_gap(walk):
     assert "$" not in re.sub(r"base64,[^\"]*", "", html)
 
 
-def test_reports_of_equal_walks_are_equal(walk, simulator, tmp_path):
-    from stridetwin.scenarios.cli import main
-
-    folders = [tmp_path / name for name in "ab"]
-    for folder in folders:
-        main(["run", "level_20m", "--no-film", "--no-cameras", "-o", str(folder)])
-    first, second = ((f / "report.html").read_bytes() for f in folders)
-    assert first == second
-
-
 def test_strides_are_level_and_inside_the_walk(walk):
     footprints = list(Recording(walk / "recording.mcap").block("/truth/footprints"))
     strides = level_strides(footprints)

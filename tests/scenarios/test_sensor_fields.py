@@ -137,3 +137,26 @@ def test_errors_of_calibration_exposure_and_strikes_are_read_in_the_units_of_fil
         read({"foot_imu": {"calibration_sd": {}}})
     with pytest.raises(ConfigError, match=r"head_camera\.calibration_sd\.rotation_deg: 9 is not valid; valid: 0-5"):
         read({"head_camera": {"calibration_sd": {"rotation_deg": 9}}})
+
+
+def test_camera_with_depth_sonar_and_imu_sit_and_face_where_the_file_says():
+    sits = {"position_mm": [80, 30, 200], "faces_deg": [90, -30]}
+    rig = fitted({"head_camera": {"mount": sits}, "sonar": {"mount": sits}}).rig
+    camera = rig.cameras["/head/color"].mount.T_body_sensor
+    np.testing.assert_allclose(camera[:3, 3], [0.08, 0.03, 0.2])
+    np.testing.assert_allclose(camera[:3, 2], [0.0, np.cos(np.pi / 6), -0.5], atol=1e-12)
+    np.testing.assert_allclose(camera[2, 0], 0.0, atol=1e-12)  # level
+    for side, inward in (("l", -1.0), ("r", 1.0)):
+        sonar = rig.others[f"/foot_{side}/sonar"].mount.T_body_sensor
+        np.testing.assert_allclose(sonar[:3, 3], [0.08, 0.03 * inward, 0.2])
+        np.testing.assert_allclose(sonar[:3, 0], [0.0, inward * np.cos(np.pi / 6), -0.5], atol=1e-12)
+        np.testing.assert_allclose(sonar[:3, :3] @ sonar[:3, :3].T, np.eye(3), atol=1e-12)
+    with pytest.raises(
+        ConfigError, match=r"sensors\.head_camera\.pitch_down_deg: 8 is not valid; valid: no pitch_down"
+    ):
+        read({"head_camera": {"mount": sits, "pitch_down_deg": 8}})
+    turned = fitted({"foot_imu": {"rotation_deg": [0, 0, 90]}}).rig.imus
+    for side, out in (("l", 1.0), ("r", -1.0)):  # mirror images
+        np.testing.assert_allclose(turned[f"/foot_{side}/imu"].mount.T_body_sensor[:3, 0], [0, out, 0], atol=1e-12)
+    plain = fitted({}).rig.imus["/foot_l/imu"].mount.T_body_sensor[:3, :3]
+    np.testing.assert_array_equal(plain, np.eye(3))

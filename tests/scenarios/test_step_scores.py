@@ -6,9 +6,10 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.baseline import regressions
 from stridetwin.scenarios.commands.score import score_table
 from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
+from stridetwin.scenarios.gate.compare import Rules, compare_scores
+from stridetwin.scenarios.gate.score_table import table_of
 from stridetwin.scenarios.step_scores import step_scores
 from stridetwin.scenarios.steps import ScoredStep
 from stridetwin.sim.config import Level, Ramp, Route
@@ -39,11 +40,11 @@ def test_scores_count_missed_and_unknown_steps():
 
 def test_a_worse_class_is_a_regression_and_a_better_one_is_not():
     good, bad = step_scores([step(i) for i in range(4)]), step_scores([step(i, told_mode="SA") for i in range(4)])
-    baseline = {"estimators": {"contact_terrain": good}}
-    assert regressions({"contact_terrain": good}, baseline, "b", 0.1) == []
-    worse = regressions({"contact_terrain": bad}, baseline, "b", 0.1)
+    good, bad = (table_of({"estimators": {"contact_terrain": scores}}, "b") for scores in (good, bad))
+    assert compare_scores(good, good, Rules()).regressions == []
+    worse = compare_scores(bad, good, Rules()).regressions
     assert [r.metric for r in worse] == ["classification_accuracy_pct"]
-    assert regressions({"contact_terrain": good}, {"estimators": {"contact_terrain": bad}}, "b", 0.1) == []
+    assert compare_scores(good, bad, Rules()).regressions == []
 
 
 def test_paths_and_steps_have_tables_of_their_own():

@@ -9,13 +9,12 @@ import pytest
 
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.ground_grid import KINDS, GroundGrid, kinds_at
-from stridetwin.scenarios.map_score import Drift, distance_to, mesh_of, true_changes
+from stridetwin.scenarios.map_score import distance_to, mesh_of, true_changes
 from stridetwin.scenarios.terrain_files import COLORS, map_recording
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
 from stridetwin.sim.route import Slab
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.opening import open_any
-from stridetwin.streams.samples import Odometry
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
 RISER, TREAD = 0.15, 0.30
@@ -154,19 +153,3 @@ def test_distances_from_a_mesh_are_exact():
     np.testing.assert_allclose(distance_to(mesh, points), [0.2, 0.0, 1.0, 0.5, 0.1], atol=1e-9)
     over = np.array([[3.0 - 0.6, 0.1, 2.0 + 0.8], [3.0, 0.0, 2.0], [3.0, 1.0, 1.9]])
     np.testing.assert_allclose(distance_to(mesh_of([low, ramp]), over), [1.0, 0.0, 0.5], atol=1e-9)
-
-
-def test_drift_is_a_share_of_the_way():
-    def poses():
-        for i in range(101):
-            yield Odometry(
-                topic="/truth", t_ns=i * 10_000_000, p_frame_in_world=np.array([0.1 * i, 0.0, 0.0]),
-                q_world_frame=np.array([1.0, 0, 0, 0]), v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),
-            )  # fmt: skip
-
-    drift = Drift(share=0.01, attitude_sd_rad=0.002)
-    told = list(drift.applied(poses(), np.random.default_rng(0)))
-    off = told[-1].p_frame_in_world - [10.0, 0.0, 0.0]
-    assert np.linalg.norm(off) == pytest.approx(0.1)
-    angles = [2 * math.acos(min(1.0, abs(p.q_world_frame[0]))) for p in told]
-    assert 0.0005 < np.mean(angles) < 0.01

@@ -18,7 +18,8 @@ from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, Forge
 from stridetwin.scenarios.experiments.registry import EXPERIMENTS
 from stridetwin.scenarios.experiments.zhao_generality import condition
 from stridetwin.scenarios.experiments.zhao_trials import SEEDS, TRIALS, subject_and_turn, trial_config
-from stridetwin.scenarios.mode_score import ModeScores, ScoredMode, told_and_right
+from stridetwin.scenarios.mode_figures import told_and_right
+from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.walk_spread import EDGES, pitch_down, spread, together
 from stridetwin.sim.config import Turn

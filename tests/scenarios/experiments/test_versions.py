@@ -41,13 +41,14 @@ def test_what_makes_the_figure_changes_the_digest(copied) -> None:
         "estimators/dvio/solver.py",
         "estimators/locomotion_mode/rollout.py",
         "scenarios/mode_score.py",
+        "scenarios/change_score.py",
         "scenarios/record.py",
         "scenarios/experiments/mode_walks.py",
         "scenarios/experiments/zhao_generality.py",
     ):
         copied(place)
         seen.add(digest(GENERALITY))
-    assert len(seen) == 11
+    assert len(seen) == 12
 
 
 def test_pages_tables_and_other_experiments_do_not(copied) -> None:
@@ -56,6 +57,7 @@ def test_pages_tables_and_other_experiments_do_not(copied) -> None:
         "scenarios/report.py",
         "scenarios/cli.py",
         "scenarios/experiments/registry.py",
+        "scenarios/mode_figures.py",
         "scenarios/experiments/mode_tables.py",
         "scenarios/experiments/mode_report.py",
         "scenarios/experiments/zhao_trials.py",

@@ -25,6 +25,8 @@ description: a few steps
 terrain:
   - level: {length_m: 5}
 gait: {stand_s: 1}
+sensors:
+  foot_camera: {rate_hz: 30}
 """
 
 

@@ -1,0 +1,141 @@
+"""What a campaign is worth whose making was killed: SIGKILL at random times during `generate CAMPAIGN`.
+
+`python -m benchmarks.campaign_kills [--kills 200] [--workers 1] [--walks 5] [--json]` kills `stridetwin generate` on a
+campaign of so many short walks, each time at another moment of its life, lets the next one go on in the same folder,
+and demands of every kill that
+
+- no file stands under a visible name unless it is whole: recordings, scenarios, rows, manifest and card have the bytes
+  of a campaign that was never disturbed;
+- no walk that was finished is lost or made again;
+- the campaign ends with the bytes of the undisturbed one.
+
+With two workers it is the process of the command itself that is killed; its workers end by themselves.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import time
+from argparse import Namespace
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.command import answer, command, show_summary
+from stridetwin.scenarios.campaign.campaign_file import read_campaign
+from stridetwin.scenarios.campaign.generate import Asked, generate
+from stridetwin.scenarios.cli import main as stridetwin
+
+SHORT = """
+description: a few steps
+terrain:
+  - level: {length_m: 2}
+gait: {stand_s: 0.5}
+sensors: [foot_imu, insole]
+"""
+CAMPAIGN = """
+campaign: A few steps
+walks: {walks}
+scenarios: [short.yaml]
+set:
+  gait.speed_mps: {{uniform: [0.9, 1.2]}}
+  sensors.foot_imu.part: MPU-9250
+"""
+
+
+def start(campaign: Path, folder: Path, workers: int) -> int:
+    """Runs `generate` in a child; returns its process number."""
+    child = os.fork()
+    if child == 0:
+        code = 70
+        with suppress(BaseException):
+            silent = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(silent, 1)
+            os.dup2(silent, 2)
+            code = stridetwin(["generate", str(campaign), "-o", str(folder), "--workers", str(workers)])
+        os._exit(code)
+    return child
+
+
+def visible(folder: Path) -> dict[str, bytes]:
+    """The files that somebody sees, by name."""
+    files = (p for p in folder.rglob("*") if not any(part.startswith(".") for part in p.relative_to(folder).parts))
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(files) if p.is_file()}
+
+
+def rows(folder: Path) -> dict[str, int]:
+    """The finished walks, and when each row was written, ns."""
+    return {p.name: p.stat().st_mtime_ns for p in (folder / "rows").glob("*.json")}
+
+
+def measure_kills(kills: int, workers: int = 1, walks: int = 5, seed: int = 0) -> dict[str, float]:
+    """Kills so many runs of a campaign of so many walks; raises AssertionError where one leaves what it should not."""
+    rng = np.random.default_rng(seed)
+    counts = {"kills": 0.0, "with_walks_before": 0.0, "campaigns_completed": 0.0, "walks_kept": 0.0}
+    with tempfile.TemporaryDirectory() as name:
+        home = Path(name)
+        (home / "short.yaml").write_text(SHORT)
+        (home / "small.yaml").write_text(CAMPAIGN.format(walks=walks))
+        generate(read_campaign(home / "small.yaml"), Asked(folder=home / "whole"), lambda *_: None)
+        whole, number = visible(home / "whole"), 0
+        life_s = _life(home / "small.yaml", home / "timed", workers)
+        folder = home / "killed"
+        finished: dict[str, int] = {}
+        while counts["kills"] < kills:
+            child = start(home / "small.yaml", folder, workers)
+            time.sleep(life_s * rng.random())
+            os.kill(child, signal.SIGKILL)
+            _, status = os.waitpid(child, 0)
+            if os.WIFSIGNALED(status):
+                counts["kills"] += 1
+                counts["with_walks_before"] += bool(finished)
+            else:
+                assert os.waitstatus_to_exitcode(status) == 0, "generate failed"
+            there = rows(folder) if folder.exists() else {}
+            assert finished.items() <= there.items(), "a finished walk was lost, or made again"
+            found = visible(folder)
+            assert all(whole[file] == data for file, data in found.items()), "a file that is not whole is seen"
+            finished = there
+            if "manifest.json" in found:
+                assert found == whole, "the campaign differs from the undisturbed one"
+                counts["campaigns_completed"] += 1
+                counts["walks_kept"] += len(finished)
+                number += 1
+                folder, finished = home / f"killed_{number}", {}
+        if finished or folder.exists():
+            assert os.waitstatus_to_exitcode(os.waitpid(start(home / "small.yaml", folder, workers), 0)[1]) == 0
+            assert finished.items() <= rows(folder).items(), "a finished walk was made again"
+            assert visible(folder) == whole, "the campaign differs from the undisturbed one"
+            assert not list(folder.rglob(".*")), "something hidden is left"
+            counts["campaigns_completed"] += 1
+    return {**counts, "life_s": life_s}
+
+
+def _life(campaign: Path, folder: Path, workers: int) -> float:
+    began = time.perf_counter()
+    assert os.waitstatus_to_exitcode(os.waitpid(start(campaign, folder, workers), 0)[1]) == 0
+    return time.perf_counter() - began
+
+
+def measure(arguments: Namespace) -> dict[str, Any]:
+    """Figures as an experiment tells them."""
+    figures = measure_kills(arguments.kills, arguments.workers, arguments.walks)
+    return {
+        "experiment": "campaign_kills",
+        "summary": {f"workers_{arguments.workers}": figures},
+        "paper": {},
+        "cases": [],
+    }
+
+
+if __name__ == "__main__":
+    parser = command(__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--walks", type=int, default=5, help="more with workers, which take some seconds to start")
+    sys.exit(answer(parser, measure, show_summary(22, "8.2f")))

@@ -1,0 +1,358 @@
+"""Does the gate see what is worse, and only that: injected regressions on the same walks, unchanged code on fresh ones.
+
+`python -m benchmarks.gate [--walks 30] [--fresh 20] [--folder runs/gate] [--json]` makes walks of ten seconds without
+cameras (`benchmarks.campaign_speed`), scores `foot_ins` and `contact_terrain` on them as they are, and
+
+- with each of `REGRESSIONS` on the same `--walks` walks: found is one whose estimator the gate calls worse. How much
+  worse it is is told by the composite of its errors, and by their means, over these walks.
+- unchanged on `--fresh` groups of as many other walks: whatever the gate calls worse there is a false alarm.
+
+Walks and scores stay in the folder, and are taken from there the next time.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import tempfile
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from benchmarks.campaign_speed import written
+from benchmarks.command import answer, command
+from stridetwin.estimators import foot_ins
+from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.scenarios import estimates
+from stridetwin.scenarios.campaign.generate import Asked, generate
+from stridetwin.scenarios.campaign.walk import ACCEPTED
+from stridetwin.scenarios.evaluate import evaluate, summary
+from stridetwin.scenarios.gate.compare import Comparison, Rules, compare_scores
+from stridetwin.scenarios.gate.judged import OVERALL
+from stridetwin.scenarios.gate.score_table import ScoreTable, document_of, table_of
+from stridetwin.scenarios.step_scores import evaluate_steps
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.samples import Ahrs, Block, Encoder, Sample
+
+FOOT, STEPS = "foot_ins", "contact_terrain"
+Columns = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Regression:
+    """Something wrong with an estimator.
+
+    Attributes:
+        name: In few words.
+        estimator: FOOT or STEPS.
+        imu: Changes the columns of a foot's IMU, which it may write into.
+        sample: Changes a sample of the exoskeleton.
+        parameters: Factors of the filter's parameters.
+        source: A line of the filter's sources, and what stands there instead.
+    """
+
+    name: str
+    estimator: str = FOOT
+    imu: Callable[[Columns, np.random.Generator], None] | None = None
+    sample: Callable[[Sample, np.random.Generator], Sample] | None = None
+    parameters: Mapping[str, float] | None = None
+    source: tuple[str, str, str] | None = None
+
+
+def noise(column: str, sd: float) -> Callable[[Columns, np.random.Generator], None]:
+    def act(columns: Columns, rng: np.random.Generator) -> None:
+        columns[column] += rng.normal(0.0, sd, columns[column].shape)
+
+    return act
+
+
+def drift(column: str, *end: float) -> Callable[[Columns, np.random.Generator], None]:
+    """A bias that grows over the walk."""
+
+    def act(columns: Columns, rng: np.random.Generator) -> None:
+        columns[column] += np.linspace(0.0, 1.0, len(columns[column]))[:, None] * np.array(end)
+
+    return act
+
+
+def scale(column: str, factor: float) -> Callable[[Columns, np.random.Generator], None]:
+    def act(columns: Columns, rng: np.random.Generator) -> None:
+        columns[column] *= factor
+
+    return act
+
+
+def late(column: str, share: float) -> Callable[[Columns, np.random.Generator], None]:
+    """A column is late by a share of a sample."""
+
+    def act(columns: Columns, rng: np.random.Generator) -> None:
+        x = columns[column]
+        x[1:] = (1.0 - share) * x[1:] + share * x[:-1].copy()
+
+    return act
+
+
+def rounded(column: str, step: float) -> Callable[[Columns, np.random.Generator], None]:
+    def act(columns: Columns, rng: np.random.Generator) -> None:
+        columns[column] = np.round(columns[column] / step) * step
+
+    return act
+
+
+def held(share: float) -> Callable[[Columns, np.random.Generator], None]:
+    """Some samples are those before them once more."""
+
+    def act(columns: Columns, rng: np.random.Generator) -> None:
+        again = np.flatnonzero(rng.random(len(columns["angular_rate"])) < share)
+        again = again[again > 0]
+        for x in columns.values():
+            x[again] = x[again - 1]
+
+    return act
+
+
+def limited(column: str, most: float) -> Callable[[Columns, np.random.Generator], None]:
+    def act(columns: Columns, rng: np.random.Generator) -> None:
+        np.clip(columns[column], -most, most, out=columns[column])
+
+    return act
+
+
+def knee(offset: float = 0.0, sd: float = 0.0, factor: float = 1.0) -> Callable[[Sample, np.random.Generator], Sample]:
+    def act(sample: Sample, rng: np.random.Generator) -> Sample:
+        if not isinstance(sample, Encoder):
+            return sample
+        return replace(sample, angle=factor * sample.angle + offset + float(rng.normal(0.0, sd) if sd else 0.0))
+
+    return act
+
+
+def turning(factor: float) -> Callable[[Sample, np.random.Generator], Sample]:
+    def act(sample: Sample, rng: np.random.Generator) -> Sample:
+        return replace(sample, angular_rate=factor * sample.angular_rate) if isinstance(sample, Ahrs) else sample
+
+    return act
+
+
+GYRO, FORCE = "angular_rate", "specific_force"
+REGRESSIONS = (
+    Regression(name="gyro noise", imu=noise(GYRO, 0.015)),
+    Regression(name="force noise", imu=noise(FORCE, 0.04)),
+    Regression(name="gyro coarse", imu=rounded(GYRO, 0.018)),
+    Regression(name="force coarse", imu=rounded(FORCE, 0.15)),
+    Regression(name="gyro bias drifts", imu=drift(GYRO, 0.0, 0.016, 0.016)),
+    Regression(name="gyro scale", imu=scale(GYRO, 1.01)),
+    Regression(name="force scale", imu=scale(FORCE, 1.01)),
+    Regression(name="gyro late", imu=late(GYRO, 0.5)),
+    Regression(name="force late", imu=late(FORCE, 0.5)),
+    Regression(name="force clipped", imu=limited(FORCE, 47.0)),
+    Regression(name="samples held", imu=held(0.015)),
+    Regression(name="stands too rarely", parameters={"still_level": 0.6, "still_share": 0.6}),
+    Regression(name="trusts standing too little", parameters={"still_velocity": 2.3}),
+    Regression(name="trusts standing too much", parameters={"still_velocity": 0.2}),
+    Regression(name="trusts standing too often", parameters={"still_correlation_s": 0.1}),
+    Regression(name="contact wanders too little", parameters={"contact_sd": 0.2}),
+    Regression(name="trusts the gyro too little", parameters={"gyro_noise": 6.0}),
+    Regression(name="trusts the force too much", parameters={"accel_motion_noise": 0.35, "accel_jerk_noise": 0.35}),
+    Regression(name="rests too rarely", parameters={"rest_level": 0.55}),
+    Regression(name="lever arm of the wrong sign", parameters={"lever_arm": -0.1}),
+    Regression(
+        name="Jacobian of the contact of the wrong sign",
+        source=("stance.py", "D_CONTACT + 3] = skew(w) @ R", "D_CONTACT + 3] = -skew(w) @ R"),
+    ),
+    Regression(name="knee off", estimator=STEPS, sample=knee(offset=0.006)),
+    Regression(name="knee noise", estimator=STEPS, sample=knee(sd=0.012)),
+    Regression(name="knee scale", estimator=STEPS, sample=knee(factor=1.01)),
+    Regression(name="rates too small", estimator=STEPS, sample=turning(0.998)),
+)
+
+
+class Spoilt:
+    """A recording of which some samples are others."""
+
+    def __init__(self, recording: Recording, how: Regression) -> None:
+        self._recording, self._how = recording, how
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._recording, name)
+
+    def block(self, topic: str) -> Block[Any]:
+        """A topic's samples."""
+        block = self._recording.block(topic)
+        if self._how.imu is None or topic.startswith("/truth/"):
+            return block
+        columns = {name: column.copy() for name, column in block.columns.items()}
+        self._how.imu(columns, np.random.default_rng([len(block), *topic.encode()]))
+        return replace(block, columns=columns)
+
+    def samples(self, topics: Iterable[str]) -> Iterator[Sample]:
+        """Samples of some topics."""
+        rng = np.random.default_rng(1)
+        for sample in self._recording.samples(topics):
+            yield sample if self._how.sample is None else self._how.sample(sample, rng)
+
+
+@contextmanager
+def injected(how: Regression) -> Iterator[None]:
+    """The filter of one foot, spoilt."""
+    kind: Any = FootIns if how.source is None else _mutant(how)
+
+    def make(lag_s: float | None = None, calibration: Any = None) -> FootIns:
+        made: FootIns = kind(calibration)
+        for name, factor in (how.parameters or {}).items():
+            value = getattr(made._parameters, name)
+            made._parameters = made._parameters._replace(**{name: factor * value})
+        return made
+
+    with patch.object(estimates, "foot_filter", make):
+        yield
+
+
+_FOLDER = Path(tempfile.gettempdir()) / "stridetwin-gate-mutants"
+
+
+def _mutant(how: Regression) -> Any:
+    """The filter with one line of its sources changed: a package of its own, compiled where it lies."""
+    assert how.source is not None
+    name = "mutant_" + re.sub(r"\W", "_", how.name)
+    folder = _FOLDER / name
+    file, old, new = how.source
+    origin = Path(str(foot_ins.__file__)).parent
+    folder.mkdir(parents=True, exist_ok=True)
+    for source in origin.glob("*.py"):
+        text = source.read_text().replace("stridetwin.estimators.foot_ins", name)
+        if source.name == file:
+            assert text.count(old) == 1, f"{file} no longer has {old!r}"
+            text = text.replace(old, new)
+        place = folder / source.name
+        if not place.is_file() or place.read_text() != text:
+            place.write_text(text)
+    if str(_FOLDER) not in sys.path:
+        sys.path.insert(0, str(_FOLDER))
+    return import_module(name).FootIns
+
+
+def scores_of(path: Path, how: Regression | None, cached: dict[Path, Recording]) -> dict[str, dict[str, float]]:
+    """What the estimators get on a walk; with a regression, the one that has it."""
+    if path not in cached:
+        cached.clear()
+        cached[path] = Recording(path)
+    asked: Any = cached[path] if how is None else Spoilt(cached[path], how)
+    found: dict[str, dict[str, float]] = {}
+    if how is None or how.estimator == FOOT:
+        with injected(how or Regression(name="none")):
+            made = [estimates.estimate_foot(asked, foot) for foot in "lr"]
+        found = {r.estimate.name: r.scores for r in evaluate(cached[path], made)}
+    if how is None or how.estimator == STEPS:
+        found[STEPS] = evaluate_steps(asked).scores
+    return found
+
+
+def table(paths: Sequence[Path], how: Regression | None, folder: Path) -> list[dict[str, Any]]:
+    """Rows of `score --json`, of which those that are in the folder are not made again."""
+    name = "as_it_is" if how is None else re.sub(r"\W", "_", f"{how.name}")
+    file = folder / "scores" / f"{name}.jsonl"
+    file.parent.mkdir(exist_ok=True)
+    there = {}
+    if file.is_file():
+        there = {row["name"]: row for row in map(json.loads, file.read_text().splitlines())}
+    cached: dict[Path, Recording] = {}
+    for path in paths:
+        key = f"{path.parents[1].name}/{path.stem}"
+        if key not in there:
+            there[key] = {"name": key, "sha256": key, "estimators": scores_of(path, how, cached)}
+            with file.open("a") as out:
+                out.write(json.dumps(there[key]) + "\n")
+    return [there[f"{path.parents[1].name}/{path.stem}"] for path in paths]
+
+
+def as_table(rows: Sequence[dict[str, Any]], names: Iterable[str] | None = None) -> ScoreTable:
+    rows = [
+        {**row, "estimators": {n: s for n, s in row["estimators"].items() if names is None or n in names}}
+        for row in rows
+    ]
+    return table_of(document_of(rows, summary(row["estimators"] for row in rows)), "")
+
+
+def walks(folder: Path, seed: int, count: int) -> list[Path]:
+    """Recordings of so many accepted walks of the campaign with a seed; those that are there are not made again."""
+    (folder / "campaign").mkdir(parents=True, exist_ok=True)
+    asked = Asked(folder=folder / f"walks_{seed}", subset=count, seed=seed)
+    done = generate(written(folder / "campaign"), asked, lambda *_: None)
+    return [asked.folder / w["recording"] for w in done.manifest["walks"] if w["status"] == ACCEPTED]
+
+
+def measure(arguments: Namespace) -> dict[str, Any]:
+    """What was found of what was injected, and what was alarmed at for nothing."""
+    folder, rules = arguments.folder, Rules()
+    same = walks(folder, 0, arguments.walks)
+    as_it_is = table(same, None, folder)
+    cases = []
+    for how in REGRESSIONS:
+        comparison = _against(as_it_is, table(same, how, folder), rules)
+        (size,) = (line for line in comparison.lines if line.metric == OVERALL)
+        cases.append(
+            {
+                "injected": how.name,
+                "estimator": how.estimator,
+                "found": bool(comparison.regressions),
+                "overall_pct": size.change,
+                "interval_pct": [size.low, size.high],
+                "by": [f"{line.metric} {line.change:+.1f}" for line in comparison.regressions],
+            }
+        )
+    summary: dict[str, dict[str, float]] = {
+        "injected": {
+            "regressions": len(cases),
+            "walks": len(same),
+            "found": sum(case["found"] for case in cases),
+        }
+    }
+    fresh = walks(folder, 1, arguments.fresh * arguments.group) if arguments.fresh else []
+    groups = [fresh[i : i + arguments.group] for i in range(0, len(fresh) - arguments.group + 1, arguments.group)]
+    alarms = [_against(as_it_is, table(group, None, folder), rules).regressions for group in groups]
+    if groups:
+        summary["unchanged"] = {
+            "groups": len(groups),
+            "walks": arguments.group,
+            "alarms": sum(map(bool, alarms)),
+        }
+        told = [[f"{line.estimator} {line.metric}" for line in found] for found in alarms]
+        cases.append({"unchanged": told})
+    return {"experiment": "gate", "summary": summary, "paper": {}, "cases": cases}
+
+
+def _against(baseline: Sequence[dict[str, Any]], now: Sequence[dict[str, Any]], rules: Rules) -> Comparison:
+    names = {name for row in now for name in row["estimators"]}
+    return compare_scores(as_table(now), as_table(baseline, names), rules)
+
+
+def show(result: dict[str, Any]) -> None:
+    """Prints the figures."""
+    for case in result["cases"]:
+        if "injected" in case:
+            low, high = case["interval_pct"]
+            words = "found    " if case["found"] else "NOT FOUND"
+            told = f"{case['overall_pct']:+6.1f} % ({low:+.1f} to {high:+.1f})"
+            print(f"{case['injected']:<42}{words} {told:<28}", "; ".join(case["by"]))
+        else:
+            print(*(f"fresh walks, false alarms: {'; '.join(told)}" for told in case["unchanged"] if told), sep="\n")
+    for name, figures in result["summary"].items():
+        print(name, *(f"{key} {value:g}" for key, value in figures.items()), sep=", ")
+
+
+if __name__ == "__main__":
+    parser = command(__doc__)
+    parser.add_argument("--walks", type=int, default=30, metavar="N", help="walks of baseline and of each regression")
+    parser.add_argument("--fresh", type=int, default=20, metavar="N", help="groups of fresh walks")
+    parser.add_argument("--group", type=int, default=30, metavar="N", help="walks of a fresh group")
+    parser.add_argument("--folder", type=Path, default=Path("runs/gate"), metavar="DIR", help="walks and scores")
+    sys.exit(answer(parser, measure, show))

@@ -1,0 +1,95 @@
+"""Whether every value that may be drawn is valid, found out before anything walks.
+
+Each variable is set to its ends on each scenario, while the others are in their middle. What only some combinations
+show (a way that runs into itself, a landing too short) is found when they are walked, and such walks are rejected.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from stridetwin.scenarios.campaign.campaign_file import Campaign
+from stridetwin.scenarios.campaign.named_files import PARTS, Base, Variable
+from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_parts, tried
+from stridetwin.scenarios.campaign.people import Group
+from stridetwin.scenarios.campaign.plan import Extra, people, scenario_of
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+_MIDDLE = 0.5
+_STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
+
+
+def check_extremes(campaign: Campaign, extra: Extra) -> None:
+    """Tries the ends of every range.
+
+    Raises:
+        ConfigError: The message names file, field, value and what is valid.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / FOLDER).mkdir()
+        lay_parts(folder, campaign.parts)
+        crowd, first = people(campaign), 0
+        for group in campaign.people:
+            _try_people(folder, group, crowd[first])
+            first += group.count
+        somebody = crowd[0] if crowd else None
+        for base in campaign.bases:
+            every = (*campaign.variables, *base.variables)
+            middle = {v.name: v.distribution.at(_MIDDLE) for v in every if v.varies}
+            _try_base(folder, campaign, base, somebody, middle, extra)
+            for variable in (v for v in every if v.varies):
+                for end in variable.distribution.ends:
+                    drawn = middle | {variable.name: end}
+                    try:
+                        tried(folder, scenario_of(campaign, base, somebody, drawn, extra))
+                    except StrideTwinError as error:
+                        raise _told(variable, base, end, error) from error
+
+
+def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle: dict[str, Any], extra: Extra) -> None:
+    """The scenario as it is, then with what is set in all of its walks."""
+    try:
+        tried(folder, base.scenario)
+    except StrideTwinError as error:
+        raise base.at.error(base.name, f"a scenario without error ({_inner(error)})") from error
+    scenario = scenario_of(campaign, base, person, middle, extra)
+    try:
+        tried(folder, scenario)
+    except StrideTwinError as error:
+        for variable in (*campaign.variables, *base.variables):
+            if isinstance(error, ConfigError) and _is_about(error, variable):
+                raise _told(variable, base, error.value, error) from error
+        raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
+
+
+def _try_people(folder: Path, group: Group, member: Any) -> None:
+    """The extremes of a group, who walk a few steps."""
+    for key, found in group.body.items():
+        for end in found.ends if key != "bmi" else ():
+            try:
+                tried(folder, {**_STEPS, "person": {**member, key: end}})
+            except ConfigError as error:
+                at = error.field.removeprefix("person.")
+                raise (group.at.key(at) if at in group.body else group.at).error(error.value, error.valid) from error
+
+
+def _told(variable: Variable, base: Base, value: Any, error: StrideTwinError) -> ConfigError:
+    """What is wrong with a scenario, as an error of the campaign's file."""
+    if isinstance(error, ConfigError) and _is_about(error, variable):
+        return variable.at.error(error.value, error.valid)
+    return variable.at.error(value, f"what {base.name} can be walked with ({_inner(error)})")
+
+
+def _is_about(error: ConfigError, variable: Variable) -> bool:
+    return any(error.field.startswith(path.text) or path.text.startswith(error.field) for path in variable.paths)
+
+
+def _inner(error: StrideTwinError) -> str:
+    """The error without the place of the file that was tried, but with the name of a part's."""
+    if not isinstance(error, ConfigError):
+        return str(error)
+    part = f"{Path(error.source).name}: " if Path(error.source).parent.name == PARTS else ""
+    return f"{part}{error.field}: {error.value!r} is not valid; valid: {error.valid}"

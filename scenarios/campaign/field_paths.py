@@ -1,0 +1,92 @@
+"""Paths of keys into a scenario, such as `terrain[1].stairs.riser_mm`, and how a value is put there."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from stridetwin.scenarios.fields import Where
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.fitting import KIND
+
+_STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
+_FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldPath:
+    """A place in a scenario.
+
+    Attributes:
+        text: As the file writes it.
+        keys: Keys of mappings and numbers of items, from the root.
+    """
+
+    text: str
+    keys: tuple[str | int, ...]
+
+
+def field_path(text: str, where: Where) -> FieldPath:
+    """A path from its text.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    keys: list[str | int] = []
+    for step in text.split("."):
+        match = _STEP.fullmatch(step)
+        if match is None:
+            raise where.error(text, _FORM)
+        keys += [match[1], *(int(number) for number in re.findall(r"\d+", match[2]))]
+    return FieldPath(text=text, keys=tuple(keys))
+
+
+def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> None:
+    """Puts a value at a place of a scenario, and makes the keys on the way to it.
+
+    Below `sensors`, a list of groups and the short forms of a group become keys first.
+
+    Raises:
+        ConfigError: There is something on the way that has no such place.
+    """
+    node: Any = scenario
+    for depth, key in enumerate(path.keys[:-1]):
+        _check(node, path, depth, where)
+        if isinstance(key, str):
+            node.setdefault(key, {})
+        if path.keys[0] == "sensors" and depth < 2:
+            node[key] = _opened(node[key], of_group=depth == 1)
+        node = node[key]
+    _check(node, path, len(path.keys) - 1, where)
+    node[path.keys[-1]] = value
+
+
+def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
+    """Whether a node has a place for the key at this depth."""
+    key, there = path.keys[depth], _text(path.keys[:depth])
+    if isinstance(key, int):
+        if not isinstance(node, list):
+            raise where.error(path.text, f"a place of the scenario, where {there} is {_short(node)}")
+        if key >= len(node):
+            raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}], the items that there are")
+    elif not isinstance(node, dict):
+        raise where.error(path.text, f"a place of the scenario, where {there} is {_short(node)}")
+
+
+def _opened(node: Any, *, of_group: bool) -> Any:
+    """`sensors` as keys for groups, and a group as keys for options, where they stand in a short form."""
+    if of_group:
+        return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node
+    if isinstance(node, list):
+        return {group: group in node for group in KIND if (group in node) != (group in TwinConfig.sensors)}
+    return node
+
+
+def _text(keys: tuple[str | int, ...]) -> str:
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).removeprefix(".") or "the scenario"
+
+
+def _short(node: Any) -> str:
+    text = repr(node)
+    return text if len(text) < 60 else f"{text[:56]} ..."

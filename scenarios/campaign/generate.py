@@ -1,0 +1,178 @@
+"""A campaign from start to end: plan, walk what is missing, then manifest and card."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from stridetwin.scenarios.campaign import card, engines
+from stridetwin.scenarios.campaign import manifest as manifests
+from stridetwin.scenarios.campaign.campaign_file import Campaign
+from stridetwin.scenarios.campaign.extremes import check_extremes
+from stridetwin.scenarios.campaign.own_scenario import FOLDER as SCENARIOS
+from stridetwin.scenarios.campaign.own_scenario import lay_parts
+from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.campaign.walk import (
+    HIDDEN,
+    RECORDINGS,
+    REJECTED,
+    ROWS,
+    Job,
+    judged,
+    keep_row,
+    key_of,
+    sha256,
+    versions,
+)
+from stridetwin.scenarios.files import json_text
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.files import whole_file
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """How a campaign is to be run.
+
+    Attributes:
+        folder: Gets everything.
+        workers: Walks at a time, each in a process of its own.
+        scheduler: Address of a Dask scheduler, whose workers walk instead.
+        seed: In place of the campaign's.
+        subset: Only so many walks, the first.
+        extra: For every walk.
+    """
+
+    folder: Path
+    workers: int = 1
+    scheduler: str | None = None
+    seed: int | None = None
+    subset: int | None = None
+    extra: Extra = field(default_factory=Extra)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Done:
+    """What a campaign came to.
+
+    Attributes:
+        manifest: As it was written.
+        made: Walks that were made now; the others were there.
+    """
+
+    manifest: dict[str, Any]
+    made: int
+
+    @property
+    def verdicts(self) -> Counter[str]:
+        """How many walks have each status."""
+        return Counter(walk["status"] for walk in self.manifest["walks"])
+
+    @property
+    def reasons(self) -> Counter[str]:
+        """How many walks were rejected for each kind of reason."""
+        return Counter(kind for w in self.manifest["walks"] for kind in {r.split(":")[0] for r in w["reasons"]})
+
+
+def generate(campaign: Campaign, asked: Asked, progress: Progress) -> Done:
+    """Makes the walks of a campaign that are not there yet, of this configuration and version of the code.
+
+    Args:
+        campaign: What is asked.
+        asked: How.
+        progress: Told the stage and how far it is (0-1).
+
+    Raises:
+        StrideTwinError: Anything that the user can put right; what is finished stays.
+    """
+    progress("plan", 0.0)
+    if asked.seed is not None:
+        campaign = replace(campaign, seed=asked.seed)
+    check_extremes(campaign, asked.extra)
+    made_by = versions()
+    parts = {name: sha256(path) for name, path in sorted(campaign.parts.items())}
+    jobs = [
+        Job(
+            walk=walk,
+            folder=asked.folder.absolute(),
+            quality=campaign.quality,
+            key=key_of(walk, parts, made_by),
+            versions=made_by,
+        )
+        for walk in plan(campaign, asked.extra)[: asked.subset]
+    ]
+    with _held(asked.folder):
+        found = {job.walk.name: _kept(job) for job in jobs}
+        rows = {name: row for name, row in found.items() if row.get("status")}
+        missing = [job for job in jobs if job.walk.name not in rows]
+        outdated = sum(bool(found[job.walk.name]) for job in missing)
+        if outdated:  # they tell of recordings that are going to be replaced
+            for name in (manifests.NAME, card.NAME):
+                (asked.folder / name).unlink(missing_ok=True)
+        lay_parts(asked.folder, campaign.parts)
+        stage = f"walks, {outdated} of another version anew" if outdated else "walks"
+        progress(stage, len(rows) / len(jobs))
+        for row in engines.rows(missing, asked.workers, asked.scheduler):
+            rows[row["walk"]] = row
+            progress(stage, len(rows) / len(jobs))
+        told = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, parts)
+        for name, text in ((card.NAME, card.card(told)), (manifests.NAME, json_text(told))):
+            with whole_file(asked.folder / name) as file:
+                file.write_text(text, encoding="utf-8")
+    return Done(manifest=told, made=len(missing))
+
+
+def _kept(job: Job) -> dict[str, Any]:
+    """The row that there is of a walk, whole with its recording; without a status where it is of another version."""
+    try:
+        row: dict[str, Any] = json.loads(job.place(ROWS, ".json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except ValueError:
+        return {"key": ""}
+    if row.get("key") != job.key:
+        return {"key": ""}
+    del row["key"]
+    if "recording" not in row:
+        return row
+    places = [job.place(place, ".mcap") for place in (RECORDINGS, REJECTED)]
+    there = next((path for path in places if path.is_file() and path.stat().st_size == row["bytes"]), None)
+    return {"key": ""} if there is None else _judged_anew(job, row, there)
+
+
+def _judged_anew(job: Job, row: dict[str, Any], recording: Path) -> dict[str, Any]:
+    """The row by what is asked for now, and the recording where it belongs by that."""
+    now = judged(row, job.quality)
+    if recording != (place := job.folder / now["recording"]):
+        os.replace(recording, place)
+    if now != row:
+        keep_row(job, now, job.folder / HIDDEN)
+    return now
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Makes the folders of a campaign, for one `generate` at a time; what killed ones left half done goes."""
+    for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StrideTwinError(f"{folder}: another generate works there; valid: a folder of its own") from None
+        shutil.rmtree(folder / HIDDEN, ignore_errors=True)
+        (folder / HIDDEN).mkdir(exist_ok=True)
+        yield
+        shutil.rmtree(folder / HIDDEN, ignore_errors=True)
+    finally:
+        os.close(handle)

@@ -1,0 +1,44 @@
+"""The scenario file of one walk, which lies beside the recordings: `generate` makes the walk from it again."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from stridetwin.scenarios.campaign.named_files import PARTS
+from stridetwin.scenarios.scenario_file import Scenario, read_scenario
+from stridetwin.streams.files import whole_file
+
+FOLDER = "scenarios"
+
+
+def scenario_text(scenario: dict[str, Any]) -> str:
+    """A scenario's plain data as YAML."""
+    return yaml.safe_dump(scenario, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+
+
+def lay_parts(folder: Path, parts: Mapping[str, Path]) -> None:
+    """Copies parts of the user's own to where the walks' scenarios look for them."""
+    for name, source in parts.items():
+        (folder / PARTS).mkdir(exist_ok=True)
+        with whole_file(folder / PARTS / name) as file:
+            shutil.copyfile(source, file)
+
+
+def tried(folder: Path, scenario: dict[str, Any]) -> Scenario:
+    """What a scenario means.
+
+    Args:
+        folder: Where `FOLDER` and the parts lie; a file is written there.
+        scenario: Plain data.
+
+    Raises:
+        StrideTwinError: It is not valid.
+    """
+    path = folder / FOLDER / "tried.yaml"
+    path.write_text(scenario_text(scenario), encoding="utf-8")
+    return read_scenario(path)

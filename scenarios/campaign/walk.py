@@ -1,0 +1,209 @@
+"""One walk of a campaign, in whatever process: recorded under a hidden name, judged, then put in its place whole."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from stridetwin.scenarios.campaign.campaign_file import Quality
+from stridetwin.scenarios.campaign.judge import measured, reasons
+from stridetwin.scenarios.campaign.own_scenario import FOLDER as SCENARIOS
+from stridetwin.scenarios.campaign.own_scenario import scenario_text
+from stridetwin.scenarios.campaign.people import told
+from stridetwin.scenarios.campaign.plan import Walk
+from stridetwin.scenarios.campaign.read_once import read_once
+from stridetwin.scenarios.experiments.versions import digest
+from stridetwin.scenarios.record import record
+from stridetwin.scenarios.scenario_file import Scenario, read_scenario
+from stridetwin.sim.config import TwinConfig
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+RECORDINGS, REJECTED, ROWS, HIDDEN = "recordings", "rejected", "rows", ".unfinished"
+ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"
+_LIBRARIES = ("mujoco", "numpy", "scipy")
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """A walk to be made.
+
+    Attributes:
+        walk: Which.
+        folder: The campaign's.
+        quality: What is asked of it.
+        key: Of its row: a digest of all that the recording comes from.
+        versions: Of the code that is to make it.
+    """
+
+    walk: Walk
+    folder: Path
+    quality: Quality
+    key: str
+    versions: dict[str, str]
+
+    def place(self, folder: str, suffix: str) -> Path:
+        """A file of this walk."""
+        return self.folder / folder / f"{self.walk.name}{suffix}"
+
+
+@cache
+def versions() -> dict[str, str]:
+    """What makes a walk: the project, a digest of its sources, and the libraries that it computes with."""
+    return {
+        "stridetwin": metadata.version("stridetwin"),
+        "sources": digest(__name__, estimators=False),
+        **{name: metadata.version(name) for name in _LIBRARIES},
+    }
+
+
+def key_of(walk: Walk, parts: dict[str, str], made_by: dict[str, str]) -> str:
+    """Digest of all that a walk's recording comes from.
+
+    Args:
+        walk: The walk.
+        parts: Digest of each part of the user's own.
+        made_by: Versions of the code.
+    """
+    what = json.dumps([asdict(walk), parts, made_by], sort_keys=True)
+    return hashlib.sha256(what.encode()).hexdigest()[:16]
+
+
+def make(job: Job) -> dict[str, Any]:
+    """Walks, records, judges and keeps one walk; returns its row.
+
+    A walk that cannot be walked is rejected and has no recording. An error that nobody foresaw makes a row that is not
+    kept, so that the next run tries again.
+
+    Raises:
+        StrideTwinError: What is wrong with more than this walk: other versions here, no simulator, a full disk.
+    """
+    here = versions()
+    if here != job.versions:
+        other = ", ".join(f"{n} {here[n]}" for n in here if here[n] != job.versions.get(n))
+        raise StrideTwinError(f"a worker has other versions than asked for: {other}; valid: the same on every worker")
+    try:
+        return _made(job)
+    except OSError as error:
+        raise StrideTwinError(f"{error.filename or job.folder}: {error.strerror or error}") from None
+    except StrideTwinError as error:
+        raise StrideTwinError(str(error)) from None  # of one argument: it may have to travel between processes
+    except Exception as error:
+        return _row(job, FAILED, [f"error: {type(error).__name__}: {error}"])
+
+
+def _made(job: Job) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix=f"{job.walk.name}-", dir=job.folder / HIDDEN) as name:
+        hidden, path = Path(name), job.place(SCENARIOS, ".yaml")
+        _put(scenario_text(job.walk.scenario), hidden, path)
+        row = _walked(job, path, hidden)
+        keep_row(job, row, hidden)
+    return row
+
+
+def keep_row(job: Job, row: dict[str, Any], hidden: Path) -> None:
+    """Writes a row to where the next run finds it."""
+    _put(json.dumps({"key": job.key, **row}, sort_keys=True), hidden, job.place(ROWS, ".json"))
+
+
+def _put(text: str, hidden: Path, path: Path) -> None:
+    """Writes a file whole; no other attempt at the same walk, on a worker that was given up, writes under its name."""
+    written = hidden / path.name
+    written.write_text(text, encoding="utf-8")
+    os.replace(written, path)
+
+
+def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
+    try:
+        from stridetwin.sim.twin import Twin
+    except ModuleNotFoundError as error:
+        raise StrideTwinError(f"{error.name} is not installed; walks need the simulator") from None
+    scenario: Scenario | None = None
+    recorded = hidden / f"{job.walk.name}.mcap"
+    try:
+        scenario = read_scenario(path)
+        twin = Twin(scenario.config, job.walk.seed)
+        _ = twin.duration_s  # simulated here
+    except StrideTwinError as error:
+        return _refused(job, error, path, scenario)
+    try:
+        record(twin, recorded, lambda *_: None)
+    except ConfigError as error:  # a fault after the walk's end
+        return _refused(job, error, path, scenario)
+    figures = measured(read_once(recorded), scenario.config.person, twin.fell_at)
+    row = judged(
+        {
+            **_row(job, ACCEPTED, [], scenario),
+            "bytes": recorded.stat().st_size,
+            "sha256": sha256(recorded),
+            **figures,
+        },
+        job.quality,
+    )
+    for place in (RECORDINGS, REJECTED):
+        if job.folder / row["recording"] != (other := job.place(place, ".mcap")):
+            other.unlink(missing_ok=True)  # of another version
+    os.replace(recorded, job.folder / row["recording"])
+    return row
+
+
+def judged(row: dict[str, Any], quality: Quality) -> dict[str, Any]:
+    """The row of a recorded walk with its verdict, and where its recording belongs by that."""
+    found = reasons(row, quality)
+    status, place = (REJECTS, REJECTED) if found else (ACCEPTED, RECORDINGS)
+    return {**row, "status": status, "reasons": found, "recording": f"{place}/{row['walk']}.mcap"}
+
+
+def _refused(job: Job, error: StrideTwinError, path: Path, scenario: Scenario | None) -> dict[str, Any]:
+    """The row of a walk that cannot be walked."""
+    for place in (RECORDINGS, REJECTED):
+        job.place(place, ".mcap").unlink(missing_ok=True)  # of another version
+    words = " ".join(str(error).replace(str(path), path.stem).split())  # without where this machine has the file
+    return _row(job, REJECTS, [f"refused: {words}"], scenario)
+
+
+def _row(job: Job, status: str, why: list[str], scenario: Scenario | None = None) -> dict[str, Any]:
+    """What the manifest says of a walk."""
+    row: dict[str, Any] = {
+        "walk": job.walk.name,
+        "seed": job.walk.seed,
+        "scenario": job.walk.base,
+        "scenario_file": f"{SCENARIOS}/{job.walk.name}.yaml",
+        "values": job.walk.values,
+        "status": status,
+        "reasons": why,
+    }
+    if scenario is not None:
+        row |= _who_and_where(scenario.config)
+    return row
+
+
+def _who_and_where(config: TwinConfig) -> dict[str, Any]:
+    """Person and terrain by names that are the same for bodies and ways that are the same."""
+    body = told(config.person)
+    return {
+        "person": f"person_{_short(json.dumps(body, sort_keys=True))}",
+        "body": body,
+        "terrain": f"terrain_{_short(repr(config.route.segments))}",
+        "physics": config.physics,
+    }
+
+
+def _short(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def sha256(path: Path) -> str:
+    """Checksum of a file."""
+    hashed = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            hashed.update(block)
+    return hashed.hexdigest()

@@ -1,0 +1,128 @@
+"""Who tells the controller on what kind of ground each foot stands, and on what kind it comes down next.
+
+The prediction from the camera, which knows a step before it; the legs' own recognition, which knows it once the foot
+stands flat; and the truth, which is there to be compared with.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain, Exoskeleton
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
+from stridetwin.scenarios.leading import LedAhead
+from stridetwin.sim.config import SIDES
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Sample
+
+LEVEL = "LG"
+_LATE_NS = 100_000_000
+"""A foot that comes down later than it was planned to is still on its way."""
+
+
+class Recognition(Protocol):
+    """Modes of each foot's steps, from samples alone.
+
+    Attributes:
+        standing: By foot, mode of the step that it stands on.
+        coming: By foot, that of the next step that it makes.
+    """
+
+    standing: dict[str, str]
+    coming: dict[str, str]
+
+    def update(self, sample: Sample) -> None:
+        """Takes what has arrived."""
+        ...
+
+
+class Unaware:
+    """It is level everywhere."""
+
+    def __init__(self) -> None:
+        self.standing = dict.fromkeys(SIDES, LEVEL)
+        self.coming = dict.fromkeys(SIDES, LEVEL)
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+
+
+class Predicted(Unaware):
+    """Camera and insoles: visual-inertial odometry leads the map, the map tells the coming steps.
+
+    Args:
+        rig: With a camera with depth and IMU on head or chest, and insoles.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        super().__init__()
+        self._ahead = LedAhead(rig)
+        self._next: tuple[int, str, str] | None = None
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+        self._ahead.pose(sample)
+        told = self._ahead.look(sample)
+        if isinstance(told, ModeEstimate):
+            self._take(told)
+
+    def _take(self, told: ModeEstimate) -> None:
+        if self._next is not None and told.step >= self._next[0]:
+            _, foot, mode = self._next
+            self.standing[foot] = mode
+        for step in reversed(told.steps):  # of a foot's steps the first one counts
+            if step.foot:
+                self.coming[step.foot] = step.mode
+        first = told.steps[0]
+        self._next = (first.step, first.foot, first.mode) if first.foot else None
+
+
+class Felt(Unaware):
+    """The legs: a step is known once its foot stands flat, and until another is, all are taken to be like it.
+
+    Args:
+        exoskeleton: Its geometry, as it is told.
+    """
+
+    def __init__(self, exoskeleton: Exoskeleton) -> None:
+        super().__init__()
+        self._legs = ContactTerrain(exoskeleton)
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+        step = self._legs.update(sample)
+        if step is not None and step.step > 0 and step.mode != UNKNOWN:
+            self.standing, self.coming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
+
+
+class Known(Unaware):
+    """The truth.
+
+    Args:
+        steps: By foot: when each step's foot comes down, ns, and its mode, in order.
+        wrong: Share of steps that are told wrongly.
+        rng: Chooses them, and what is told in their place.
+    """
+
+    def __init__(
+        self, steps: Mapping[str, Sequence[tuple[int, str]]], wrong: float = 0.0, rng: np.random.Generator | None = None
+    ) -> None:
+        super().__init__()
+        rng = rng or np.random.default_rng(0)
+        self._times = {foot: [t_ns for t_ns, _ in steps[foot]] for foot in SIDES}
+        self._modes = {foot: [LEVEL, *(_spoilt(mode, wrong, rng) for _, mode in steps[foot]), LEVEL] for foot in SIDES}
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+        for foot, times in self._times.items():
+            self.standing[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
+            self.coming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
+
+
+def _spoilt(mode: str, wrong: float, rng: np.random.Generator) -> str:
+    others = [m for m in MODES if m != mode]
+    return str(rng.choice(others)) if rng.random() < wrong else mode

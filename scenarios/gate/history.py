@@ -1,0 +1,131 @@
+"""How scores went from version to version: a line a run in a file of JSON lines, and a page that draws it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.scenarios.gate.compare import Comparison
+from stridetwin.scenarios.gate.judged import scale_of
+from stridetwin.scenarios.gate.telling import said
+from stridetwin.scenarios.report import page, section
+from stridetwin.scenarios.scoring import Scores
+from stridetwin.scenarios.svg import Plot, data_range
+from stridetwin.streams.errors import StrideTwinError
+
+PASSED, FAILED, ALONE = "passed", "worse", "no baseline"
+_LINE, _WORSE, _OTHER = "#0b6bcb", "#d9480f", "#b8c3d0"
+_NAMES = 6  # of versions below a plot
+
+
+def history_line(
+    label: str, rows: Sequence[Mapping[str, Any]], means: Mapping[str, Scores], comparison: Comparison | None
+) -> dict[str, Any]:
+    """What is kept of a run.
+
+    Args:
+        label: Its version or commit.
+        rows: The walks'.
+        means: Estimator to mean scores.
+        comparison: With the baseline, if there was one.
+    """
+    verdict = ALONE if comparison is None else FAILED if comparison.regressions else PASSED
+    digests = "\n".join(sorted(str(row["sha256"]) for row in rows))
+    return {
+        "label": label,
+        "verdict": verdict,
+        "regressions": [] if comparison is None else [said(line) for line in comparison.regressions],
+        "walks": len(rows),
+        "walks_digest": sha256(digests.encode()).hexdigest()[:16],
+        "failed": sum(bool(row.get("failed")) for row in rows),
+        "estimators": dict(means),
+    }
+
+
+def append_history(file: Path, line: Mapping[str, Any]) -> None:
+    """Adds a line to a file, which is made where there is none."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("a", encoding="utf-8") as out:
+        out.write(json.dumps(line, sort_keys=True, allow_nan=False) + "\n")
+
+
+def read_history(file: Path) -> list[dict[str, Any]]:
+    """The lines of a file.
+
+    Raises:
+        StrideTwinError: There is none, or one is not what `score --history` writes.
+    """
+    lines = []
+    for number, text in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+        try:
+            line = json.loads(text)
+            complete = all(isinstance(scores, dict) for scores in line["estimators"].values())
+            if not complete or not {"label", "verdict", "walks", "walks_digest", "regressions"} <= set(line):
+                raise ValueError("something is missing")
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise StrideTwinError(
+                f"{file}: line {number}: {error}; valid: lines that `stridetwin score --history` has written"
+            ) from None
+        lines.append(line)
+    if not lines:
+        raise StrideTwinError(
+            f"{file}: no line in it; valid: at least one that `stridetwin score --history` has written"
+        )
+    return lines
+
+
+def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:
+    """The lines as a page: each estimator's scores from version to version, and the verdicts."""
+    names = list(dict.fromkeys(name for line in lines for name in line["estimators"]))
+    worse = sum(line["verdict"] == FAILED for line in lines)
+    lead = "Means over the walks, from version to version; where the walks are others, the line is broken."
+    sections = [section(name, lead, _plots(name, lines)) for name in names]
+    chips = [f"{len(lines)} versions", f"{lines[-1]['walks']} walks", f"{worse} times worse than the baseline"]
+    sections.insert(0, section("Verdicts", "The latest first.", _verdicts(lines)))
+    return page(title, "Scores of the estimators, version by version.", chips, sections, "Drawn by stridetwin history.")
+
+
+def _plots(name: str, lines: Sequence[Mapping[str, Any]]) -> str:
+    metrics = dict.fromkeys(m for line in lines for m in line["estimators"].get(name, {}) if scale_of(m) is not None)
+    figures = "".join(f"<figure>{_plot(name, metric, lines)}</figure>" for metric in metrics)
+    return f'<div class="multiples">{figures}</div>'
+
+
+def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
+    values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
+    places = np.arange(len(lines), dtype=float)
+    plot = Plot(
+        width=420.0, height=170.0, x=(-0.5, max(len(lines) - 0.5, 0.5)), y=data_range(values, include=(0.0,)),
+        title=f"{name} {metric}", y_label=metric, x_names=_labels(lines),
+    )  # fmt: skip
+    walks = np.array([line["walks_digest"] for line in lines])
+    for part in np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1):
+        plot.line(places[part], values[part], _LINE)
+    marked = tuple(f"{own} {metric}:" for own in (name, name.removesuffix("_l").removesuffix("_r")))
+    broke = np.array([any(words.startswith(marked) for words in line["regressions"]) for line in lines])
+    there = np.isfinite(values)
+    plot.dots(places[there & ~broke], values[there & ~broke], _LINE)
+    plot.dots(places[there & broke], values[there & broke], _WORSE, radius=4.0, label="worse" if broke.any() else "")
+    return plot.svg()
+
+
+def _labels(lines: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of some of the versions, evenly, the last one among them."""
+    every = -(-len(lines) // _NAMES)
+    return [str(x["label"])[:8] if (len(lines) - 1 - i) % every == 0 else "" for i, x in enumerate(lines)]
+
+
+def _verdicts(lines: Sequence[Mapping[str, Any]]) -> str:
+    head = "<tr><th>version</th><th>verdict</th><th class='n'>walks</th><th>what became worse</th></tr>"
+    rows = "".join(
+        f"<tr><td>{escape(str(x['label']))}</td><td>{escape(str(x['verdict']))}</td><td class='n'>{x['walks']}</td>"
+        f"<td>{'<br>'.join(escape(str(words)) for words in x['regressions'])}</td></tr>"
+        for x in reversed(lines)
+    )
+    return f'<div class="scroll"><table>{head}{rows}</table></div>'

@@ -1,0 +1,221 @@
+"""Estimators that are none of the project's: a Python class, a program that writes a TUM file, a TUM file.
+
+A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in order of
+time and returns None, or an object with `t_ns` (int), `p_frame_in_world` ((3,) m) and `q_world_frame` ((4,) unit
+quaternion, w first) of a later time than the one before. It may say `topics`, those that it wants (all but the truth's
+by default), and `frame`, whose pose it tells.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from stridetwin.scenarios.evaluate import Estimate
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.trajectory import Trajectory
+from stridetwin.streams.tum import read_tum
+
+TRUTH = "/truth/"
+_TAIL = 600  # characters of what a program said last
+
+
+class Pose(Protocol):
+    """What an estimator tells."""
+
+    t_ns: int
+    p_frame_in_world: Any
+    q_world_frame: Any
+
+
+class OwnEstimator(Protocol):
+    """One that a recording is led through, or that makes a path of it otherwise."""
+
+    @property
+    def name(self) -> str:
+        """In the scores."""
+
+    def path(self, recording: Recording) -> Estimate:
+        """Its path on a recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TumFile:
+    """A path that was made elsewhere.
+
+    Attributes:
+        name: In the scores.
+        file: TUM trajectory.
+        frame: Whose path it is.
+    """
+
+    name: str
+    file: Path
+    frame: str
+
+    def path(self, recording: Recording) -> Estimate:
+        """The path in the file."""
+        return Estimate(name=self.name, frame=self.frame, path=read_tum(self.file))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PythonClass:
+    """A class with `update(sample)`.
+
+    Attributes:
+        name: In the scores.
+        place: `module:Class`, to be found from the working folder on too.
+        frame: Whose pose it tells, unless the class says so.
+    """
+
+    name: str
+    place: str
+    frame: str
+
+    def load(self) -> type[Any]:
+        """The class.
+
+        Raises:
+            StrideTwinError: There is no such class, or it has no `update`.
+        """
+        module, colon, attribute = self.place.partition(":")
+        if not (module and colon and attribute):
+            raise StrideTwinError(f"--estimator {self.name}: {self.place!r} is not valid; valid: module:Class")
+        here = str(Path.cwd())
+        if here not in sys.path:
+            sys.path.insert(0, here)
+        try:
+            found: Any = importlib.import_module(module)
+            for part in attribute.split("."):
+                found = getattr(found, part)
+        except Exception as error:
+            words = f"{type(error).__name__}: {error}"
+            raise StrideTwinError(f"--estimator {self.name}: {self.place}: cannot be imported: {words}") from error
+        if not (isinstance(found, type) and callable(getattr(found, "update", None))):
+            raise StrideTwinError(f"--estimator {self.name}: {self.place} is no class with update(sample)")
+        return found
+
+    def path(self, recording: Recording) -> Estimate:
+        """What the class tells of a recording."""
+        kind = self.load()
+        frame = getattr(kind, "frame", None) or self.frame
+        try:
+            return Estimate(name=self.name, frame=frame, path=lead(kind(recording.rig), recording))
+        except StrideTwinError:
+            raise
+        except Exception as error:
+            raise StrideTwinError(f"{self.place}: {type(error).__name__}: {error}") from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Program:
+    """A program that reads a recording and writes a TUM trajectory.
+
+    Attributes:
+        name: In the scores.
+        command: With `{recording}` and `{output}`; split as a shell does, but run without one.
+        frame: Whose path it writes.
+        timeout_s: It is stopped after this.
+    """
+
+    name: str
+    command: str
+    frame: str
+    timeout_s: float
+
+    def words(self) -> list[str]:
+        """Program and arguments.
+
+        Raises:
+            StrideTwinError: There is no such program, or a place for recording or output is missing.
+        """
+        try:
+            words = shlex.split(self.command)
+        except ValueError as error:
+            raise StrideTwinError(f"--program {self.name}: {self.command!r}: {error}") from None
+        if not all(any(place in word for word in words) for place in ("{recording}", "{output}")):
+            raise StrideTwinError(f"--program {self.name}: {self.command!r}: valid: COMMAND {{recording}} {{output}}")
+        if shutil.which(words[0]) is None:
+            raise StrideTwinError(f"--program {self.name}: {words[0]}: there is no such program")
+        return words
+
+    def path(self, recording: Recording) -> Estimate:
+        """What the program writes.
+
+        Raises:
+            StrideTwinError: It fails, takes too long or writes no trajectory; with the end of what it said.
+        """
+        with tempfile.TemporaryDirectory(prefix="stridetwin-") as folder:
+            output, said = Path(folder) / "estimate.txt", Path(folder) / "said.txt"
+            places = {"{recording}": str(recording.path.absolute()), "{output}": str(output)}
+            words = self.words()
+            for place, file_name in places.items():
+                words = [word.replace(place, file_name) for word in words]
+            with said.open("wb") as file:
+                code = _finished(words, self.timeout_s, file.fileno())
+            last = " ".join(said.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
+            told = f"; it said: {last}" if last else "; it said nothing on stderr"
+            if code is None:
+                raise StrideTwinError(f"{words[0]}: not done after {self.timeout_s:g} s{told}")
+            if code != 0:
+                raise StrideTwinError(f"{words[0]}: exit code {code}{told}")
+            if not output.is_file():
+                raise StrideTwinError(f"{words[0]}: has not written {{output}}{told}")
+            try:
+                path = read_tum(output)
+            except StrideTwinError as error:
+                raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
+        return Estimate(name=self.name, frame=self.frame, path=path)
+
+
+def lead(estimator: Any, recording: Recording) -> Trajectory:
+    """The path that an estimator tells as it is led through a recording.
+
+    Args:
+        estimator: An object with `update(sample)`, see this module.
+        recording: Its truth is kept from the estimator.
+
+    Raises:
+        StrideTwinError: It tells nothing, or stamps that do not increase.
+    """
+    wanted = getattr(estimator, "topics", None)
+    if wanted is None:
+        wanted = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
+    truths = [topic for topic in wanted if topic.startswith(TRUTH)]
+    if truths:
+        raise StrideTwinError(f"{type(estimator).__name__}.topics: {truths[0]} is the truth; valid: what sensors say")
+    told: list[Pose] = [e for e in map(estimator.update, recording.samples(wanted)) if e is not None]
+    if not told:
+        raise StrideTwinError(f"{type(estimator).__name__}.update has returned no estimate")
+    return Trajectory(
+        t_ns=np.array([int(e.t_ns) for e in told], np.int64),
+        p_frame_in_world=np.array([e.p_frame_in_world for e in told], float).reshape(len(told), -1),
+        q_world_frame=np.array([e.q_world_frame for e in told], float).reshape(len(told), -1),
+    )
+
+
+def _finished(words: list[str], timeout_s: float, said: int) -> int | None:
+    """Exit code of a program; None where it was stopped, with all that it has started."""
+    process = subprocess.Popen(
+        words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True
+    )
+    try:
+        return process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()

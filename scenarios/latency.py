@@ -1,0 +1,138 @@
+"""How long samples take on their way, in constant memory: counts by logarithm of the time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+_SHORTEST_S, _LONGEST_S, _GROWTH = 1e-6, 1e3, 1.01
+_BINS = math.ceil(math.log(_LONGEST_S / _SHORTEST_S) / math.log(_GROWTH)) + 1
+QUANTILES = {"p50_ms": 0.5, "p95_ms": 0.95, "p99_ms": 0.99}
+
+
+class Times:
+    """Times of one kind; quantiles are exact to 1 %, mean, least and largest exactly."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, np.int64)
+        self.count, self._sum = 0, 0.0
+        self.least_s, self.most_s = math.inf, -math.inf
+
+    def add(self, seconds: float) -> None:
+        """Takes a time; below a microsecond they are all one to the quantiles."""
+        place = int(math.log(seconds / _SHORTEST_S) / math.log(_GROWTH)) if seconds > _SHORTEST_S else 0
+        self._counts[min(place, _BINS - 1)] += 1
+        self.count += 1
+        self._sum += seconds
+        self.least_s, self.most_s = min(self.least_s, seconds), max(self.most_s, seconds)
+
+    @property
+    def mean_s(self) -> float:
+        """Mean; 0 where there is none."""
+        return self._sum / self.count if self.count else 0.0
+
+    def quantile_s(self, share: float) -> float:
+        """Time that a share of all does not exceed; 0 where there is none."""
+        if not self.count:
+            return 0.0
+        place = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
+        return min(_SHORTEST_S * _GROWTH ** (place + 1), self.most_s)
+
+    def figures(self) -> dict[str, float]:
+        """Mean, quantiles and largest in ms."""
+        told = {"mean_ms": self.mean_s, **{n: self.quantile_s(q) for n, q in QUANTILES.items()}}
+        return {n: 1e3 * s for n, s in (told | {"max_ms": max(self.most_s, 0.0) if self.count else 0.0}).items()}
+
+
+class Latency:
+    """From the arrival of samples until an estimator has taken them.
+
+    Args:
+        budget_s: Within which 99 % shall be.
+    """
+
+    def __init__(self, budget_s: float) -> None:
+        self.budget_s = budget_s
+        self._whole: dict[tuple[str, str], Times] = {}
+        self._work: dict[tuple[str, str], Times] = {}
+        self._told: dict[tuple[str, str], int] = {}
+        self._travel: dict[str, Times] = {}
+
+    def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, told: bool) -> None:
+        """Takes a sample's times.
+
+        Args:
+            estimator: What has taken it.
+            topic: Its stream.
+            whole_s: From its arrival until the estimator was done with it.
+            work_s: The estimator's own part of that.
+            told: Whether an estimate came of it.
+        """
+        key = estimator, topic
+        if key not in self._whole:
+            self._whole[key], self._work[key], self._told[key] = Times(), Times(), 0
+        self._whole[key].add(whole_s)
+        self._work[key].add(work_s)
+        self._told[key] += told
+
+    def travelled(self, topic: str, seconds: float) -> None:
+        """Takes the time from a sample's stamp until its arrival."""
+        self._travel.setdefault(topic, Times()).add(seconds)
+
+    @property
+    def took_any(self) -> bool:
+        """Whether an estimator has taken a sample."""
+        return bool(self._whole)
+
+    @property
+    def within(self) -> bool:
+        """Whether 99 % of each stream's samples were within the budget."""
+        return all(times.quantile_s(0.99) <= self.budget_s for times in self._whole.values())
+
+    def data(self) -> dict[str, Any]:
+        """For JSON: times by estimator and topic, and those from stamp to arrival by topic."""
+        estimators: dict[str, dict[str, Any]] = {}
+        for (estimator, topic), whole in self._whole.items():
+            work = self._work[estimator, topic]
+            estimators.setdefault(estimator, {})[topic] = {
+                "samples": whole.count,
+                "estimates": self._told[estimator, topic],
+                **whole.figures(),
+                "work_mean_ms": 1e3 * work.mean_s,
+                "work_p99_ms": 1e3 * work.quantile_s(0.99),
+                "within_budget": whole.quantile_s(0.99) <= self.budget_s,
+            }
+        travel = {t: {"min_ms": 1e3 * times.least_s, **times.figures()} for t, times in self._travel.items()}
+        return {"budget_ms": 1e3 * self.budget_s, "arrival_to_estimate": estimators, "stamp_to_arrival": travel}
+
+    def table(self) -> list[str]:
+        """The same for people."""
+        heads = ("samples", "estimates", "mean ms", "p50", "p95", "p99", "max", "work mean", "work p99")
+        lines = []
+        if self._whole:
+            lines.append(_row("from arrival to estimate", heads))
+        for estimator, topics in self.data()["arrival_to_estimate"].items():
+            for topic, row in topics.items():
+                cells = [str(row["samples"]), str(row["estimates"]), *_cells(row)]
+                cells += [f"{row[n]:.2f}" for n in ("work_mean_ms", "work_p99_ms")]
+                verdict = "" if row["within_budget"] else "  over budget"
+                lines.append(_row(f"{estimator} {topic}", cells) + verdict)
+        if self._whole:
+            lines.append(f"budget: 99 % within {1e3 * self.budget_s:g} ms: {'kept' if self.within else 'not kept'}")
+        if self._travel:
+            lines.append(_row("from stamp to arrival", ("samples", "min", *heads[2:7])))
+        for topic, times in self._travel.items():
+            figures = {"min_ms": 1e3 * times.least_s, **times.figures()}
+            lines.append(_row(topic, [str(times.count), f"{figures['min_ms']:.2f}", *_cells(figures)]))
+        return lines
+
+
+def _cells(figures: dict[str, float]) -> list[str]:
+    return [f"{figures[n]:.2f}" for n in ("mean_ms", *QUANTILES, "max_ms")]
+
+
+def _row(name: str, cells: Sequence[str]) -> str:
+    return f"{name:<36}" + "".join(f"{c:>11}" for c in cells)

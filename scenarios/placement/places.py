@@ -1,0 +1,118 @@
+"""Places, and the scenarios that they make."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from stridetwin.scenarios.campaign.field_paths import put
+from stridetwin.scenarios.campaign.named_files import PARTS, Base
+from stridetwin.scenarios.campaign.own_scenario import FOLDER
+from stridetwin.scenarios.placement.free import Free, Knob
+from stridetwin.scenarios.placement.problem_file import Problem
+from stridetwin.scenarios.scenario_file import Scenario, scenario_of
+from stridetwin.sim.config import Person
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+AS_IT_IS = "as it is"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Values of all knobs; none where everything is as the scenario has it.
+
+    Attributes:
+        values: By the knobs' names.
+    """
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """The same text for the same place."""
+        return json.dumps(self.values, sort_keys=True)
+
+    @property
+    def label(self) -> str:
+        """As tables and figures show it."""
+        return ", ".join(f"{name} {told(value)}" for name, value in self.values.items()) or AS_IT_IS
+
+
+def told(value: Any) -> str:
+    """A value in a few words."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text.removeprefix(f"../{PARTS}/")
+
+
+def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
+    """Plain data of a place's scenario file.
+
+    Raises:
+        ConfigError: Something that is set or free has no place in this scenario.
+    """
+    plain: dict[str, Any] = json.loads(json.dumps(base.scenario))
+    for variable in (*problem.variables, *base.variables):
+        for path in variable.paths:
+            put(plain, path, json.loads(json.dumps(variable.distribution.at(0.0))), variable.at)
+    if place.values:
+        person = _person(plain, problem.free, base)
+        for free in problem.free:
+            value = free.value(place.values, person)
+            for path in free.paths:
+                put(plain, path, json.loads(json.dumps(value)), free.at)
+    return plain
+
+
+def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Scenario:
+    """A place's scenario.
+
+    Args:
+        problem: Whose.
+        base: From which scenario.
+        place: Which.
+        folder: Where the parts of the user's own lie below.
+    """
+    return scenario_of(plain_of(problem, base, place), folder / FOLDER / f"{base.name}.yaml")
+
+
+def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:
+    """Who walks; nobody in particular where no surface is asked for."""
+    if all(f.surface is None for f in free):
+        return Person()
+    steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
+    return scenario_of({**steps, **{k: plain[k] for k in ("person",) if k in plain}}, Path(base.name)).config.person
+
+
+def check_ends(problem: Problem, folder: Path) -> None:
+    """Tries the scenarios as they are, then the ends of every range while the other values are in their middle.
+
+    Raises:
+        ConfigError: The message names file, field, value and what is valid.
+    """
+    middle = {knob.name: knob.middle for knob in problem.knobs}
+    for base in problem.bases:
+        try:
+            scenario_at(problem, base, Place(), folder)
+        except ConfigError as error:
+            raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
+        for knob in problem.knobs:
+            for end in knob.ends:
+                try:
+                    scenario_at(problem, base, Place(values=middle | {knob.name: end}), folder)
+                except ConfigError as error:
+                    raise _about(knob, end, base, error) from error
+
+
+def _about(knob: Knob, end: Any, base: Base, error: ConfigError) -> StrideTwinError:
+    if error.source == knob.at.source:
+        return error
+    return knob.at.error(end, f"what {base.name} can have ({_inner(error)})")
+
+
+def _inner(error: ConfigError) -> str:
+    return f"{error.field}: {error.value!r} is not valid; valid: {error.valid}"

@@ -1,0 +1,80 @@
+"""What has been measured, a line each, kept as it comes: a killed run has all lines but the one that it was writing."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.files import whole_file
+
+NAME = "rows.jsonl"
+
+
+class Rows:
+    """Rows by key, in a file of JSON lines.
+
+    Args:
+        file: Is made where there is none.
+        resume: Rows of an earlier run stay; else the file begins anew.
+
+    Attributes:
+        found: How many rows of an earlier run there were.
+    """
+
+    def __init__(self, file: Path, resume: bool) -> None:
+        self._file = file
+        self._rows = dict(_read(file)) if resume and file.exists() else {}
+        self.found = len(self._rows)
+        with whole_file(file) as new:  # without the line that a killed run was writing
+            new.write_text("".join(_line(key, row) for key, row in self._rows.items()), encoding="utf-8")
+
+    def get(self, key: str) -> dict[str, Any] | None:
+        """The row of a key, None where there is none."""
+        return self._rows.get(key)
+
+    def add(self, rows: Iterable[tuple[str, dict[str, Any]]]) -> None:
+        """Keeps rows, those that are there by the time that anything ends this process."""
+        with self._file.open("a", encoding="utf-8") as out:
+            for key, row in rows:
+                self._rows[key] = row
+                out.write(_line(key, row))
+
+
+def key_of(*what: Any) -> str:
+    """Digest of all that a row comes from."""
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Makes a folder, for one placement at a time.
+
+    Raises:
+        StrideTwinError: Another one works there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StrideTwinError(f"{folder}: another placement works there; valid: a folder of its own") from None
+        yield
+
+
+def _line(key: str, row: dict[str, Any]) -> str:
+    return json.dumps({"key": key, **row}, sort_keys=True, allow_nan=False) + "\n"
+
+
+def _read(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            row = json.loads(text)
+            yield row.pop("key"), row
+        except (ValueError, KeyError, AttributeError):
+            continue  # the last line of a killed run

@@ -1,0 +1,230 @@
+"""A placement from start to end: search, compare, draw, tell."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_parts, scenario_text
+from stridetwin.scenarios.files import json_text
+from stridetwin.scenarios.placement import rows as row_files
+from stridetwin.scenarios.placement.body_map import body_map
+from stridetwin.scenarios.placement.measure import Measure, Measured, Progress
+from stridetwin.scenarios.placement.page import placement_page
+from stridetwin.scenarios.placement.places import Place, check_ends, plain_of, told
+from stridetwin.scenarios.placement.problem_file import Problem
+from stridetwin.scenarios.placement.rows import Rows, held
+from stridetwin.scenarios.placement.search import grid, optimise
+from stridetwin.scenarios.placement.significance import compared, front, in_words, intervals
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.files import whole_file
+from stridetwin.streams.samples import Array
+
+_SHOWN = 10
+_LONG = 40  # letters: what says less is named by its number alone
+_ALIKE = 0.05  # of every range: places nearer to each other are one place in the table of a search
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """How a placement is to be run.
+
+    Attributes:
+        folder: Gets its files.
+        workers: Walks at a time.
+        seed: First seed of the walks, and that of the search; None takes the file's.
+        walks: Of each scenario; None takes the file's.
+        resume: What has been measured before is not measured again.
+    """
+
+    folder: Path
+    workers: int = 1
+    seed: int | None = None
+    walks: int | None = None
+    resume: bool = False
+
+    def of(self, problem: Problem) -> Problem:
+        """The problem with the seeds asked for."""
+        seeds = problem.seeds if self.walks is None else tuple(range(self.walks))
+        if self.seed is not None:
+            seeds = tuple(self.seed + i for i in range(len(seeds)))
+        return replace(problem, seeds=seeds)
+
+
+def run_placement(problem: Problem, asked: Asked, progress: Progress) -> dict[str, Any]:
+    """Searches places and compares them.
+
+    Returns:
+        As JSON holds it: `placement`, `scores`, `walks`, `tried`, `table` (places with `label`, `values`, `scores`,
+        best first), `comparisons`, `words`, `pareto`, `files`. All places stand in `places.csv`.
+
+    Raises:
+        StrideTwinError: Anything that the user can put right.
+    """
+    problem, folder = asked.of(problem), asked.folder
+    with held(folder):
+        (folder / FOLDER).mkdir(exist_ok=True)
+        lay_parts(folder, problem.parts)
+        check_ends(problem, folder)
+        rows = Rows(folder / row_files.NAME, asked.resume)
+        measure = Measure(problem, folder, rows, asked.workers, progress)
+        searched = _searched(problem, measure)
+        losses = _means(searched.losses(problem.scores))
+        if not np.isfinite(losses).any():
+            why = next(iter(searched.failed.values()), "the walks do not feed what the scores ask for")
+            raise StrideTwinError(f"{problem.path}: no place has all scores that weigh: {why}")
+        shown, final = _finalists(problem, searched, losses, measure)
+        result = _told(problem, searched, losses, final)
+        _write(problem, folder, searched, losses, shown, result)
+    return result
+
+
+def _searched(problem: Problem, measure: Measure) -> Measured:
+    """The place as it is, then all others."""
+    if problem.search is None:
+        return measure([Place(), *grid(problem.knobs)], problem.seeds, "places")
+
+    def loss(places: list[Place]) -> list[float]:
+        return _means(measure(places, problem.seeds, "search").losses(problem.scores)).tolist()
+
+    found = optimise(problem.knobs, problem.search, problem.seeds[0], loss)
+    return measure([Place(), *found], problem.seeds, "places")
+
+
+def _finalists(problem: Problem, searched: Measured, losses: Array, measure: Measure) -> tuple[list[int], Measured]:
+    """Numbers of the places of the table, and the same measured: on new walks where the file asks for that."""
+    count = _SHOWN if problem.confirm is None else problem.confirm.places
+    best = _apart(problem, searched.places, losses, count)
+    shown = best if 0 in best else [*best, 0]
+    places = [searched.places[i] for i in shown]
+    if problem.confirm is None:
+        values = searched.values[shown]
+        failed = {k: searched.failed[i] for k, i in enumerate(shown) if i in searched.failed}
+        final = Measured(places=places, walks=searched.walks, values=values, failed=failed)
+    else:
+        first = max(problem.seeds) + 1
+        final = measure(places, range(first, first + problem.confirm.walks), "confirm")
+    ranks = np.argsort(_means(final.losses(problem.scores)), kind="stable")
+    final = Measured(
+        places=[final.places[i] for i in ranks],
+        walks=final.walks,
+        values=final.values[ranks],
+        failed={k: final.failed[i] for k, i in enumerate(ranks.tolist()) if i in final.failed},
+    )
+    return [shown[i] for i in ranks], final
+
+
+def _apart(problem: Problem, places: Sequence[Place], losses: Array, count: int) -> list[int]:
+    """Numbers of the best places; of a search, those that are hardly different from a better one left out."""
+    kept: list[int] = []
+    for i in np.argsort(losses, kind="stable").tolist():
+        if len(kept) == count or not np.isfinite(losses[i]):
+            break
+        if problem.search is None or not any(_alike(problem, places[i], places[k]) for k in kept):
+            kept.append(i)
+    return kept
+
+
+def _alike(problem: Problem, a: Place, b: Place) -> bool:
+    if not a.values or not b.values:
+        return False
+    for knob in problem.knobs:
+        one, other = a.values[knob.name], b.values[knob.name]
+        if (one != other) if knob.values else (abs(one - other) > _ALIKE * (knob.high - knob.low)):
+            return False
+    return True
+
+
+def _means(losses: Array) -> Array:
+    """(P,) means over walks, infinite where one is missing."""
+    return np.where(np.isfinite(losses).all(axis=1), losses.mean(axis=1), np.inf)
+
+
+def _told(problem: Problem, searched: Measured, losses: Array, final: Measured) -> dict[str, Any]:
+    table = []
+    columns = [intervals(final.values[:, :, s].T) for s in range(len(problem.scores))]
+    for i, place in enumerate(final.places):
+        scores = {
+            score.name: asdict(columns[s][i])
+            for s, score in enumerate(problem.scores)
+            if np.isfinite(columns[s][i].mean)
+        }
+        row = {"rank": i + 1, "label": place.label, "values": dict(place.values), "scores": scores}
+        table.append(row | ({"failed": final.failed[i]} if i in final.failed else {}))
+    pairs = compared(final.losses(problem.scores))
+    names = [
+        f"{i + 1} ({place.label})" if len(place.label) < _LONG else f"place {i + 1}"
+        for i, place in enumerate(final.places)
+    ]
+    score_losses = np.column_stack([_means(s.losses(searched.values[..., k])) for k, s in enumerate(problem.scores)])
+    return {
+        "placement": problem.description,
+        "scores": [
+            {"name": s.name, "weight": s.weight, "better": "more" if s.higher_is_better else "less"}
+            for s in problem.scores
+        ],
+        "free": [knob.name for knob in problem.knobs],
+        "walks": searched.walks,
+        "walks_of_table": final.walks,
+        "tried": len(searched.places) - 1,
+        "failed": len(searched.failed),
+        "best": {"label": final.places[0].label, "values": dict(final.places[0].values)},
+        "table": table,
+        "comparisons": [asdict(pair) | {"first": pair.first + 1, "second": pair.second + 1} for pair in pairs],
+        "words": in_words(pairs, names, len(final.walks)),
+        "pareto": [
+            {
+                "label": searched.places[i].label,
+                "values": dict(searched.places[i].values),
+                "scores": {s.name: float(searched.values[i, :, k].mean()) for k, s in enumerate(problem.scores)},
+            }
+            for i in (front(score_losses) if len(problem.scores) > 1 else [])
+        ],
+    }
+
+
+def _write(
+    problem: Problem, folder: Path, searched: Measured, losses: Array, shown: list[int], result: dict[str, Any]
+) -> None:
+    """All files of the folder, and their names into the result."""
+    best = searched.places[shown[0]]
+    for base in problem.bases:
+        with whole_file(folder / FOLDER / f"best_{base.name}.yaml") as file:
+            file.write_text(scenario_text(plain_of(problem, base, best)), encoding="utf-8")
+    picture = body_map(problem, folder, searched, losses, best)
+    files = ["placement.json", "placement.html", "places.csv", *(f"{FOLDER}/best_{b.name}.yaml" for b in problem.bases)]
+    if picture is not None:
+        files.append("body.png")
+        with whole_file(folder / "body.png") as file:
+            file.write_bytes(picture.png)
+    else:
+        (folder / "body.png").unlink(missing_ok=True)  # of another problem
+    result["files"] = files
+    texts = {
+        "placement.json": json_text(result),
+        "places.csv": _csv(problem, searched, losses),
+        "placement.html": placement_page(problem, searched, losses, result, picture),
+    }
+    for name, text in texts.items():
+        with whole_file(folder / name) as file:
+            file.write_text(text, encoding="utf-8")
+
+
+def _csv(problem: Problem, searched: Measured, losses: Array) -> str:
+    """Every place, best first: its values, and the mean of each score."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([*(k.name for k in problem.knobs), *(s.name for s in problem.scores), "failed"])
+    means = searched.values.mean(axis=1)
+    for i in np.argsort(losses, kind="stable").tolist():
+        values = searched.places[i].values
+        row = [told(values[k.name]) if values else "" for k in problem.knobs]
+        scores = [f"{x:.6g}" if np.isfinite(x) else "" for x in means[i]]
+        writer.writerow([*row, *scores, searched.failed.get(i, "")])
+    return out.getvalue()

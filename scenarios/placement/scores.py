@@ -1,0 +1,102 @@
+"""Which scores there are to place sensors by, and which way each is better."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.scenarios.fields import Field, Where, mapping, number, suggest, text
+from stridetwin.scenarios.gate.judged import scale_of
+from stridetwin.streams.samples import Array
+
+GEOMETRIC = {
+    "visibility_pct": ("foot_camera", True, "time in which one shoe's camera sees the other's whole board, either way"),
+    "sharp_pct": ("foot_camera", True, "the same, and it hardly blurs"),
+    "occlusion_pct": ("foot_camera", False, "of the time with a board in view, that in which limbs hide some of it"),
+    "square_px": ("foot_camera", True, "edge of a board's square while it is seen, mean"),
+    "ahead_pct": ("head_camera", True, "ground 0.5 to 2.5 m ahead on the way that the camera with depth sees"),
+    "own_body_pct": ("head_camera", False, "of its picture that the walker's own body fills"),
+    "weight_g": ("", False, "weight of all sensors that are on"),
+    "foot_weight_g": ("", False, "weight of those on one foot"),
+}  # fmt: skip
+"""Scores that need no recording: the sensors that they ask for, whether more is better, and what they are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """A score of a place.
+
+    Attributes:
+        name: Of `GEOMETRIC`, or ESTIMATOR.METRIC.
+        weight: In what is made small (or large); 0 for a score that is only told.
+    """
+
+    name: str
+    weight: float
+
+    @property
+    def geometric(self) -> bool:
+        """Whether it needs no recording."""
+        return self.name in GEOMETRIC
+
+    @property
+    def higher_is_better(self) -> bool:
+        """Whether more is better."""
+        if self.geometric:
+            return GEOMETRIC[self.name][1]
+        scale = scale_of(self.name.partition(".")[2])
+        return scale is not None and scale.higher_is_better
+
+    def losses(self, values: Array) -> Array:
+        """Values so that less is better; errors with a sign count without."""
+        return -values if self.higher_is_better else np.abs(values)
+
+    def of(self, scores: Mapping[str, Mapping[str, float]]) -> float:
+        """The value among an estimator's scores: of one that tells of two feet the mean of both; NaN for none."""
+        estimator, _, metric = self.name.partition(".")
+        names = [estimator] if estimator in scores else [f"{estimator}_{foot}" for foot in "lr"]
+        found = [scores[name][metric] for name in names if metric in scores.get(name, {})]
+        return sum(found) / len(found) if found else math.nan
+
+
+def read_scores(node: object, where: Where) -> tuple[Score, ...]:
+    """The list `scores` of a file.
+
+    Raises:
+        ConfigError: No list, an unknown score, one twice, none that weighs.
+    """
+    if not isinstance(node, list) or not node:
+        raise where.error(node, "a list with at least one score")
+    scores = []
+    for i, item in enumerate(node):
+        at = where.item(i)
+        given = {"score": item} if isinstance(item, str) else item
+        found = _SCORE(given, at)
+        at = at if isinstance(item, str) else at.key("score")
+        scores.append(Score(name=_name(found["score"], at), weight=found.get("weight", 0.0 if i else 1.0)))
+        if [s.name for s in scores].count(scores[-1].name) > 1:
+            raise at.error(scores[-1].name, "every score once")
+    if not any(score.weight for score in scores):
+        raise where.error(node, "at least one score with a weight above 0")
+    return tuple(scores)
+
+
+_SCORE = mapping(
+    {
+        "score": Field(attribute="score", read=text, required=True),
+        "weight": Field(attribute="weight", read=number(0, 1e9)),
+    },
+    dict,
+)
+
+
+def _name(name: str, at: Where) -> str:
+    estimator, dot, metric = name.partition(".")
+    if name in GEOMETRIC or (dot and estimator and metric and scale_of(metric) is not None):
+        return name
+    raise at.error(
+        name, f"{suggest(name, GEOMETRIC)}, or ESTIMATOR.METRIC as `score` tells them, such as foot_ins.end_error_m"
+    )

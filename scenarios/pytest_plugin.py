@@ -1,0 +1,96 @@
+"""A plugin of pytest: walks as fixtures, and the scores of an estimator on them.
+
+```python
+def test_my_filter_stays_close(stridetwin_scenario, stridetwin_score):
+    walk = stridetwin_scenario("level_20m", seed=3)
+    scores = stridetwin_score(walk, MyFilter(walk.rig), frame="foot_l/imu")
+    assert scores["rpe_5m_pct"] < 1.0
+```
+
+Nothing but this file is read until a test asks for a fixture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from stridetwin.scenarios.scenario_file import Scenario
+    from stridetwin.scenarios.scoring import Scores
+    from stridetwin.sim.config import TwinConfig
+    from stridetwin.streams.recording import Recording
+    from stridetwin.streams.trajectory import Trajectory
+
+
+@pytest.fixture(scope="session")
+def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Recording]:
+    """Walks: `stridetwin_scenario(scenario, seed=0, cameras=False)` gives a recording, made once a session.
+
+    The scenario is a name of the catalogue, the path of a YAML file, what such a file says as a mapping, or a
+    `TwinConfig`. Without cameras, which take the most time to draw, unless they are asked for.
+    """
+    made: dict[tuple[str, int, bool], Recording] = {}
+    folder = tmp_path_factory.mktemp("stridetwin")
+
+    def walk(
+        scenario: str | Path | Mapping[str, Any] | TwinConfig, seed: int = 0, *, cameras: bool = False
+    ) -> Recording:
+        from stridetwin.scenarios.record import record
+        from stridetwin.scenarios.runner import make_twin, without_cameras
+        from stridetwin.streams.recording import Recording
+
+        told = _scenario(scenario, folder)
+        told = told if cameras else without_cameras(told)
+        key = (repr(told.config), seed, cameras)
+        if key not in made:
+            path = folder / f"walk_{len(made)}.mcap"
+            record(make_twin(told, seed), path, lambda *_: None)
+            made[key] = Recording(path, lenient=bool(told.config.faults))
+        return made[key]
+
+    return walk
+
+
+@pytest.fixture(scope="session")
+def stridetwin_score() -> Callable[..., Scores]:
+    """Scores: `stridetwin_score(recording, estimator, frame, align="start")`, by the names of `stridetwin score`.
+
+    The estimator is an object with `update(sample)` (see `scenarios.gate.own_estimators`), a `Trajectory`, or the
+    path of a TUM file.
+    """
+
+    def score(recording: Recording, estimator: object, frame: str = "foot_l/imu", align: str = "start") -> Scores:
+        from stridetwin.scenarios.evaluate import Estimate, evaluate
+
+        made = Estimate(name="tested", frame=frame, path=_path(recording, estimator))
+        return evaluate(recording, [made], align)[0].scores
+
+    return score
+
+
+def _path(recording: Recording, estimator: Any) -> Trajectory:
+    from stridetwin.scenarios.gate.own_estimators import lead
+    from stridetwin.streams.trajectory import Trajectory
+    from stridetwin.streams.tum import read_tum
+
+    if isinstance(estimator, Trajectory):
+        return estimator
+    return read_tum(estimator) if isinstance(estimator, (str, Path)) else lead(estimator, recording)
+
+
+def _scenario(told: str | Path | Mapping[str, Any] | TwinConfig, folder: Path) -> Scenario:
+    from stridetwin.scenarios.files import json_text
+    from stridetwin.scenarios.scenario_file import Scenario, load_scenario, read_scenario
+    from stridetwin.sim.config import TwinConfig
+
+    if isinstance(told, TwinConfig):
+        return Scenario(description="", config=told)
+    if not isinstance(told, Mapping):
+        return load_scenario(str(told))
+    file = folder / "scenario.yaml"  # JSON is YAML
+    file.write_text(json_text({"description": "of a test", **told}), encoding="utf-8")
+    return read_scenario(file)

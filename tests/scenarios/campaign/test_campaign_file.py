@@ -1,0 +1,162 @@
+"""Campaign files: what is wrong is named, nothing outside their folder is read, and YAML only says values."""
+
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+from small_campaign import SHORT, SMALL, write
+
+from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign, load_campaign, read_campaign
+from stridetwin.scenarios.campaign.extremes import check_extremes
+from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.scenario_file import catalogue
+from stridetwin.sim import parts
+from stridetwin.streams.errors import StrideTwinError
+
+
+def refused(path) -> str:
+    with pytest.raises(StrideTwinError) as error:
+        check_extremes(read_campaign(path), Extra())
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("walks: 3", "", "small.yaml: 'no walks' is not valid; valid: the key walks is required"),
+        ("walks: 3", "walks: 0", "small.yaml: walks: 0 is not valid; valid: a whole number, 1-1000000"),
+        ("seed: 3", "sed: 3", "'sed' is not valid; valid: keys campaign, walks, seed, "),
+        ("seed: 3", "sampling: sobel", "sampling: 'sobel' is not valid; valid: sobol, latin_hypercube (did you mean"),
+        ("short.yaml", "demoo", "scenarios[0].scenario: 'demoo' is not valid; valid: bystanders, "),
+        ("short.yaml", "gone.yaml", "scenarios[0].scenario: 'gone.yaml' is not valid; valid: a file that there is"),
+        (
+            "gait.speed_mps",
+            "gait.speed mps",
+            "set.gait.speed mps: 'gait.speed mps' is not valid; valid: keys with dots",
+        ),
+        (
+            "[0.9, 1.2]",
+            "[0.9, 3]",
+            "set.gait.speed_mps: 3.0 is not valid; valid: 0.05-2.1",
+        ),
+        (
+            "gait.speed_mps",
+            "gait.sped_mps",
+            "set.gait.sped_mps: 'sped_mps' is not valid; valid: keys pattern, speed_mps",
+        ),
+        (
+            "terrain[0]",
+            "terrain[3]",
+            "scenarios[0].set.terrain[3].level.length_m: 'terrain[3].level.length_m' is not valid; valid: "
+            "terrain[0] to terrain[0], the items that there are",
+        ),
+        ("part: MPU-9250", "part: MPU-9999", "set.sensors.foot_imu.part: 'MPU-9999' is not valid; valid: "),
+        ("[1.55, 1.8]", "[1.3, 1.8]", "people[0].height_m: 1.3 is not valid; valid: 1.5-1.95"),
+        ("sex: female", "sex: femal", "people[0].sex: 'femal' is not valid; valid: male, female"),
+        ("sex: female", "age: 30", "people[0]: 'age' is not valid; valid: keys count, bmi, sex, height_m"),
+        ("bmi: {normal: [24, 3], within: [19, 30]}", "bmi: 60", "people[0].bmi: 60 is not valid; valid: 15-45"),
+        (
+            "bmi:",
+            "mass_kg: 60\n    bmi:",
+            "people[0].bmi: {'normal': [24, 3], 'within': [19, 30]} is not valid; valid: ",
+        ),
+        ("  gait.speed_mps", "  person.height_m", "set.person.height_m: 'person.height_m' is not valid; valid: no per"),
+        ("seed: 3", "splits: {shares: {train: 0.7}}", "splits.shares: {'train': 0.7} is not valid; valid: shares"),
+        ("seed: 3", "splits: {shares: {../x: 1}}", "splits.shares: '../x' is not valid; valid: names of small letters"),
+        ("seed: 3", "quality: {falls: drop}", "quality.falls: 'drop' is not valid; valid: reject, keep"),
+        ("seed: 3", "seed: 3\nseed: 4", "line 5: the key 'seed' stands twice"),
+        ("seed: 3", "seed: !!python/object/apply:os.getcwd []", "line 4: could not determine a constructor"),
+        ("seed: 3", "seed: 2020-01-01", "seed: '2020-01-01' is not valid; valid: text, numbers, true, false"),
+    ],
+)
+def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, old, new, message):
+    assert old in SMALL
+    assert message in refused(write(tmp_path, SMALL.replace(old, new)))
+
+
+def test_an_error_in_the_scenario_itself_is_told_as_one(tmp_path):
+    message = refused(write(tmp_path, short=SHORT.replace("length_m: 2", "length_m: -2")))
+    assert (
+        "scenarios[0].scenario: 'short' is not valid; valid: a scenario without error (terrain[0].level.len" in message
+    )
+
+
+@pytest.mark.parametrize("name", ["../outside.yaml", "{tmp}/outside.yaml", "link.yaml"])
+def test_no_file_outside_of_the_campaigns_folder_is_read(tmp_path, name):
+    outside = tmp_path / "outside.yaml"
+    outside.write_text(SHORT)
+    name = name.replace("{tmp}", str(tmp_path))
+    home = tmp_path / "home"
+    path = write(home, SMALL.replace("short.yaml", name))
+    (home / "link.yaml").symlink_to(outside)
+    assert "a file in the campaign's folder" in refused(path)
+    path.write_text(SMALL.replace("MPU-9250", name))
+    assert "a file in the campaign's folder" in refused(path)
+
+
+def test_aliases_that_name_a_million_things_or_themselves_are_refused(tmp_path):
+    levels = "".join(f"x{i}: &x{i} [{', '.join([f'*x{i - 1}'] * 10)}]\n" for i in range(1, 9))
+    assert "up to 100000 values" in refused(write(tmp_path, f"x0: &x0 [1]\n{levels}{SMALL}"))
+    assert "up to 100000 values" in refused(write(tmp_path, f"x: &x [*x]\n{SMALL}"))
+
+
+def test_a_value_goes_to_all_of_its_places_and_short_forms_open(tmp_path):
+    text = SMALL.replace("  gait.speed_mps:", "  'gait.gaze.yaw_deg, gait.gaze.pitch_deg':").replace(
+        "[0.9, 1.2]", "[1, 9]"
+    )
+    walks = plan(read_campaign(write(tmp_path, text)), Extra(cameras=False, physics="dynamic"))
+    for walk in walks:
+        (angle,) = {v for name, v in walk.values.items() if name.startswith("gait")}
+        assert walk.scenario["gait"]["gaze"] == {"yaw_deg": angle, "pitch_deg": angle}
+        assert walk.scenario["physics"] == "dynamic"
+        sensors = walk.scenario["sensors"]
+        assert sensors["foot_imu"] == {"part": "MPU-9250"}
+        assert {name for name, on in sensors.items() if on is False} >= {"foot_camera", "head_camera", "ahrs", "sonar"}
+        assert sensors.get("insole", True) is True
+
+
+def test_parts_of_ones_own_are_named_as_the_output_folder_has_them(tmp_path):
+    path = write(tmp_path, SMALL.replace("MPU-9250", "{choice: [mine/a.yaml, MPU-9250]}"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "a.yaml").write_text("kind: imu\ndescription: mine\nrate_hz: 100\n")
+    campaign = read_campaign(path)
+    assert campaign.parts == {"a.yaml": tmp_path / "mine" / "a.yaml"}
+    named = {walk.scenario["sensors"]["foot_imu"]["part"] for walk in plan(campaign, Extra())}
+    assert named == {"../parts/a.yaml", "MPU-9250"}
+
+
+def test_campaigns_are_told_from_scenarios_by_what_they_say(tmp_path):
+    assert find_campaign("demo") is None
+    assert find_campaign("stairs_and_ramps") == campaigns()["stairs_and_ramps"]
+    path = write(tmp_path)
+    assert find_campaign(str(path)) == path
+    assert find_campaign(str(tmp_path / "short.yaml")) is None
+    path.write_text(SMALL.replace("campaign:", "campain:"))
+    assert "'campain' is not valid; valid: keys campaign" in refused(find_campaign(str(path)))
+    assert not set(campaigns()) & set(catalogue())
+
+
+@pytest.mark.parametrize("name", campaigns())
+def test_every_campaign_of_the_catalogue_is_valid(name):
+    campaign = load_campaign(name)
+    check_extremes(campaign, Extra())
+    walks = plan(campaign, Extra())
+    assert len({w.seed for w in walks}) == len({w.name for w in walks}) == campaign.walks
+
+
+def test_the_example_of_the_documentation_is_valid(tmp_path):
+    page = (Path(__file__).parents[3] / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text(page.split("```yaml\n")[1].split("```")[0], encoding="utf-8")
+    part = Path(str(files(parts))) / "MPU-9250.yaml"
+    (tmp_path / "my_imu.yaml").write_bytes(part.read_bytes())
+    campaign = read_campaign(path)
+    check_extremes(campaign, Extra())
+    walks = plan(campaign, Extra())
+    for walk in walks[:30]:
+        imu = walk.scenario["sensors"]["foot_imu"]
+        assert imu["position_mm"][:2] == [-30, 42]
+        assert 55 <= imu["position_mm"][2] <= 65
+        assert 2 <= walk.scenario["faults"][0]["at_s"] <= 6
+    assert sum(w.base == "stair_up_down" for w in walks) == pytest.approx(750, abs=3)
+    assert len({str(w.scenario["person"]) for w in walks}) == 22

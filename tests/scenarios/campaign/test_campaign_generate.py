@@ -1,0 +1,252 @@
+"""Campaigns of a few steps, walked: the same bytes whoever walks them, whoever is killed on the way, and whenever."""
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from small_campaign import SHORT, SMALL, write
+
+from stridetwin.scenarios import processes
+from stridetwin.scenarios.campaign import engines
+from stridetwin.scenarios.campaign import walk as campaign_walk
+from stridetwin.scenarios.campaign.campaign_file import read_campaign
+from stridetwin.scenarios.campaign.generate import Asked, generate
+from stridetwin.scenarios.check import check_recording
+from stridetwin.scenarios.cli import main
+from stridetwin.sim import parts
+from stridetwin.sim.parts.library import part
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording import Recording
+
+pytest.importorskip("mujoco")
+
+
+def quiet(stage: str, share: float) -> None:
+    pass
+
+
+def told(folder: Path) -> dict[str, bytes]:
+    """Every file that somebody sees, by name; there is no other."""
+    assert not [p for p in folder.rglob(".*")]
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    return tmp_path_factory.mktemp("campaign")
+
+
+@pytest.fixture(scope="module")
+def campaign(home):
+    return read_campaign(write(home))
+
+
+@pytest.fixture(scope="module")
+def one(home, campaign):
+    """What one worker makes."""
+    done = generate(campaign, Asked(folder=home / "one"), quiet)
+    assert (done.made, done.verdicts) == (3, {"accepted": 3})
+    return home / "one"
+
+
+def test_a_manifest_tells_what_lies_there(one, campaign):
+    manifest = json.loads((one / "manifest.json").read_text())
+    assert [w["walk"] for w in manifest["walks"]] == [f"walk_{i:05d}" for i in range(3)]
+    dealt: dict[str, set[str]] = {}
+    for walk in manifest["walks"]:
+        file = one / walk["recording"]
+        assert hashlib.sha256(file.read_bytes()).hexdigest() == walk["sha256"]
+        recording = Recording(file)
+        assert recording.metadata["seed"] == str(walk["seed"])
+        assert float(recording.metadata["person_height_m"]) == manifest["people"][walk["person"]]["height_m"]
+        assert recording.rig.imus["/foot_l/imu"].part == part("MPU-9250").description
+        assert check_recording(Recording(file, lenient=True)).data["fit"]
+        assert walk["findings"] == []
+        assert recording.duration == pytest.approx(walk["duration_s"], abs=1e-3)
+        assert 0.9 <= walk["values"]["gait.speed_mps"] <= 1.2
+        dealt.setdefault(walk["split"]["person"], set()).add(walk["person"])
+    assert not set.intersection(*dealt.values()) or len(dealt) == 1
+    assert set(manifest["versions"]) == {"stridetwin", "sources", "mujoco", "numpy", "scipy"}
+    assert str(one.parent) not in (one / "manifest.json").read_text() + (one / "dataset_card.md").read_text()
+
+
+def test_the_card_tells_of_it_and_its_program_reads_it(one, monkeypatch, capsys):
+    card = (one / "dataset_card.md").read_text()
+    assert card.startswith("# A few steps of three people\n")
+    for words in ("3 walks of 3", "uniform 0.9 to 1.2", "female: 3", "## Splits", "None.", "Apache-2.0", "mujoco"):
+        assert words in card
+    program = card.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(one)
+    exec(compile(program, "card", "exec"), {})
+    read = [w for w in json.loads(Path("manifest.json").read_text())["walks"] if w["split"]["person"] == "train"]
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [w["walk"] for w in read]
+
+
+def test_a_walk_is_made_again_from_its_scenario_file(one, tmp_path):
+    walk = json.loads((one / "manifest.json").read_text())["walks"][2]
+    again = tmp_path / "again.mcap"
+    assert main(["generate", str(one / walk["scenario_file"]), "--seed", str(walk["seed"]), "-o", str(again)]) == 0
+    assert again.read_bytes() == (one / walk["recording"]).read_bytes()
+
+
+def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, tmp_path):
+    folder = tmp_path / "two"
+    shutil.copytree(one, folder)
+    before = told(folder)
+    generate_again = generate(campaign, Asked(folder=folder), quiet)
+    assert generate_again.made == 0
+    (folder / "recordings" / "walk_00001.mcap").write_bytes(b"")
+    (folder / "rows" / "walk_00002.json").write_text("{")
+    (folder / ".unfinished").mkdir()
+    (folder / ".unfinished" / "half").write_text("x")
+    assert generate(campaign, Asked(folder=folder), quiet).made == 2
+    assert told(folder) == before
+    done = generate(replace(campaign, walks=4), Asked(folder=folder), quiet)
+    assert done.made == 1
+    assert {n: b for n, b in told(folder).items() if n in before and "/" in n} == {
+        n: b for n, b in before.items() if "/" in n
+    }
+
+
+def test_two_workers_give_the_same_bytes(one, campaign, tmp_path):
+    assert generate(campaign, Asked(folder=tmp_path / "two", workers=2), quiet).made == 3
+    assert told(tmp_path / "two") == told(one)
+
+
+def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campaign, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    killed = []
+
+    def kill_one(stage: str, share: float) -> None:
+        if share > 0 and not killed:
+            killed.append(next(iter(cluster.workers.values())).pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        asked = Asked(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
+        assert generate(campaign, asked, kill_one).made == 3
+    assert len(killed) == 1
+    assert told(tmp_path / "cluster") == told(one)
+
+
+def test_workers_of_another_version_or_that_die_again_and_again_stop_it(campaign, tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign_walk, "versions", lambda: {"sources": "here"})
+    with pytest.raises(StrideTwinError, match="other versions than asked for: sources here"):
+        generate(campaign, Asked(folder=tmp_path), quiet)
+    monkeypatch.setattr(engines, "make", os._exit)
+    jobs = [SimpleNamespace(walk=SimpleNamespace(name="walk_00000"))]
+    monkeypatch.setattr(processes, "ProcessPoolExecutor", DyingPool)
+    with pytest.raises(StrideTwinError, match="a worker died 3 times before its walk was done"):
+        list(engines.rows(jobs, 2, None))
+    assert DyingPool.started == 3
+
+
+class DyingPool:
+    """Processes that die at once."""
+
+    started = 0
+
+    def __init__(self, *_: object, **__: object) -> None:
+        DyingPool.started += 1
+
+    def submit(self, *_: object) -> Future:
+        future: Future = Future()
+        future.set_exception(BrokenProcessPool())
+        return future
+
+    def shutdown(self, **_: object) -> None:
+        pass
+
+
+def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):
+    text = SMALL.replace("walks: 3", "walks: 2").replace("part: MPU-9250", "part: {choice: [MPU-9250, my/small.yaml]}")
+    text += "  faults: [{kind: dropout, topic: /foot_l/insole, at_s: {at}, duration_s: 0.5}]\n".replace("{at}", "1")
+    path = write(tmp_path, text)
+    (tmp_path / "my").mkdir()
+    text = (Path(str(files(parts))) / "MPU-9250.yaml").read_text()
+    for old, new in (("InvenSense MPU-9250", "My gyro"), ("range_dps: {value: 2000", "range_dps: {value: 60")):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "my" / "small.yaml").write_text(text)
+    done = generate(read_campaign(path), Asked(folder=tmp_path / "out"), quiet)
+    assert done.verdicts == {"accepted": 1, "rejected": 1}
+    assert done.reasons == {"sensors": 1}
+    (rejected,) = [w for w in done.manifest["walks"] if w["status"] == "rejected"]
+    assert rejected["values"]["sensors.foot_imu.part"] == "../parts/small.yaml"
+    assert "/foot_l/imu" in rejected["reasons"][0]
+    assert "% of the samples at the end of the range" in rejected["reasons"][0]
+    assert (tmp_path / "out" / rejected["recording"]).parent.name == "rejected"
+    assert "split" not in rejected
+    assert f"`{rejected['walk']}`" in (tmp_path / "out" / "dataset_card.md").read_text()
+    (accepted,) = [w for w in done.manifest["walks"] if w["status"] == "accepted"]
+    assert accepted["findings"] == []
+    assert any(f.startswith("/foot_l/insole") for f in accepted["expected_findings"])
+    assert done.manifest["parts"].keys() == {"small.yaml"}
+
+
+def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path):
+    loop = "  - level: {length_m: 4}\n" + "  - turn: {angle_deg: 90, radius_m: 1}\n  - level: {length_m: 2}\n" * 4
+    path = write(tmp_path / "loop", SMALL, SHORT.replace("  - level: {length_m: 2}\n", loop))
+    fault = "  faults: [{kind: freeze, topic: /foot_l/imu, at_s: 500}]\n"
+    path.write_text(SMALL.replace("walks: 3", "walks: 1") + fault)
+    done = generate(read_campaign(path), Asked(folder=tmp_path / "out"), quiet)
+    (walk,) = done.manifest["walks"]
+    assert (walk["status"], done.reasons) == ("rejected", {"refused": 1})
+    assert "recording" not in walk
+    push = "  dynamics: {fixed: {pushes: [{at_s: 1, duration_s: 0.5, left_n: 500}]}}\n"
+    path = write(tmp_path / "push", SMALL.replace("walks: 3", "walks: 1") + push)
+    text = path.read_text().replace("  dynamics:", "  physics: dynamic\n  dynamics:")
+    path.write_text(text)
+    for falls, status in (("reject", "rejected"), ("keep", "accepted")):
+        path.write_text(f"{text}quality: {{falls: {falls}}}\n")  # is judged anew, not walked
+        done = generate(read_campaign(path), Asked(folder=tmp_path / "pushed"), quiet)
+        (walk,) = done.manifest["walks"]
+        assert walk["status"] == status
+        assert walk["fell_at_s"] > 1
+        place = "recordings" if falls == "keep" else "rejected"
+        assert [p.parent.name for p in (tmp_path / "pushed").rglob("*.mcap")] == [place]
+    assert done.made == 0
+
+
+def test_only_one_generate_works_in_a_folder(one, campaign, tmp_path):
+    def another(stage: str, share: float) -> None:
+        if stage == "walks":
+            with pytest.raises(StrideTwinError, match="another generate works there"):
+                generate(campaign, Asked(folder=folder), quiet)
+
+    folder = tmp_path / "two"
+    shutil.copytree(one, folder)
+    generate(campaign, Asked(folder=folder), another)
+
+
+def test_the_command_says_what_is_wrong(tmp_path, capsys):
+    path = write(tmp_path)
+    for arguments, message in (
+        (["stairs_and_rampz"], "there is no scenario or campaign 'stairs_and_rampz'; valid: "),
+        (["demo", "--workers", "2"], "--workers: 2 is not valid; valid: a campaign to go with it; demo is a scenario"),
+        ([str(path), "--workers", "2", "--scheduler", "x"], "--workers: 2 is not valid; valid: either --workers or"),
+        ([str(path), "--physics", "magic"], "--physics: 'magic' is not valid; valid: kinematic, dynamic"),
+    ):
+        assert main(["generate", *arguments, "-o", str(tmp_path / "out")]) == 2
+        assert message in capsys.readouterr().err
+    assert main(["generate", str(path), "-o", str(tmp_path / "out.mcap")]) == 2
+    assert "valid: a folder, as this is a campaign" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_prints_one_object(one, home, capsys):
+    assert main(["generate", str(home / "small.yaml"), "--subset", "2", "-o", str(one), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["campaign"], result["walks"], result["made"], result["accepted"]) == ("small", 2, 0, 2)
+    assert len(json.loads((one / "manifest.json").read_text())["walks"]) == 2

@@ -1,0 +1,73 @@
+"""`score` of a campaign's folder: accepted walks alone, by one worker or two, failures told."""
+
+import hashlib
+import json
+import shutil
+
+import pytest
+
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.gate.walk_scores import jobs_of
+from stridetwin.streams.errors import StrideTwinError
+
+
+@pytest.fixture
+def campaign(walk, tmp_path):
+    """Folder of a campaign of three walks, of which one is rejected."""
+    folder = tmp_path / "data"
+    rows = []
+    for i, status in enumerate(("accepted", "rejected", "accepted")):
+        place = f"{'recordings' if status == 'accepted' else 'rejected'}/walk_{i:05d}.mcap"
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(walk / "recording.mcap", folder / place)
+        text = (folder / place).read_bytes()
+        rows.append(
+            {"walk": f"walk_{i:05d}", "status": status, "recording": place, "bytes": len(text), "findings": [],
+             "expected_findings": [], "sha256": hashlib.sha256(text).hexdigest()}
+        )  # fmt: skip
+    (folder / "manifest.json").write_text(json.dumps({"format": "stridetwin-campaign-1", "walks": rows}))
+    return folder
+
+
+OWN = ["--program", "mine=false {recording} {output}"]
+
+
+def test_accepted_walks_are_scored_by_every_estimator(campaign, walk, capsys):
+    assert main(["score", str(campaign), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in told["recordings"]] == ["walk_00000", "walk_00002"]
+    assert {row["sha256"] for row in told["recordings"]} == {
+        hashlib.sha256((walk / "recording.mcap").read_bytes()).hexdigest()
+    }
+    assert set(told["recordings"][0]["estimators"]) == set(told["estimators"]) > {"foot_ins_l"}
+    assert told["estimators"] == json.loads((walk / "scores.json").read_text())["estimators"]
+
+
+def test_two_workers_tell_what_one_does(campaign, walk, capsys):
+    words = ["score", str(campaign), "--program", f"mine=env R={{recording}} cp {walk / 'foot_ins_l.txt'} {{output}}"]
+    assert main([*words, "--json"]) == 0
+    one = capsys.readouterr().out
+    assert main([*words, "--json", "--workers", "2"]) == 0
+    assert capsys.readouterr().out == one
+    assert json.loads(one)["estimators"]["mine"]["ape_rmse_m"] > 0.0
+
+
+def test_an_estimator_that_fails_on_a_walk_is_told_and_the_others_go_on(campaign, capsys):
+    assert main(["score", str(campaign), *OWN, "--json"]) == 1
+    said = capsys.readouterr()
+    rows = json.loads(said.out)["recordings"]
+    assert [row["failed"]["mine"] for row in rows] == ["false: exit code 1; it said nothing on stderr"] * 2
+    assert said.err.count("exit code 1") == 2
+    assert main(["score", str(campaign), *OWN]) == 1
+    assert "FAILED walk_00000: mine: false: exit code 1" in capsys.readouterr().out
+
+
+def test_a_folder_that_is_not_as_its_manifest_says_is_refused(campaign):
+    asked = {"lenient": False, "alignment": "start", "own": ()}
+    assert [job.strict for job in jobs_of([campaign], **asked)] == [False, False]
+    (campaign / "recordings" / "walk_00002.mcap").write_bytes(b"short")
+    with pytest.raises(StrideTwinError, match=r"5 bytes; .* generate it anew"):
+        jobs_of([campaign], **asked)
+    (campaign / "manifest.json").write_text('{"format": "another"}')
+    with pytest.raises(StrideTwinError, match="is no manifest of a campaign"):
+        jobs_of([campaign], **asked)

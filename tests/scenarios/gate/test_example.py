@@ -1,0 +1,32 @@
+"""The example of a workflow is one, and its commands are ours."""
+
+import shlex
+from pathlib import Path
+
+import yaml
+
+from stridetwin.scenarios.cli import parser
+
+FILE = Path(__file__).parents[3] / "docs" / "examples" / "gate.yml"
+
+
+def test_the_workflow_caches_its_baseline_and_asks_what_the_command_line_knows():
+    workflow = yaml.safe_load(FILE.read_text())
+    (job,) = workflow["jobs"].values()
+    assert "pull_request" in workflow[True]  # YAML 1.1 takes `on` for a truth value
+    assert [s["uses"] for s in job["steps"] if "cache" in s.get("uses", "")] == [
+        "actions/cache/restore@v4",
+        "actions/cache/save@v4",
+    ]
+    scripts = "\n".join(step.get("run", "") for step in job["steps"])
+    commands = [line.strip() for line in scripts.replace("\\\n", " ").splitlines() if "stridetwin " in line]
+    commands = [c for c in commands if c.startswith("stridetwin ")]
+    kinds = []
+    for command in commands:
+        words = [w.replace("${{", "").replace("}}", "") for w in shlex.split(command.split(" > ")[0])[1:]]
+        words = [w for w in words if w not in ("", "github.event.pull_request.head.sha")]
+        if words[-1] == "--label":
+            words.append("commit")
+        asked = parser().parse_args(words)
+        kinds.append((asked.command, bool(getattr(asked, "baseline", None))))
+    assert kinds == [("generate", False), ("score", False), ("score", True)]

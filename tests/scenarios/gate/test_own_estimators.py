@@ -1,0 +1,205 @@
+"""Estimators of others on a walk of the fake twin: a Python class, a program, and what goes wrong with them."""
+
+import json
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.gate.own_estimators import Program, PythonClass, lead
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording import Recording
+
+CLASSES = """
+from types import SimpleNamespace
+from stridetwin.estimators.foot_ins import FootIns
+
+class Left:
+    topics = ("/foot_l/imu",)
+
+    def __init__(self, rig):
+        self.filter = FootIns(rig.imu("/foot_l/imu"))
+
+    def update(self, sample):
+        e = self.filter.update(sample)
+        if e is None or not e.aligned:
+            return None
+        return SimpleNamespace(t_ns=e.t_ns, p_frame_in_world=e.p_imu_in_world, q_world_frame=e.q_world_imu)
+
+class Right(Left):
+    frame = "foot_r/imu"
+
+    def __init__(self, rig):
+        self.filter = FootIns(rig.imu("/foot_r/imu"))
+    topics = ("/foot_r/imu",)
+
+class Greedy:
+    topics = ("/truth/foot_l/imu/odometry",)
+    def __init__(self, rig): pass
+    def update(self, sample): return None
+
+class Silent(Greedy):
+    topics = None
+
+class Broken(Left):
+    def update(self, sample): raise ValueError("a matrix is singular")
+
+nothing = 3
+"""
+
+PROGRAM = """
+import sys
+from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.tum import write_tum
+
+recording = Recording(sys.argv[1])
+path = FootIns(recording.rig.imu("/foot_l/imu")).run(recording.block("/foot_l/imu")).trajectory
+write_tum(path, sys.argv[2])
+"""
+
+
+@pytest.fixture
+def recording(walk):
+    return Recording(walk / "recording.mcap")
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A folder to work in, with a module and a program."""
+    (tmp_path / "own_filters.py").write_text(CLASSES)
+    (tmp_path / "program.py").write_text(PROGRAM)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [p for p in sys.path if p])
+    yield tmp_path
+    sys.modules.pop("own_filters", None)
+
+
+def script(folder, text):
+    file = folder / "script.py"
+    file.write_text(textwrap.dedent(text))
+    return f"{sys.executable} {file} {{recording}} {{output}}"
+
+
+def program(command, timeout_s=60.0):
+    return Program(name="mine", command=command, frame="foot_l/imu", timeout_s=timeout_s)
+
+
+def test_a_class_gets_the_scores_of_the_filter_inside(walk, place, capsys):
+    words = ["score", str(walk / "recording.mcap"), "--json"]
+    own = ["--estimator", "left=own_filters:Left", "--estimator", "right=own_filters:Right"]
+    assert main([*words, *own]) == 0
+    found = json.loads(capsys.readouterr().out)["estimators"]
+    built_in = json.loads((walk / "scores.json").read_text())["estimators"]
+    assert set(found) == {"left", "right"}
+    for name, twin in (("left", "foot_ins_l"), ("right", "foot_ins_r")):
+        assert found[name]["ape_rmse_m"] == pytest.approx(built_in[twin]["ape_rmse_m"], abs=2e-3)
+
+
+def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(walk, place, capsys):
+    base = ["score", str(walk / "recording.mcap"), "--program"]
+    good = f"mine={sys.executable} program.py {{recording}} {{output}}"
+    assert main([*base, good, "--json"]) == 0
+    told = capsys.readouterr().out
+    (place / "base.json").write_text(told)
+    own, built_in = json.loads(told)["estimators"]["mine"], json.loads((walk / "scores.json").read_text())["estimators"]
+    assert own["end_error_m"] == pytest.approx(built_in["foot_ins_l"]["end_error_m"], abs=0.01)
+    gate = ["--baseline", "base.json", "--junit", "gate.xml"]
+    worse = PROGRAM.replace("write_tum(path", "path.p_frame_in_world[:, :2] *= 1.05\nwrite_tum(path")
+    (place / "program.py").write_text(worse)
+    capsys.readouterr()
+    assert main([*base, good, *gate]) == 1
+    assert "mine ape_rmse_m" in capsys.readouterr().out
+    assert "<failure" in (place / "gate.xml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("own_filters:Greedy", "Greedy.topics: /truth/foot_l/imu/odometry is the truth"),
+        ("own_filters:Silent", "Silent.update has returned no estimate"),
+        ("own_filters:Broken", "own_filters:Broken: ValueError: a matrix is singular"),
+        ("own_filters:nothing", "is no class with update"),
+        ("own_filters:Missing", "cannot be imported: AttributeError"),
+        ("no_such_module:A", "cannot be imported: ModuleNotFoundError"),
+        ("own_filters", "valid: module:Class"),
+    ],
+)
+def test_what_is_wrong_with_a_class_is_told(recording, place, name, said):
+    with pytest.raises(StrideTwinError, match=said.replace(".", r"\.")):
+        PythonClass(name="mine", place=name, frame="foot_l/imu").path(recording)
+
+
+def test_a_class_sees_all_that_sensors_say_in_order_and_no_truth(recording):
+    class Listener:
+        def __init__(self):
+            self.seen = []
+
+        def update(self, sample):
+            self.seen.append((sample.topic, sample.t_ns))
+
+    listener = Listener()
+    with pytest.raises(StrideTwinError, match="no estimate"):
+        lead(listener, recording)
+    topics = {topic for topic, _ in listener.seen}
+    assert {"/foot_l/imu", "/foot_r/imu", "/head/depth"} <= topics
+    assert not any(topic.startswith("/truth") for topic in topics)
+    assert (np.diff([t for _, t in listener.seen]) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("import sys; sys.exit('no map was found')", "exit code 1; it said: no map was found"),
+        ("pass", "has not written {output}; it said nothing"),
+        ("import sys; open(sys.argv[2], 'w').write('0 1 2')", r"{output}: line 1: '0 1 2' is not valid"),
+    ],
+)
+def test_what_a_program_did_wrong_is_told_in_its_own_words(recording, tmp_path, text, said):
+    with pytest.raises(StrideTwinError) as error:
+        program(script(tmp_path, text)).path(recording)
+    assert said in str(error.value)
+
+
+def test_a_program_that_hangs_is_stopped_with_its_children(recording, tmp_path):
+    mark = tmp_path / "mark"
+    text = f"""
+        import subprocess, sys, time
+        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1.5); open({str(mark)!r}, 'w')"])
+        print("still at work", file=sys.stderr, flush=True)
+        time.sleep(60)
+    """
+    begin = time.monotonic()
+    with pytest.raises(StrideTwinError, match="not done after 1 s"):
+        program(script(tmp_path, text), 1.0).path(recording)
+    assert time.monotonic() - begin < 10.0
+    time.sleep(1.0)
+    assert not mark.exists()
+
+
+def test_words_of_a_command_are_no_shells(recording, tmp_path):
+    mark = tmp_path / "mark"
+    with pytest.raises(StrideTwinError, match="exit code"):
+        program(f"{sys.executable} -c 'raise SystemExit(3)' {{recording}} {{output}}; touch {mark}").path(recording)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--program", "mine"], "valid: NAME="),
+        (["--program", "mine=cat {recording}"], "valid: COMMAND {recording} {output}"),
+        (["--program", "mine=no-such-program {recording} {output}"], "no-such-program: there is no such program"),
+        (["--program", "mine='cat {recording} {output}"], "No closing quotation"),
+        (["--estimator", "mine=nowhere:A"], "cannot be imported"),
+        (["--estimate", "a=x.txt", "--estimate", "a=y.txt"], "two estimators are called 'a'"),
+        (["--junit", "x.xml"], "valid: with --baseline"),
+        (["--history", "x.jsonl"], "needs the --label"),
+    ],
+)
+def test_what_is_asked_wrongly_is_told_in_one_line_before_anything_is_scored(walk, capsys, words, said):
+    assert main(["score", str(walk / "recording.mcap"), *words]) == 2
+    assert said in capsys.readouterr().err

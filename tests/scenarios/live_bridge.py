@@ -1,0 +1,44 @@
+"""`live` in a thread and what sends to it, for the tests."""
+
+import socket
+import threading
+
+from stridetwin.scenarios.cli import parser
+from stridetwin.streams.errors import StrideTwinError
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def outcome(*words):
+    """What a command has to say; its error, where it has one."""
+    arguments = parser().parse_args([str(w) for w in words])
+    try:
+        return arguments.act(arguments, lambda *_: None)
+    except StrideTwinError as error:
+        return error
+
+
+def alive(words, *senders, port=None):
+    """Runs `live` in a thread while each sender does its part with the address; returns what `live` has to say."""
+    where = f"127.0.0.1:{port or free_port()}"
+    told = []
+    live = threading.Thread(target=lambda: told.append(outcome("live", *words, "--listen", where)), daemon=True)
+    live.start()
+    for send in senders:
+        send(where)
+    live.join(300)
+    assert told, "`live` waits for an end that nobody has told it"
+    return told[0]
+
+
+def sent(recording, *words):
+    """Sends a recording as fast as it is taken."""
+
+    def send(where):
+        made = outcome("send", recording, "--to", where, "--speed", "0", "--patience", "60", *words)
+        assert not isinstance(made, Exception), made
+
+    return send

@@ -1,0 +1,80 @@
+import pytest
+import yaml
+
+from stridetwin.scenarios.placement.places import Place, check_ends, scenario_at
+from stridetwin.scenarios.placement.problem_file import problems, read_problem
+from stridetwin.sim.standard_rig import outfit
+from stridetwin.streams.errors import StrideTwinError
+
+GOOD = {
+    "placement": "An IMU on the shoe",
+    "scenarios": ["level_20m"],
+    "free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}},
+    "scores": ["weight_g"],
+}
+
+
+def written(tmp_path, **changes):
+    path = tmp_path / "problem.yaml"
+    path.write_text(yaml.safe_dump({k: v for k, v in (GOOD | changes).items() if v is not None}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", problems())
+def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_path):
+    problem = read_problem(problems()[name])
+    check_ends(problem, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"placement": None}, "no placement.*the key placement is required"),
+        ({"scores": ["visibility"]}, r"scores\[0\]: 'visibility'.*did you mean 'visibility_pct'"),
+        ({"scores": ["weight_g", "weight_g"]}, r"scores\[1\]: 'weight_g'.*every score once"),
+        ({"scores": [{"score": "weight_g", "weight": 0}]}, "at least one score with a weight above 0"),
+        ({"free": {"sensors.foot_imu.position_mm[0]": {"between": [5, 1]}}}, "two numbers, the lower one first"),
+        ({"free": {"gait.speed_mps": {"between": [1.0, 1.2]}}}, "a step too, as the method is sweep"),
+        ({"free": {"sensors.foot_imu.position_mm": {"over": "knee"}}}, r"\.over: 'knee'.*shoe, head, chest"),
+        ({"free": {"a b": {"choice": [1, 2]}}}, "keys with dots between"),
+        ({"free": {"sensors.foot_imu.part": {"choice": ["../x.yaml", "D455"]}}}, "a file in the placement's folder"),
+        ({"scenarios": ["../level.yaml"]}, "a file in the placement's folder"),
+        ({"set": {"gait.speed_mps": {"uniform": [1, 2]}}}, r"set\.gait\.speed_mps.*what is to be chosen"),
+        ({"method": {"optimise": {"budget": 10}}}, "sweep, as there is nothing but choices"),
+        ({"method": {"optimise": {"budget": 1, "starts": 2}}}, "no more than the budget"),
+        ({"seeds": [1, 1]}, "every seed once"),
+        ({"output": "/tmp"}, "'output'.*keys placement"),
+    ],
+)  # fmt: skip
+def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, changes, message):
+    path = written(tmp_path, **changes)
+    with pytest.raises(StrideTwinError, match=message) as error:
+        read_problem(path)
+    assert str(path) in str(error.value)
+
+
+def test_what_a_scenario_cannot_have_is_told_before_anything_is_walked(tmp_path):
+    free = {"sensors.foot_imu.position_mm[0]": {"between": [-400, 0], "step": 100}}
+    place = {"sensors.foot_imu.position_mm": [0, 40, 60]}
+    problem = read_problem(written(tmp_path, free=free, set=place))
+    with pytest.raises(
+        StrideTwinError, match=r"free\.sensors\.foot_imu\.position_mm\[0\]: -400.*level_20m.*-300 to 300"
+    ):
+        check_ends(problem, tmp_path)
+    surface = {
+        "sensors.foot_imu.position_mm": {"over": "shoe", "around_deg": {"between": [0, 90], "step": 90}, "up_mm": 190}
+    }
+    with pytest.raises(StrideTwinError, match="no surface at a height of 190 mm"):
+        check_ends(read_problem(written(tmp_path, free=surface)), tmp_path)
+
+
+def test_a_point_on_the_shoe_is_outside_of_it_by_what_is_asked(tmp_path):
+    on = {"over": "shoe", "around_deg": {"between": [90, 180], "step": 90}, "up_mm": 50, "off_mm": 10}
+    problem = read_problem(written(tmp_path, free={"sensors.foot_imu.position_mm": on}))
+    knob = problem.knobs[0].name
+    found = {}
+    for angle in (90.0, 180.0):
+        config = scenario_at(problem, problem.bases[0], Place(values={knob: angle}), tmp_path).config
+        found[angle] = 1e3 * outfit(config).rig.imus["/foot_l/imu"].mount.T_body_sensor[:3, 3]
+    assert found[180.0] == pytest.approx([-52.0, 0.0, 50.0], abs=0.5)  # heel of 42 mm
+    assert found[90.0] == pytest.approx([0.0, 44.0, 50.0], abs=3.0)  # outer side, 34 mm

@@ -1,0 +1,110 @@
+import json
+
+import pytest
+import yaml
+
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.placement import measure as measuring
+from stridetwin.scenarios.placement.problem_file import read_problem
+from stridetwin.scenarios.placement.rows import NAME
+from stridetwin.scenarios.placement.run import Asked, run_placement
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.streams.errors import StrideTwinError
+
+STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1.5}}], "gait": {"stand_s": 0.5}}
+PARTS = {
+    "placement": "Parts by weight",
+    "scenarios": ["steps.yaml"],
+    "seeds": 6,
+    "free": {
+        "sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]},
+        "sensors.sonar": {"choice": [True, False]},
+    },
+    "scores": ["weight_g", "foot_weight_g"],
+}
+SIGHT = {
+    "placement": "Which way the shoe's camera looks",
+    "scenarios": ["steps.yaml"],
+    "seeds": 2,
+    "set": {
+        "sensors.foot_camera.mount": {"fixed": {"position_mm": [-70, 45, 36], "faces_deg": [27, 24], "roll_deg": 90}}
+    },
+    "free": {
+        "sensors.foot_camera.mount.position_mm[0]": {"between": [-80, -60], "step": 20},
+        "sensors.foot_camera.mount.faces_deg[0]": {"between": [0, 60], "step": 20},
+    },
+    "scores": ["visibility_pct", "occlusion_pct"],
+}
+FILES = ("placement.json", "placement.html", "places.csv", NAME)
+
+
+def silent(stage, share):
+    """Nobody listens."""
+
+
+def problem(tmp_path, node):
+    (tmp_path / "steps.yaml").write_text(yaml.safe_dump(STEPS), encoding="utf-8")
+    path = tmp_path / "problem.yaml"
+    path.write_text(yaml.safe_dump(node), encoding="utf-8")
+    return path
+
+
+def test_the_command_tells_a_table_and_leaves_its_files(tmp_path, capsys):
+    path, out = problem(tmp_path, PARTS), tmp_path / "out"
+    assert main(["place", str(path), "-o", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads((out / "placement.json").read_text())
+    assert told["best"]["values"] == {"foot_imu.part": "MPU-9250", "sonar": False}
+    best, second = told["table"][:2]
+    assert best["scores"]["foot_weight_g"]["mean"] == pytest.approx(3 + 110 + 4)  # IMU, camera, four cells
+    assert second["scores"]["weight_g"]["mean"] - best["scores"]["weight_g"]["mean"] == pytest.approx(20)
+    assert {row["label"] for row in told["table"]} > {"as it is"}
+    assert all(c["significant"] for c in told["comparisons"] if c["difference"] > 0)
+    assert any("is not significant" in words for words in told["words"])  # as it is: the same as one of the places
+    assert {p.name for p in out.iterdir()} >= set(FILES)
+    assert "http" not in (out / "placement.html").read_text().replace("http://www.w3.org", "")
+    config = load_scenario(str(out / "scenarios" / "best_steps.yaml")).config
+    assert "sonar" not in config.sensors
+    assert config.fittings["foot_imu"].part.name == "MPU-9250"
+    assert main(["place", "foot_camra", "-o", str(out)]) == 2
+    assert "did you mean 'foot_camera'" in capsys.readouterr().err
+
+
+def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monkeypatch):
+    asked = read_problem(problem(tmp_path, PARTS))
+    whole = run_placement(asked, Asked(folder=tmp_path / "whole"), silent)
+    stopped, calls = tmp_path / "stopped", []
+
+    def killed(stage, share):
+        calls.append(share)
+        if len(calls) == 12:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_placement(asked, Asked(folder=stopped), killed)
+    rows = (stopped / NAME).read_text()
+    (stopped / NAME).write_text(rows[:-20])  # a line that was being written
+    made, scores = [], measuring.geometric_scores
+    monkeypatch.setattr(measuring, "geometric_scores", lambda *a: made.append(1) or scores(*a))
+    assert run_placement(asked, Asked(folder=stopped, resume=True), silent) == whole
+    assert len(made) == 5 * 6 - 11
+    for name in FILES:
+        assert (stopped / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_two_workers_come_to_the_same_bytes_and_a_place_is_shown_on_the_shoe(tmp_path):
+    asked = read_problem(problem(tmp_path, SIGHT))
+    found = [run_placement(asked, Asked(folder=tmp_path / str(n), workers=n), silent) for n in (1, 2)]
+    assert found[0] == found[1]
+    for name in (*FILES, "body.png"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+    assert found[0]["tried"] == 8
+    assert found[0]["table"][0]["scores"]["visibility_pct"]["mean"] > 20
+    assert "too few" in found[0]["words"][0]
+    assert found[0]["pareto"]
+
+
+def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
+    node = SIGHT | {"set": {"sensors": ["foot_imu"]}, "free": PARTS["free"]}
+    with pytest.raises(StrideTwinError, match="visibility_pct needs foot_camera, which is off"):
+        run_placement(read_problem(problem(tmp_path, node | {"seeds": 1})), Asked(folder=tmp_path / "out"), silent)

@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+
+from stridetwin.scenarios.placement.significance import compared, front, in_words, intervals
+
+
+def test_common_walks_tell_small_differences_apart_and_leave_none_where_there_is_none():
+    rng = np.random.default_rng(3)
+    walks = rng.normal(10.0, 3.0, 8)  # they differ far more than the places do
+    losses = np.array([walks, walks + 0.5 + rng.normal(0, 0.1, 8), walks + rng.normal(0.02, 0.3, 8)])
+    pairs = {(p.first, p.second): p for p in compared(losses)}
+    assert pairs[0, 1].significant
+    assert not pairs[0, 2].significant
+    assert pairs[0, 1].low < 0.5 < pairs[0, 1].high
+    words = in_words(list(pairs.values()), ["A", "B", "C"], 8)
+    assert "A: the difference from C is not significant." in words
+    assert "A is better than B (significant)." in words
+
+
+def test_few_walks_prove_nothing():
+    losses = np.array([[1.0, 1.1, 1.0], [5.0, 5.1, 5.2]])
+    assert not any(p.significant for p in compared(losses))
+    assert "too few" in in_words(compared(losses), ["A", "B"], 3)[0]
+    assert compared(losses[:, :1]) == []
+    assert "One walk" in in_words([], ["A", "B"], 1)[0]
+
+
+def test_intervals_hold_their_mean_and_there_is_none_of_one_walk_or_where_a_walk_failed():
+    values = np.array([[1.0, 5.0], [2.0, np.nan], [3.0, 7.0], [2.0, 6.0]])
+    whole, broken = intervals(values)
+    assert whole.mean == pytest.approx(2.0)
+    assert whole.low < 2.0 < whole.high
+    assert np.isnan(broken.mean)
+    assert intervals(values[:1])[0].low is None
+    assert intervals(np.array([[0.0], [0.0], [0.0], [0.0], [0.0], [0.3]]))[0].low is None  # one walk alone differs
+
+
+def test_no_place_of_the_front_is_beaten():
+    losses = np.array([[1.0, 5.0], [2.0, 2.0], [3.0, 3.0], [5.0, 1.0], [np.inf, 0.0], [2.0, 2.0]])
+    assert front(losses) == [0, 1, 3, 5]

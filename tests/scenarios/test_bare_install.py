@@ -1,0 +1,70 @@
+"""`pip install .` is what goes onto a robot: every estimator on a recording where no extra can be imported."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tools.without_extras import EXTRAS
+
+ROOT = Path(__file__).parents[2]
+MADE = {
+    "foot_ins": ["o.txt"],
+    "foot_to_foot": ["o_l.txt", "o_r.txt"],
+    "contact_terrain": ["o.csv"],
+    "dvio": ["o.txt"],
+    "terrain_map": ["o.json", "o.ply"],
+    "locomotion_mode": ["o.csv"],
+}
+NAMES = {"dm-control": "dm_control", "rerun-sdk": "rerun", "scikit-learn": "sklearn"}
+
+
+def test_what_is_blocked_is_what_the_extras_bring():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for extra in set(project["optional-dependencies"]) - {"dev", "docs"}:
+        for requirement in project["optional-dependencies"][extra]:
+            name = requirement.split(">")[0].split("[")[0].strip()
+            assert NAMES.get(name, name) in EXTRAS
+
+
+@pytest.fixture(scope="module")
+def estimates(seen, tmp_path_factory):
+    """What each estimator writes of one recording, all by one process, as a start takes seconds."""
+    folder = tmp_path_factory.mktemp("bare")
+    commands = []
+    for name, files in MADE.items():
+        (folder / name).mkdir()
+        commands.append(["estimate", name, str(seen), "-o", str(folder / name / files[0].replace("_l", ""))])
+    script = (
+        "import json, sys; from tools.without_extras import EXTRAS, main as bare;"
+        "commands = json.loads(sys.argv.pop()); bare();"
+        "from stridetwin.scenarios.cli import main; codes = [main(words) for words in commands];"
+        "assert not EXTRAS & set(sys.modules); sys.exit(max(codes))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, json.dumps(commands)],
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'typing'}"}, capture_output=True, text=True, timeout=900,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    (folder / "said.txt").write_text(done.stdout)
+    return folder
+
+
+def test_streams_estimators_and_command_line_import(estimates):
+    assert int((estimates / "said.txt").read_text().split()[0]) > 100
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_an_estimator_runs_on_a_recording(name, estimates):
+    for file in MADE[name]:
+        assert (estimates / name / file).stat().st_size > 100
+    if (paths := [f for f in MADE[name] if f.endswith(".txt")]) and name != "dvio":
+        for file in paths:
+            rows = [line.split() for line in (estimates / name / file).read_text().splitlines()[1:] if line[0] != "#"]
+            end = [float(v) for v in rows[-1][1:4]]
+            assert 0.3 < (end[0] ** 2 + end[1] ** 2) ** 0.5 < 1.5  # half a metre of way, and its last step
+            assert abs(end[2]) < 0.1

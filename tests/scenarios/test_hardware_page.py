@@ -1,0 +1,162 @@
+"""Every command and calibration of docs/hardware.md, and the adapters under examples/, without hardware."""
+
+import json
+import re
+import runpy
+import shlex
+import socket
+import sys
+import threading
+import time
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_bridge import alive, free_port, outcome
+
+from stridetwin.streams import wire
+from stridetwin.streams.kalibr import read_rig, rig_from_yaml, write_rig
+from stridetwin.streams.messages import Encoder
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.ros_types import typestore
+from stridetwin.streams.samples import Imu
+from stridetwin.streams.tum import read_tum
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
+CONSOLES = re.findall(r"```console\n(.*?)```", PAGE, re.S)
+
+
+def example(monkeypatch, name, *words):
+    """Runs an example as a user does."""
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    monkeypatch.setattr(sys, "argv", [name, *map(str, words)])
+    runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
+
+
+@pytest.mark.parametrize("console", CONSOLES, ids=range(len(CONSOLES)))
+def test_every_command_of_the_page_does_what_it_says(console, seen, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("stridetwin.scenarios.live.made_up_samples", lambda *_: [])  # which costs seconds
+    (tmp_path / "walk.mcap").symlink_to(seen)
+    write_rig(Recording(seen).rig, tmp_path / "rig.yaml")
+    lines = [shlex.split(line.removeprefix("$ ")) for line in console.splitlines()]
+    live: list[threading.Thread] = []
+    made = []
+    for line in lines:
+        if line[-1] == "&":  # the next line's samples are for it
+            monkeypatch.setattr(wire, "PORT", free_port())
+            words = line[1:-1]
+            live.append(threading.Thread(target=lambda words=words: made.append(outcome(*words))))
+            live[-1].start()
+            continue
+        if line[0] == "python":
+            example(monkeypatch, Path(line[1]).name, *line[2:], "--speed", "4")
+        else:
+            made.append(outcome(*line[1:]))
+        while live:
+            live.pop().join(300)
+    assert len(made) == len([line for line in lines if line[0] == "stridetwin"])
+    for said in made:
+        assert not isinstance(said, Exception), said
+    for line in lines:
+        if "-o" in line:
+            told = line[line.index("-o") + 1]
+            there = [told] if "foot_to_foot" not in line else [told.replace(".txt", f"_{f}.txt") for f in "lr"]
+            assert all((tmp_path / file).stat().st_size for file in there)
+
+
+def test_the_calibration_of_the_page_is_one(tmp_path):
+    (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.S)
+    rig = rig_from_yaml(text, "page")
+    assert set(rig.imus) == {"/head/imu", "/foot_l/imu", "/foot_r/imu"}
+    camera = rig.cameras["/head/color"]
+    assert (camera.depth_topic, camera.mount.body) == ("/head/depth", "head")
+    T_cam_imu = np.linalg.inv(camera.mount.T_body_sensor) @ rig.imus["/head/imu"].mount.T_body_sensor
+    told = np.array([[0, -1, 0, -0.03], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+    np.testing.assert_allclose(T_cam_imu, told, atol=1e-12)
+    write_rig(rig, tmp_path / "rig.yaml")
+    assert set(read_rig(tmp_path / "rig.yaml").imus) == set(rig.imus)
+
+
+def test_an_imu_of_lines_leads_where_the_recording_leads(seen, tmp_path, monkeypatch):
+    live, offline = tmp_path / "live.txt", tmp_path / "offline.txt"
+    alive(
+        ["foot_ins", "-o", live],
+        lambda where: example(monkeypatch, "imu.py", "--replay", seen, "--to", where),
+    )
+    outcome("estimate", "foot_ins", seen, "-o", offline)
+    ours, theirs = read_tum(live), read_tum(offline)
+    assert len(ours) == len(theirs)
+    # Stamps are the system's, by way of the device's clock, to a few milliseconds where the machine is busy.
+    np.testing.assert_allclose(ours.p_frame_in_world[-1], theirs.p_frame_in_world[-1], atol=0.05)
+
+
+def test_examples_compile():
+    files = {file.name: file for file in (ROOT / "examples").glob("*.py")}
+    assert {"imu.py", "realsense.py", "replay.py", "ros2_forward.py"} <= set(files)
+    for file in files.values():
+        assert compile(file.read_text(encoding="utf-8"), file, "exec").co_filename == str(file)
+
+
+def test_a_ros_node_forwards_messages_as_they_are(tmp_path, monkeypatch):
+    """With a stand-in for rclpy, which is not there: what it hands over is the message's bytes."""
+    subscribed = {}
+
+    class Node:
+        def __init__(self, name):
+            self.name = name
+
+        def create_subscription(self, kind, topic, callback, qos, *, raw):
+            assert raw
+            subscribed[topic] = kind, callback
+
+    stand_in = {
+        "rclpy": {"init": lambda: None, "spin": lambda node: None},
+        "rclpy.node": {"Node": Node},
+        "rclpy.qos": {"qos_profile_sensor_data": None},
+        "rosidl_runtime_py": {},
+        "rosidl_runtime_py.utilities": {"get_message": lambda name: name},
+    }
+    for name, parts in stand_in.items():
+        module = types.ModuleType(name)
+        vars(module).update(parts)
+        monkeypatch.setitem(sys.modules, name, module)
+    (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.S)
+    plain = rig_from_yaml(text, "page")
+    write_rig(plain, tmp_path / "rig.yaml")
+    encoder = Encoder(plain)
+    samples = [
+        Imu(
+            topic="/foot_l/imu",
+            t_ns=i * 10_000_000 + 10**9,
+            angular_rate=np.full(3, 0.01 * i),
+            specific_force=np.ones(3),
+        )
+        for i in range(20)
+    ]
+
+    def forward(where):
+        until = time.monotonic() + 60
+        while socket.socket().connect_ex(("127.0.0.1", int(where.split(":")[1]))) and time.monotonic() < until:
+            time.sleep(0.05)  # a node does not look twice
+        example(monkeypatch, "ros2_forward.py", tmp_path / "rig.yaml", *where.split(":"))
+        kind, callback = subscribed["/xsens/imu"]
+        assert kind == "sensor_msgs/msg/Imu"
+        for sample in samples:
+            callback(encoder.message(sample).payload)
+        peer = callback.func.__self__.peer
+        peer.sendall(wire.frame(wire.END))
+        while peer.recv(1 << 16):  # closed before it has read, it would break the connection, with what is on the way
+            pass
+        peer.close()
+
+    recorded = tmp_path / "ros.mcap"
+    made = alive(["--record", recorded], forward)
+    assert made.data["streams"]["/foot_l/imu"]["received"] == 20
+    block = Recording(recorded).block("/foot_l/imu")
+    assert block.t_ns.tolist() == [s.t_ns for s in samples]
+    told = typestore().deserialize_cdr(encoder.message(samples[3]).payload, "sensor_msgs/msg/Imu")
+    assert told.angular_velocity.x == pytest.approx(0.03)
+    assert json.dumps(made.data)

@@ -1,0 +1,239 @@
+"""Estimators live over the bridge: the numbers of `estimate`, what is recorded, what is told of time and trouble."""
+
+from __future__ import annotations
+
+import heapq
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from live_bridge import alive, free_port, outcome, sent
+
+from stridetwin.estimators.locomotion_mode import LocomotionMode
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.scenarios import live
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.latency import Latency, Times
+from stridetwin.scenarios.mode_files import INSOLES, follow_modes, predicted_steps, write_modes
+from stridetwin.scenarios.odometry import estimate_odometry
+from stridetwin.scenarios.terrain_files import pose_sample, write_terrain
+from stridetwin.streams.kalibr import write_rig
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.sender import Sender
+from stridetwin.streams.tum import write_tum
+from stridetwin.streams.wire import WireError, parse_address
+
+
+def estimated(*words):
+    assert main(["estimate", *map(str, words)]) == 0
+
+
+def test_one_foot_live_is_one_foot_offline_and_everything_is_recorded(seen, tmp_path):
+    told, offline, recorded = (tmp_path / n for n in ("live.txt", "offline.txt", "recorded.mcap"))
+    made = alive(["foot_ins", "--foot", "r", "-o", told, "--record", recorded], sent(seen))
+    estimated("foot_ins", seen, "--foot", "r", "-o", offline)
+    assert told.read_bytes() == offline.read_bytes()
+    estimated("foot_ins", recorded, "--foot", "r", "-o", offline)
+    assert told.read_bytes() == offline.read_bytes()
+    topics = {t: i.count for t, i in Recording(seen).topics.items() if not t.startswith("/truth/")}
+    assert {t: i.count for t, i in Recording(recorded).topics.items()} == topics
+    assert {t: c["received"] for t, c in made.data["streams"].items()} == topics
+    row = made.data["latency"]["arrival_to_estimate"]["foot_ins"]["/foot_r/imu"]
+    assert row["samples"] == row["estimates"] == topics["/foot_r/imu"]
+    assert 0 < row["work_mean_ms"] <= row["mean_ms"] <= row["max_ms"]
+    assert row["p50_ms"] <= row["p95_ms"] <= row["p99_ms"] <= row["max_ms"]
+    assert made.data["refused"] == []
+    assert any(line.startswith("from arrival to estimate") for line in made.lines)
+
+
+def test_feet_of_two_senders_live_are_feet_offline(seen, tmp_path):
+    recording, rig = seen, tmp_path / "rig.yaml"
+    write_rig(Recording(recording).rig, rig)
+    offline = [tmp_path / f"offline_{f}.txt" for f in "lr"]
+    estimated("foot_to_foot", recording, "-o", tmp_path / "offline.txt")
+    alive(["foot_to_foot", "-o", tmp_path / "one.txt"], sent(recording))
+    assert [(tmp_path / f"one_{f}.txt").read_bytes() for f in "lr"] == [f.read_bytes() for f in offline]
+
+    def both(where):
+        """Each foot has a sender of its own, in step to within some milliseconds."""
+        blocks = {f: list(Recording(recording).block(f"/foot_{f}/imu")) for f in "lr"}
+        address = parse_address(where, "--to")
+        with Sender(Rig(), address, patience_s=60) as left, Sender(Rig(), address, patience_s=60) as right:
+            for i, (a, b) in enumerate(zip(*blocks.values(), strict=True)):
+                left.send(a)
+                right.send(b)
+                if i % 20 == 0:
+                    time.sleep(0.005)
+
+    made = alive(["foot_to_foot", "--rig", rig, "--window", "500", "-o", tmp_path / "two.txt"], both)
+    late = sum(c["late"] for c in made.data["streams"].values())
+    assert made.data["window_ms"] == 500.0
+    for f, file in zip("lr", offline):
+        told, true = np.loadtxt(tmp_path / f"two_{f}.txt"), np.loadtxt(file)
+        assert np.array_equal(told[:, 0], true[:, 0])
+        assert late or np.abs(told - true).max() < 1e-12
+
+
+def test_steps_live_are_steps_offline(seen, tmp_path):
+    told, offline = tmp_path / "live.csv", tmp_path / "offline.csv"
+    estimated("contact_terrain", seen, "-o", offline)
+    alive(["contact_terrain", "-o", told], sent(seen))
+    assert told.read_bytes() == offline.read_bytes()
+    assert len(told.read_text().splitlines()) > 2
+
+
+def poses_and_rest(recording, odometry):
+    """What leads a map through a recording, as `run` does it: the odometry's poses, insoles and depth in order."""
+    path, healthy = odometry.path, odometry.healthy
+    poses = (
+        pose_sample(t, p, q)
+        for t, p, q, fine in zip(path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, healthy)
+        if fine
+    )
+    return heapq.merge(poses, recording.samples([*INSOLES, "/head/depth"]), key=lambda s: s.t_ns)
+
+
+def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatch):
+    recording = Recording(seen)
+    odometry = estimate_odometry(recording)
+    assert odometry.healthy.any()
+    rig, camera = recording.rig, recording.rig.cameras["/head/color"]
+    T_body_imu = rig.imu("/head/imu").mount.T_body_sensor
+    mount = Mount(body="head", T_body_sensor=np.linalg.inv(T_body_imu) @ camera.mount.T_body_sensor)
+    ground = TerrainMap(rig, mount=mount)
+    predictor = LocomotionMode(ground, camera, mount=mount)
+    rows = predicted_steps(follow_modes(predictor, poses_and_rest(recording, odometry)))
+    write_modes(rows, tmp_path / "offline.csv")
+    write_terrain(ground, tmp_path / "offline.json")
+    made = alive(["locomotion_mode", "-o", tmp_path / "live.csv"], sent(seen))
+    assert (tmp_path / "live.csv").read_bytes() == (tmp_path / "offline.csv").read_bytes()
+    assert made.data["rows"][str(tmp_path / "live.csv")] == len(rows) > 0
+    told = made.data["latency"]["arrival_to_estimate"]
+    assert set(told) == {"dvio", "locomotion_mode"}
+    assert set(told["locomotion_mode"]) == {"/head/depth", *INSOLES}
+    assert set(told["dvio"]) == {"/head/imu", "/head/color", "/head/depth"}
+    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])  # all is compiled by now
+    alive(["terrain_map", "-o", tmp_path / "live.json"], sent(seen))
+    for suffix in ("json", "ply"):
+        assert (tmp_path / f"live.{suffix}").read_bytes() == (tmp_path / f"offline.{suffix}").read_bytes()
+    write_tum(odometry.path, tmp_path / "offline.txt")
+    alive(["dvio", "-o", tmp_path / "live.txt"], sent(seen))
+    assert (tmp_path / "live.txt").read_bytes() == (tmp_path / "offline.txt").read_bytes()
+
+
+def test_a_folder_of_another_tool_can_be_sent(seen, tmp_path):
+    table, told = tmp_path / "imu.csv", tmp_path / "live.txt"
+    main(["export", str(seen), "--format", "table", "-o", str(table)])
+    rig = tmp_path / "rig.yaml"
+    write_rig(Recording(seen).rig, rig)
+    alive(["foot_ins", "-o", told], sent(table, "--rig", rig))
+    assert len(told.read_text().splitlines()) == len(table.read_text().splitlines()) - 1
+
+
+def test_in_real_time_the_way_from_stamp_to_arrival_is_told(seen, tmp_path):
+    def some(where):
+        recording = Recording(seen)
+        block = [s for s in recording.block("/foot_l/imu")][:30]
+        epoch_ns = time.time_ns() - block[0].t_ns
+        with Sender(recording.rig, parse_address(where, "--to"), epoch_ns=epoch_ns, patience_s=60) as sender:
+            for sample in block:
+                time.sleep(max(0.0, (epoch_ns + sample.t_ns - time.time_ns()) * 1e-9))
+                sender.send(sample)
+
+    made = alive(["foot_ins", "-o", tmp_path / "path.txt", "--budget", "0.000001"], some)
+    travel = made.data["latency"]["stamp_to_arrival"]["/foot_l/imu"]
+    assert 0.0 < travel["min_ms"] <= travel["p50_ms"] * 1.02 <= travel["max_ms"] * 1.02
+    assert made.code == 1  # nobody is that fast
+    assert "not kept" in "\n".join(made.lines)
+
+
+def test_what_goes_wrong_is_told_in_one_line(seen, tmp_path, monkeypatch):
+    recording, nothing = seen, lambda *_: []
+    monkeypatch.setattr(live, "made_up_samples", nothing)
+    assert "nothing to do" in str(outcome("live"))
+    assert "-o goes with an estimator" in str(outcome("live", "--record", "a.mcap", "-o", "b.txt"))
+    assert "--foot goes with foot_ins" in str(outcome("live", "dvio", "--foot", "l"))
+    assert "no folder" in str(outcome("live", "foot_ins", "-o", tmp_path / "none" / "path.txt"))
+    assert "--method published goes with" in str(outcome("live", "foot_ins", "--method", "published"))
+    assert "no topic '/x'" in str(outcome("send", recording, "--topic", "/x"))
+    nobody = outcome("send", recording, "--to", f"127.0.0.1:{free_port()}", "--patience", "0.1")
+    assert "nobody takes samples" in str(nobody)
+    lacking = alive(["dvio", "-o", tmp_path / "path.txt"], sent(recording, "--topic", "/foot_l/imu"))
+    assert "nothing was estimated: nothing has come of /head/imu, /head/color, /head/depth" in str(lacking)
+
+    def bare(where):
+        with Sender(Rig(), parse_address(where, "--to"), patience_s=60) as sender:
+            sender.send(next(iter(Recording(recording).block("/foot_l/imu"))))
+
+    lacking = alive(["foot_ins", "-o", tmp_path / "path.txt"], bare)
+    assert "nothing was estimated: the rig has no IMU '/foot_l/imu'" in str(lacking)
+    assert not list(tmp_path.iterdir())
+
+
+def test_who_can_be_reached_from_elsewhere_is_warned(capsys, tmp_path, seen):
+    port = free_port()
+    thread = threading.Thread(
+        target=outcome, args=("live", "--record", tmp_path / "a.mcap", "--listen", f"0.0.0.0:{port}")
+    )
+    thread.start()
+    sent(seen, "--topic", "/foot_l/imu")(f"127.0.0.1:{port}")
+    thread.join(60)
+    assert "can be reached from other machines" in capsys.readouterr().err
+
+
+def test_live_does_without_the_simulator_prints_rows_and_ends_by_a_signal(seen, tmp_path):
+    port, out = free_port(), tmp_path / "rows.txt"
+    code = (
+        "import sys\n"
+        "for name in ('mujoco', 'rerun', 'dm_control', 'trimesh'): sys.modules[name] = None\n"
+        "from stridetwin.scenarios.cli import main\n"
+        f"raise SystemExit(main(['live', 'foot_ins', '--listen', '127.0.0.1:{port}']))\n"
+    )
+    with out.open("w") as rows:
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=rows, stderr=subprocess.PIPE, text=True)
+    try:
+        block = list(Recording(seen).block("/foot_l/imu"))[:200]
+        rig = Recording(seen).rig
+        with suppress(WireError), Sender(rig, ("127.0.0.1", port), patience_s=60) as sender:
+            for sample in block:
+                sender.send(sample)
+            until = time.monotonic() + 60
+            while len(out.read_text().splitlines()) < 200 and time.monotonic() < until:
+                time.sleep(0.05)
+            process.send_signal(signal.SIGTERM)
+            _, said = process.communicate(timeout=60)
+            sender._patience_s = 0.0  # nobody is there to hear of the end
+    except Exception:
+        process.kill()
+        raise
+    assert process.returncode == 0, said
+    assert "from arrival to estimate" in said
+    assert "Traceback" not in said
+    table = np.loadtxt(out)
+    assert table.shape == (200, 8)
+    assert table[0, 0] == pytest.approx(block[0].t_ns * 1e-9)
+
+
+def test_times_are_told_to_a_percent_in_constant_memory():
+    rng = np.random.default_rng(0)
+    seconds = np.exp(rng.normal(-6, 1, 20_000))
+    times = Times()
+    for s in seconds.tolist():
+        times.add(s)
+    for share in (0.5, 0.95, 0.99):
+        assert times.quantile_s(share) == pytest.approx(np.quantile(seconds, share), rel=0.015)
+    assert times.mean_s == pytest.approx(seconds.mean())
+    assert times.figures()["max_ms"] == pytest.approx(1e3 * seconds.max())
+    latency = Latency(0.01)
+    assert json.dumps(latency.data())
+    latency.add("dvio", "/head/imu", whole_s=0.02, work_s=0.001, told=True)
+    assert not latency.within
+    latency.travelled("/head/imu", -0.5)  # a clock that is ahead of ours
+    assert latency.data()["stamp_to_arrival"]["/head/imu"]["min_ms"] == -500.0
