@@ -4,7 +4,46 @@ from __future__ import annotations
 
 from xdist.scheduler import LoadFileScheduling
 
-_TOGETHER = ("tests/estimators/dvio/", "tests/estimators/test_foot", "tests/estimators/terrain_map/")
+_TOGETHER = (
+    "tests/estimators/dvio/",
+    "tests/estimators/test_foot",
+    "tests/estimators/terrain_map/",
+    "tests/estimators/test_contact_terrain",
+)
+
+_FIRST = (
+    *_TOGETHER[:3],
+    "tests/sim/test_dynamics.py",
+    *_TOGETHER[3:],
+    "tests/scenarios/experiments/test_walks.py",
+    "tests/scenarios/experiments/test_jao_simulation.py",
+    "tests/scenarios/campaign/test_campaign_generate.py",
+    "tests/sim/test_exoskeleton.py",
+    "tests/scenarios/test_odometry.py",
+    "tests/scenarios/test_live_bridge.py",
+    "tests/scenarios/test_mode_files.py",
+    "tests/estimators/locomotion_mode/",
+    "tests/scenarios/closed_loop/test_helping.py",
+    "tests/scenarios/test_cli.py",
+    "tests/sim/test_twin.py",
+    "tests/estimators/test_board_twin.py",
+    "tests/docs/",
+    "tests/scenarios/test_page_commands.py",
+    "tests/scenarios/test_bare_install.py",
+    "tests/sim/test_calibration.py",
+    "tests/sim/test_manners.py",
+    "tests/scenarios/test_fault_fields.py",
+    "tests/scenarios/experiments/",
+)
+"""What takes long, so that no process is left with it while the others have nothing to do.
+
+Each process compiles what no other has written to the cache by then. So the two longest compilations, of different
+kernels, come first, and what only uses them comes when they are over.
+"""
+
+
+def _rank(nodeid: str) -> int:
+    return next((i for i, part in enumerate(_FIRST) if nodeid.startswith(part)), len(_FIRST))
 
 
 class _Scheduling(LoadFileScheduling):
@@ -15,6 +54,14 @@ class _Scheduling(LoadFileScheduling):
         return next((part for part in _TOGETHER if file.startswith(part)), file)
 
 
+def pytest_collection_modifyitems(items):
+    """The longest first."""
+    items.sort(key=lambda item: _rank(item.nodeid))
+
+
 def pytest_xdist_make_scheduler(config, log):
-    """Takes the place of `--dist loadfile`."""
-    return _Scheduling(config, log) if config.getvalue("dist") == "loadfile" else None
+    """Takes the place of `--dist loadfile`, in the order of collection instead of by the number of tests."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    config.option.loadscopereorder = False
+    return _Scheduling(config, log)

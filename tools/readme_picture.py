@@ -3,6 +3,7 @@
 Run as `python tools/readme_picture.py`; writes docs/images/walk.jpg.
 """
 
+import argparse
 from pathlib import Path
 
 import cv2
@@ -20,6 +21,7 @@ VIEWS = ("/head/color", "depth", "/foot_l/camera", "/foot_r/camera")
 
 def main() -> None:
     """Writes the picture."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     twin = Twin(load_scenario("demo").config, SEED)
     steps = [s for own in twin.reference.steps.values() for s in own if s.mode == "SA"]
     moment = sorted(s.t_touch for s in steps)[2] - 0.44

@@ -1,0 +1,102 @@
+"""An IMU on a serial port or on the network, sent to `stridetwin live`.
+
+It says a line a sample: microseconds of its own clock, angular rate (rad/s) and specific force (m/s²), as
+`12345678,0.01,-0.02,0.00,0.1,0.2,9.8`.
+
+    python examples/imu.py --topic /foot_l/imu --rig rig.yaml --udp 5005
+    python examples/imu.py --topic /foot_l/imu --rig rig.yaml --serial /dev/ttyUSB0
+    python examples/imu.py --topic /foot_l/imu --replay walk.mcap     # a recording in its place, through UDP
+"""
+
+import argparse
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from replay import paced
+
+from stridetwin.streams.kalibr import read_rig
+from stridetwin.streams.opening import open_any
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.samples import Imu
+from stridetwin.streams.sender import Sender
+from stridetwin.streams.wire import parse_address
+
+CREEP = 100e-6  # how much faster or slower than ours the device's clock may be
+
+
+class DeviceClock:
+    """Device time to system time: the line that came fastest tells best how they lie to each other."""
+
+    def __init__(self) -> None:
+        self.offset_ns, self.last_ns = None, 0
+
+    def system_ns(self, device_ns: int) -> int:
+        """System time, ns, of a line that has just come."""
+        now_ns = time.time_ns()
+        offset_ns = now_ns - device_ns
+        if self.offset_ns is not None:
+            offset_ns = min(offset_ns, self.offset_ns + int(CREEP * (now_ns - self.heard_ns)))
+        self.offset_ns, self.heard_ns = offset_ns, now_ns
+        self.last_ns = max(device_ns + offset_ns, self.last_ns + 1)  # stamps increase, whatever the clocks do
+        return self.last_ns
+
+
+def from_udp(listener: socket.socket) -> Iterator[str]:
+    """Lines of datagrams, up to an empty one."""
+    while text := listener.recv(2048).decode():
+        yield from text.splitlines()
+
+
+def from_serial(port: str) -> Iterator[str]:
+    """Lines of a serial port."""
+    import serial  # pip install pyserial
+
+    with serial.Serial(port, 921600) as device:
+        while True:
+            yield device.readline().decode()
+
+
+def play(recording: Recording, topic: str, speed: float, port: int) -> None:
+    """Says the samples of a recording as the device would."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for sample in paced(recording, [topic], speed):
+            numbers = ",".join(f"{v:.9g}" for v in (*sample.angular_rate, *sample.specific_force))
+            out.sendto(f"{sample.t_ns // 1000},{numbers}".encode(), ("127.0.0.1", port))
+        out.sendto(b"", ("127.0.0.1", port))
+
+
+def main() -> None:
+    """Sends until it is stopped."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--topic", default="/foot_l/imu")
+    parser.add_argument("--rig", help="calibration, Kalibr YAML")
+    parser.add_argument("--udp", type=int, default=0, metavar="PORT")
+    parser.add_argument("--serial", metavar="DEVICE")
+    parser.add_argument("--replay", help="recording in the place of the device")
+    parser.add_argument("--speed", type=float, default=1.0)
+    parser.add_argument("--to", default="", help="HOST:PORT of stridetwin live")
+    arguments = parser.parse_args()
+    recording = open_any(arguments.replay) if arguments.replay else None
+    rig = recording.rig if recording else read_rig(arguments.rig)
+    if arguments.serial:
+        lines = from_serial(arguments.serial)
+    else:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        listener.bind(("127.0.0.1" if recording else "", arguments.udp))
+        lines, port = from_udp(listener), listener.getsockname()[1]
+    if recording:
+        threading.Thread(target=play, args=(recording, arguments.topic, arguments.speed, port), daemon=True).start()
+    clock = DeviceClock()
+    with Sender(rig, parse_address(arguments.to, "--to"), epoch_ns=0) as sender:  # stamps are system time
+        for line in lines:
+            numbers = np.array([float(word) for word in line.split(",")])
+            t_ns = clock.system_ns(int(line.split(",")[0]) * 1000)
+            sender.send(Imu(topic=arguments.topic, t_ns=t_ns, angular_rate=numbers[1:4], specific_force=numbers[4:7]))
+    print(f"sent {dict(sender.sent)}, dropped {dict(sender.dropped)}")
+
+
+if __name__ == "__main__":
+    main()
