@@ -7,6 +7,7 @@ this way is refused: other joints than hinges, more than one on a link, legs tha
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,15 +121,42 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     )
 
 
-def _compiled(path: Path) -> mujoco.MjModel:
+def files_of(path: Path) -> list[str]:
+    """Files that a model names, such as meshes, as paths from its folder.
+
+    Raises:
+        ConfigError: It has what no model of an exoskeleton may have.
+        StrideTwinError: It cannot be read.
+    """
+    text = _text(path)
+    if _is_urdf(text):
+        return sorted({name.removeprefix("package://") for name in re.findall(r'<mesh[^>]*\bfilename="([^"]*)"', text)})
+    try:
+        found = mujoco.mju_getXMLDependencies(str(path.absolute()))
+    except Exception as error:  # MuJoCo raises several kinds
+        words = " ".join(str(error).split())
+        raise StrideTwinError(f"{path}: MuJoCo cannot read it: {words[:400]}") from error
+    return sorted(os.path.relpath(file, path.absolute().parent) for file in found if Path(file) != path.absolute())
+
+
+def _text(path: Path) -> str:
     try:
         text = read_bytes(path, _LARGEST_FILE).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if found := re.search(r"<\s*(include|plugin|extension|replicate|composite|flexcomp|hfield|skin)\b", text):
         raise ConfigError(path, found[1], f"<{found[1]}>", "one file of bodies, joints, geoms, meshes and materials")
+    return text
+
+
+def _is_urdf(text: str) -> bool:
+    return "<robot" in text and "<mujoco" not in text
+
+
+def _compiled(path: Path) -> mujoco.MjModel:
+    text = _text(path)
     try:
-        if "<robot" in text and "<mujoco" not in text:
+        if _is_urdf(text):
             folder = quoteattr(str(path.absolute().parent))
             text = text.replace("</robot>", f"<mujoco><compiler {_URDF} meshdir={folder}/></mujoco></robot>")
             spec = mujoco.MjSpec.from_string(text)

@@ -70,7 +70,7 @@ class Campaign:
         variables: Set in the walks of all scenarios.
         quality: Which walks are rejected.
         splits: How walks are divided.
-        parts: Sensors' parts of the user's own: files by the names that they get in the output folder.
+        own: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
@@ -83,7 +83,7 @@ class Campaign:
     variables: tuple[Variable, ...] = ()
     quality: Quality = Quality()
     splits: Splits = Splits()
-    parts: dict[str, Path] = field(default_factory=dict)
+    own: dict[str, Path] = field(default_factory=dict)
 
 
 def campaigns() -> dict[str, Path]:
@@ -128,7 +128,7 @@ def read_campaign(path: Path) -> Campaign:
         bases=tuple(files.base(item, where.key("scenarios").item(i)) for i, item in enumerate(bases)),
         variables=files.variables(common, where.key("set")),
         **{key: value for key, value in found.items() if key not in ("bases", "variables")},
-        parts=files.parts,
+        own=files.own,
     )
     if campaign.people:
         for variable in (*campaign.variables, *(v for base in campaign.bases for v in base.variables)):

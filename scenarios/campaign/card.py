@@ -76,8 +76,8 @@ def _files(manifest: Mapping[str, Any]) -> Iterator[str]:
     yield "| `recordings/` | the accepted walks |"
     yield "| `rejected/` | recordings of walks that were not accepted |"
     yield "| `scenarios/` | the scenario file of each walk |"
-    if manifest["parts"]:
-        yield "| `parts/` | sensor parts that the scenarios name |"
+    if manifest["files"]:
+        yield "| `files/` | parts, exoskeletons and meshes that the scenarios name |"
     yield "| `rows/` | what the manifest is made of; `generate` goes on from there |"
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
-from stridetwin.scenarios.campaign.named_files import PARTS, Base, Variable
-from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_parts, tried
+from stridetwin.scenarios.campaign.named_files import FILES, Base, Variable
+from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files, tried
 from stridetwin.scenarios.campaign.people import Group
 from stridetwin.scenarios.campaign.plan import Extra, people, scenario_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -30,7 +30,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / FOLDER).mkdir()
-        lay_parts(folder, campaign.parts)
+        lay_files(folder, campaign.own)
         crowd, first = people(campaign), 0
         for group in campaign.people:
             _try_people(folder, group, crowd[first])
@@ -88,8 +88,8 @@ def _is_about(error: ConfigError, variable: Variable) -> bool:
 
 
 def _inner(error: StrideTwinError) -> str:
-    """The error without the place of the file that was tried, but with the name of a part's."""
+    """The error without the place of the file that was tried, but with the name of a file of the user's own."""
     if not isinstance(error, ConfigError):
         return str(error)
-    part = f"{Path(error.source).name}: " if Path(error.source).parent.name == PARTS else ""
-    return f"{part}{error.field}: {error.value!r} is not valid; valid: {error.valid}"
+    own = f"{Path(error.source).name}: " if FILES in Path(error.source).parts else ""
+    return f"{own}{error.field}: {error.value!r} is not valid; valid: {error.valid}"

@@ -18,7 +18,7 @@ from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.own_scenario import FOLDER as SCENARIOS
-from stridetwin.scenarios.campaign.own_scenario import lay_parts
+from stridetwin.scenarios.campaign.own_scenario import lay_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.campaign.walk import (
     HIDDEN,
@@ -99,13 +99,13 @@ def generate(campaign: Campaign, asked: Asked, progress: Progress) -> Done:
         campaign = replace(campaign, seed=asked.seed)
     check_extremes(campaign, asked.extra)
     made_by = versions()
-    parts = {name: sha256(path) for name, path in sorted(campaign.parts.items())}
+    own = {name: sha256(path) for name, path in sorted(campaign.own.items())}
     jobs = [
         Job(
             walk=walk,
             folder=asked.folder.absolute(),
             quality=campaign.quality,
-            key=key_of(walk, parts, made_by),
+            key=key_of(walk, own, made_by),
             versions=made_by,
         )
         for walk in plan(campaign, asked.extra)[: asked.subset]
@@ -118,13 +118,13 @@ def generate(campaign: Campaign, asked: Asked, progress: Progress) -> Done:
         if outdated:  # they tell of recordings that are going to be replaced
             for name in (manifests.NAME, card.NAME):
                 (asked.folder / name).unlink(missing_ok=True)
-        lay_parts(asked.folder, campaign.parts)
+        lay_files(asked.folder, campaign.own)
         stage = f"walks, {outdated} of another version anew" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
         for row in engines.rows(missing, asked.workers, asked.scheduler):
             rows[row["walk"]] = row
             progress(stage, len(rows) / len(jobs))
-        told = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, parts)
+        told = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)
         for name, text in ((card.NAME, card.card(told)), (manifests.NAME, json_text(told))):
             with whole_file(asked.folder / name) as file:
                 file.write_text(text, encoding="utf-8")

@@ -17,7 +17,7 @@ NAME = "manifest.json"
 
 
 def manifest(
-    campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], parts: Mapping[str, str]
+    campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], own: Mapping[str, str]
 ) -> dict[str, Any]:
     """The manifest as JSON has it.
 
@@ -25,7 +25,7 @@ def manifest(
         campaign: What was asked.
         rows: All walks, in order.
         versions: Of the code that made them.
-        parts: Checksum of each of the user's own parts.
+        own: Checksum of each file of the user's own.
     """
     dealt = split(rows, campaign.splits, campaign.seed)
     walks, bodies = [], {}
@@ -48,7 +48,7 @@ def manifest(
         "shares": campaign.splits.shares,
         "terrain_by": campaign.splits.terrain_by,
         "versions": dict(versions),
-        "parts": dict(parts),
+        "files": dict(own),
         "people": bodies,
         "splits": dealt,
         "walks": walks,

@@ -1,10 +1,12 @@
-"""Files that another file names, a campaign's or a placement's: scenarios, and sensors' parts of the user's own.
+"""Files that another file names, a campaign's or a placement's: scenarios, and what those name of the user's own.
 
-They lie in that file's folder or below it, and get names of their own in the output folder.
+That is sensors' parts, exoskeletons and meshes. They lie in that file's folder or below it, and lie alike in the output
+folder, so that files that name each other find each other there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +17,12 @@ from stridetwin.scenarios.fields import Where, suggest
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.scenarios.strict_yaml import read_plain
 
-PARTS = "parts"
+FILES = "files"
 _SUFFIXES = (".yaml", ".yml")
+_MODELS = (".xml", ".urdf")
+_OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")
+_NAMING = ("sensors", "exo", "terrain")
+"""What of a scenario names files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +74,12 @@ class NamedFiles:
         kind: What it is, in errors.
 
     Attributes:
-        parts: Sensors' parts of the user's own: files by the names that they get in the output folder.
+        own: Files of the user's own by the names that they get in the output folder.
     """
 
     def __init__(self, path: Path, kind: str) -> None:
         self._home, self._kind = path.resolve().parent, kind
-        self.parts: dict[str, Path] = {}
+        self.own: dict[str, Path] = {}
 
     def base(self, item: dict[str, Any], where: Where) -> Base:
         """A scenario and its own variables."""
@@ -88,8 +94,8 @@ class NamedFiles:
         scenario = read_plain(path)
         if not isinstance(scenario, dict):
             raise at.error(name, "a scenario file")
-        if "sensors" in scenario:
-            scenario["sensors"] = self.own_parts(scenario["sensors"], at, path.resolve().parent)
+        for key in _NAMING & scenario.keys():
+            scenario[key] = self.own_files(scenario[key], at, path.resolve().parent)
         variables = self.variables(item.get("set", {}), where.key("set"))
         return Base(name=path.stem, scenario=scenario, weight=item.get("weight", 1.0), variables=variables, at=at)
 
@@ -99,12 +105,12 @@ class NamedFiles:
         for name, value in node.items():
             at = where.key(name)
             paths = tuple(field_path(part.strip(), at) for part in name.split(","))
-            read = distribution(self.own_parts(value, at) if _of_sensors(paths) else value, at)
+            read = distribution(self.own_files(value, at) if names_files(paths) else value, at)
             found.append(Variable(name=", ".join(p.text for p in paths), paths=paths, distribution=read, at=at))
         return tuple(found)
 
-    def own_parts(self, node: Any, where: Where, home: Path | None = None) -> Any:
-        """What is said of sensors, with the names that parts of the user's own get in the output folder.
+    def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:
+        """What is said of sensors, exoskeleton or terrain, with the names that files get in the output folder.
 
         Args:
             node: Plain data.
@@ -113,15 +119,22 @@ class NamedFiles:
         """
         home = home or self._home
         if isinstance(node, dict):
-            return {key: self.own_parts(value, where, home) for key, value in node.items()}
+            return {key: self.own_files(value, where, home) for key, value in node.items()}
         if isinstance(node, list):
-            return [self.own_parts(value, where, home) for value in node]
-        if not isinstance(node, str) or not node.endswith(_SUFFIXES):
+            return [self.own_files(value, where, home) for value in node]
+        if not isinstance(node, str) or not node.endswith(_OWN):
             return node
-        path = self._inside(home, node, where)
-        if self.parts.setdefault(path.name, path) != path:
-            raise where.error(node, f"parts of different names ({path.name} is {self.parts[path.name]}, too)")
-        return f"../{PARTS}/{path.name}"
+        return f"../{FILES}/{self._keep(home, node, where)}"
+
+    def _keep(self, home: Path, name: str, where: Where) -> str:
+        """Notes a file and those that it names; returns its name in the output folder."""
+        path = self._inside(home, name, where)
+        kept = path.relative_to(self._home).as_posix()
+        if kept not in self.own:
+            self.own[kept] = path
+            for other in _named_in(path):
+                self._keep(path.parent, other, where)
+        return kept
 
     def _inside(self, home: Path, name: str, where: Where) -> Path:
         """A file of the folder or below it."""
@@ -133,5 +146,24 @@ class NamedFiles:
         return path
 
 
-def _of_sensors(paths: tuple[FieldPath, ...]) -> bool:
-    return any(path.keys[0] == "sensors" for path in paths)
+def names_files(paths: tuple[FieldPath, ...]) -> bool:
+    """Whether a value there may name files of the user's own."""
+    return any(path.keys[0] in _NAMING for path in paths)
+
+
+def _named_in(path: Path) -> Iterator[str]:
+    """What a file of the user's own names in turn: meshes of a model, parts of a rig file."""
+    if path.suffix in _SUFFIXES:
+        yield from _parts_in(read_plain(path))
+    elif path.suffix in _MODELS:
+        from stridetwin.sim.own_exo_model import files_of  # takes the simulator
+
+        yield from files_of(path)
+
+
+def _parts_in(node: Any) -> Iterator[str]:
+    for key, value in node.items() if isinstance(node, dict) else ():
+        if key == "part" and isinstance(value, str) and value.endswith(_SUFFIXES):
+            yield value
+        else:
+            yield from _parts_in(value)

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from stridetwin.scenarios.campaign.named_files import PARTS
+from stridetwin.scenarios.campaign.named_files import FILES
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario
 from stridetwin.streams.files import whole_file
 
@@ -21,11 +21,12 @@ def scenario_text(scenario: dict[str, Any]) -> str:
     return yaml.safe_dump(scenario, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
 
-def lay_parts(folder: Path, parts: Mapping[str, Path]) -> None:
-    """Copies parts of the user's own to where the walks' scenarios look for them."""
-    for name, source in parts.items():
-        (folder / PARTS).mkdir(exist_ok=True)
-        with whole_file(folder / PARTS / name) as file:
+def lay_files(folder: Path, own: Mapping[str, Path]) -> None:
+    """Copies files of the user's own to where the walks' scenarios look for them."""
+    for name, source in own.items():
+        place = folder / FILES / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(place) as file:
             shutil.copyfile(source, file)
 
 
@@ -33,7 +34,7 @@ def tried(folder: Path, scenario: dict[str, Any]) -> Scenario:
     """What a scenario means.
 
     Args:
-        folder: Where `FOLDER` and the parts lie; a file is written there.
+        folder: Where `FOLDER` and the files of the user's own lie; a file is written there.
         scenario: Plain data.
 
     Raises:

@@ -64,15 +64,15 @@ def versions() -> dict[str, str]:
     }
 
 
-def key_of(walk: Walk, parts: dict[str, str], made_by: dict[str, str]) -> str:
+def key_of(walk: Walk, own: dict[str, str], made_by: dict[str, str]) -> str:
     """Digest of all that a walk's recording comes from.
 
     Args:
         walk: The walk.
-        parts: Digest of each part of the user's own.
+        own: Digest of each file of the user's own.
         made_by: Versions of the code.
     """
-    what = json.dumps([asdict(walk), parts, made_by], sort_keys=True)
+    what = json.dumps([asdict(walk), own, made_by], sort_keys=True)
     return hashlib.sha256(what.encode()).hexdigest()[:16]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.field_paths import put
-from stridetwin.scenarios.campaign.named_files import PARTS, Base
+from stridetwin.scenarios.campaign.named_files import FILES, Base
 from stridetwin.scenarios.campaign.own_scenario import FOLDER
 from stridetwin.scenarios.placement.free import Free, Knob
 from stridetwin.scenarios.placement.problem_file import Problem
@@ -46,7 +46,7 @@ def told(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     text = value if isinstance(value, str) else json.dumps(value)
-    return text.removeprefix(f"../{PARTS}/")
+    return text.removeprefix(f"../{FILES}/")
 
 
 def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.field_paths import field_path
-from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable
+from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, names_files
 from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, sequence, suggest, text
 from stridetwin.scenarios.placement.free import Free, Knob, free_field, grid_size
 from stridetwin.scenarios.placement.scores import Score, read_scores
@@ -65,7 +65,7 @@ class Problem:
         seeing: When a board counts as seen.
         search: How places are found; None for a sweep over all.
         confirm: The best places once more; None without.
-        parts: Sensors' parts of the user's own: files by the names that they get in the output folder.
+        own: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
@@ -78,7 +78,7 @@ class Problem:
     seeing: Seeing = field(default_factory=Seeing)
     search: Optimise | None = None
     confirm: Confirm | None = None
-    parts: dict[str, Path] = field(default_factory=dict)
+    own: dict[str, Path] = field(default_factory=dict)
 
     @property
     def knobs(self) -> list[Knob]:
@@ -125,10 +125,10 @@ def read_problem(path: Path) -> Problem:
     for name, node in found.pop("free").items():
         at = where.key("free").key(name)
         paths = tuple(field_path(part.strip(), at) for part in name.split(","))
-        if any(p.keys[0] == "sensors" for p in paths):
-            node = files.own_parts(node, at)
+        if names_files(paths):
+            node = files.own_files(node, at)
         free.append(free_field(name, paths, node, at))
-    problem = Problem(path=path, bases=bases, variables=common, free=tuple(free), parts=files.parts, **found)
+    problem = Problem(path=path, bases=bases, variables=common, free=tuple(free), own=files.own, **found)
     names = [knob.name for knob in problem.knobs]
     if twice := [name for name in names if names.count(name) > 1]:
         raise where.key("free").error(twice[0], "every field once")

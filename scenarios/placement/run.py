@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_parts, scenario_text
+from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files, scenario_text
 from stridetwin.scenarios.files import json_text
 from stridetwin.scenarios.placement import rows as row_files
 from stridetwin.scenarios.placement.body_map import body_map
@@ -70,7 +70,7 @@ def run_placement(problem: Problem, asked: Asked, progress: Progress) -> dict[st
     problem, folder = asked.of(problem), asked.folder
     with held(folder):
         (folder / FOLDER).mkdir(exist_ok=True)
-        lay_parts(folder, problem.parts)
+        lay_files(folder, problem.own)
         check_ends(problem, folder)
         rows = Rows(folder / row_files.NAME, asked.resume)
         measure = Measure(problem, folder, rows, asked.workers, progress)

@@ -1,5 +1,6 @@
 """Campaign files: what is wrong is named, nothing outside their folder is read, and YAML only says values."""
 
+import shutil
 from importlib.resources import files
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from small_campaign import SHORT, SMALL, write
 
 from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
+from stridetwin.scenarios.campaign.own_scenario import lay_files
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim import parts
@@ -120,9 +122,54 @@ def test_parts_of_ones_own_are_named_as_the_output_folder_has_them(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.yaml").write_text("kind: imu\ndescription: mine\nrate_hz: 100\n")
     campaign = read_campaign(path)
-    assert campaign.parts == {"a.yaml": tmp_path / "mine" / "a.yaml"}
+    assert campaign.own == {"mine/a.yaml": tmp_path / "mine" / "a.yaml"}
     named = {walk.scenario["sensors"]["foot_imu"]["part"] for walk in plan(campaign, Extra())}
-    assert named == {"../parts/a.yaml", "MPU-9250"}
+    assert named == {"../files/mine/a.yaml", "MPU-9250"}
+
+
+STL = "solid x\nfacet normal 0 0 1\nouter loop\n" + 3 * "vertex 0 0 0\n" + "endloop\nendfacet\nendsolid\n"
+
+
+@pytest.mark.parametrize("model", ["exo.xml", "exo.urdf"])
+def test_an_exoskeleton_and_a_mesh_come_with_all_that_they_name(tmp_path, model):
+    mine = tmp_path / "mine"
+    (mine / "shapes").mkdir(parents=True)
+    (mine / "exo.xml").write_text(
+        '<mujoco><compiler meshdir="shapes"/><asset><mesh name="a" file="a.stl"/></asset><worldbody/></mujoco>'
+    )
+    (mine / "exo.urdf").write_text(
+        '<robot name="r"><link name="a"><visual><geometry><mesh filename="shapes/a.stl"/></geometry></visual></link>'
+        "</robot>"
+    )
+    for name in ("shapes/a.stl", "ground.stl"):
+        (mine / name).write_text(STL)
+    (mine / "rig.yaml").write_text(
+        "imus:\n  shank_l: {link: bar, part: own.yaml}\n  shank_r: {link: bar, part: MPU-9250}\n"
+    )
+    (mine / "own.yaml").write_text("kind: imu\ndescription: mine\nrate_hz: 100\n")
+    (mine / "walk.yaml").write_text(
+        f"description: mine\nterrain: {{mesh: ground.stl}}\nexo: {{model: {model}, rig: rig.yaml}}\n"
+    )
+    path = write(tmp_path, "campaign: mine\nwalks: 2\nscenarios: [mine/walk.yaml]\n")
+    campaign = read_campaign(path)
+    names = {f"mine/{model}", "mine/shapes/a.stl", "mine/rig.yaml", "mine/own.yaml", "mine/ground.stl"}
+    assert campaign.own == {name: tmp_path / name for name in names}
+    for walk in plan(campaign, Extra()):
+        assert walk.scenario["exo"] == {"model": f"../files/mine/{model}", "rig": "../files/mine/rig.yaml"}
+        assert walk.scenario["terrain"] == {"mesh": "../files/mine/ground.stl"}
+    lay_files(tmp_path / "out", campaign.own)
+    for name in names:
+        assert (tmp_path / "out" / "files" / name).read_bytes() == (tmp_path / name).read_bytes()
+    (mine / model).write_text((mine / model).read_text().replace("a.stl", "../../../a.stl"))
+    assert "../a.stl' is not valid; valid: a file in the campaign's folder" in refused(path)
+
+
+def test_the_exoskeleton_of_the_examples_walks_in_campaigns(tmp_path):
+    shutil.copytree(Path(__file__).parents[3] / "examples" / "own_exo", tmp_path / "own_exo")
+    path = write(tmp_path, "campaign: mine\nwalks: 2\nscenarios: [own_exo/walk.yaml]\n")
+    campaign = read_campaign(path)
+    check_extremes(campaign, Extra())
+    assert {"own_exo/my_exo.xml", "own_exo/my_exo.yaml"} <= campaign.own.keys()
 
 
 def test_campaigns_are_told_from_scenarios_by_what_they_say(tmp_path):

@@ -183,7 +183,7 @@ def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):
     assert done.verdicts == {"accepted": 1, "rejected": 1}
     assert done.reasons == {"sensors": 1}
     (rejected,) = [w for w in done.manifest["walks"] if w["status"] == "rejected"]
-    assert rejected["values"]["sensors.foot_imu.part"] == "../parts/small.yaml"
+    assert rejected["values"]["sensors.foot_imu.part"] == "../files/my/small.yaml"
     assert "/foot_l/imu" in rejected["reasons"][0]
     assert "% of the samples at the end of the range" in rejected["reasons"][0]
     assert (tmp_path / "out" / rejected["recording"]).parent.name == "rejected"
@@ -192,7 +192,7 @@ def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):
     (accepted,) = [w for w in done.manifest["walks"] if w["status"] == "accepted"]
     assert accepted["findings"] == []
     assert any(f.startswith("/foot_l/insole") for f in accepted["expected_findings"])
-    assert done.manifest["parts"].keys() == {"small.yaml"}
+    assert done.manifest["files"].keys() == {"my/small.yaml"}
 
 
 def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path):
