@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from stridetwin.scenarios.laying import Laying
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.sim.route import Layout, Slab, Strip
 from stridetwin.streams.samples import Array
-
-if TYPE_CHECKING:
-    pass
 
 _HALF_WIDTH_M = 0.5
 _NEAR_M, _FAR_M = 0.5, 2.5
@@ -280,7 +276,17 @@ def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Lay
 def _ground_ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
     """(N, 3) m, some of the map's points on the way ahead, in the true world."""
     points, plane = mapper.surface_points()
-    points = laid.to_true(points[plane >= 0][::_EVERY])
+    return on_the_way_ahead(laid.to_true(points[plane >= 0][::_EVERY]), here, layout)
+
+
+def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
+    """(K, 3) m, those of (N, 3) points that lie between 0.5 and 2.5 m ahead, and within 0.5 m of the way.
+
+    Args:
+        points: In the true world.
+        here: Where the camera is along the way, m.
+        layout: What is walked on.
+    """
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < _FAR_M]
     s = _places_ahead(here, layout)
     if not len(s) or not len(near):

@@ -4,6 +4,7 @@ import math
 from functools import cache
 
 import numpy as np
+import open3d
 import pytest
 from scenes import EYE_M, FLOOR, RAYS, approach, attitude, flight, picture
 
@@ -93,18 +94,12 @@ def test_down_the_same():
     assert abs(edge.drop + steps["riser"]) < 0.03
 
 
-def ransac(points, rng, tolerance=0.06, rounds=200):
-    """The plane with the most points within a tolerance: (3,) normal, and which points."""
-    best, normal = np.zeros(len(points), bool), np.zeros(3)
-    for _ in range(rounds):
-        a, b, c = points[rng.choice(len(points), 3, replace=False)]
-        n = np.cross(b - a, c - a)
-        if (size := np.linalg.norm(n)) < 1e-9:
-            continue
-        inside = np.abs((points - a) @ n) < tolerance * size
-        if inside.sum() > best.sum():
-            best, normal = inside, n / size
-    return normal * np.sign(normal[2]), best
+def ransac(points, tolerance=0.06):
+    """The plane with the most points within a tolerance, by Open3D: (3,) normal, and which points."""
+    open3d.utility.random.seed(0)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    plane, inside = cloud.segment_plane(distance_threshold=tolerance, ransac_n=3, num_iterations=200)
+    return plane[:3] * np.sign(plane[2]), inside
 
 
 @pytest.mark.parametrize("name", [name for name, steps in CASES.items() if steps["steps"] > 2])
@@ -120,7 +115,7 @@ def test_a_naive_ransac_lays_a_slanted_plane_across_them(name):
     points = (eye + R.apply(RAYS) * depth[:, None])[depth > 0]
     end = min(2.0, (steps["steps"] - 1) * steps["tread"])
     on_stairs = points[(points[:, 0] > 0) & (points[:, 0] < end) & (np.abs(points[:, 1]) < 0.7) & (points[:, 2] > 0.05)]
-    normal, inside = ransac(on_stairs[::8], rng)
+    normal, inside = ransac(on_stairs[::8])
     treads = np.unique(np.round(on_stairs[::8][inside][:, 0] // steps["tread"]))
     assert math.acos(normal[2]) > math.radians(10), "one slanted plane"
     assert len(treads) >= 3, "across several treads"

@@ -1,0 +1,286 @@
+"""The terrain map beside Open3D's, on the same walks of the twin: how far off, how much of the ground, at what cost.
+
+`python -m benchmarks.map_peers [--walks SCENARIO ...] [--seed 900] [--mount head] [--json]`. Open3D's voxel grid
+(`VoxelBlockGrid`) gets the same depth with the same true poses and voxels of the same size as our map; each half second
+its points, and the planar patches that Open3D finds in them, are looked at as ours are:
+
+- `off_rms_mm`, `off_p95_mm`: distance of the points on the way ahead (0.5 to 2.5 m) from the true ground.
+- `known_pct`: cells of 5 cm of that ground with a point within 3 cm of its height.
+- `surfaces_pct`: levels, treads and ramps ahead that have a plane of their own, within 1 cm at their middle and within
+  3 degrees; a plane across two treads is neither's.
+- `picture_ms`, `look_ms`: processor time a picture, and of each look at points and planes. Ours looks for planes in
+  every second picture, within `picture_ms`; the look only reads them out.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol
+
+import numpy as np
+import open3d as o3d
+from scipy.spatial import cKDTree
+
+from benchmarks.command import answer, command
+from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
+from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.map_score import distance_to, mesh_of, on_the_way_ahead, true_heights
+from stridetwin.scenarios.record import record
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.scenarios.terrain_files import depth_camera, posed_depth
+from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.sim.route import Layout, Strip
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array, Depth, Odometry
+
+WALKS = ("zhao_stair_20cm", "zhao_ramp_15_8")
+_LOOK_NS = 500_000_000
+_CELL_M, _HALF_WIDTH_M = 0.05, 0.5
+_AHEAD_M = (0.5, 2.5)
+_NEAR_M = 0.03
+_SAME_M, _SAME_RAD = 0.01, math.radians(3.0)
+_MARGIN_M = 0.03
+_TALL_M = 0.05
+_EVERY = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """A plane over a place: its number, height there (m) and gradient (2,)."""
+
+    number: int
+    height: float
+    gradient: Array
+
+
+class Map(Protocol):
+    """What is measured."""
+
+    def take(self, sample: Odometry | Depth) -> None:
+        """A pose, or a depth picture of the instant of the last pose."""
+
+    def look(self) -> tuple[Array, Callable[[Array], Piece | None]]:
+        """(N, 3) m, points of the ground, and what plane lies at a (2,) place."""
+
+
+class Ours:
+    """`TerrainMap`."""
+
+    def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
+        mount, _ = posed_depth(recording, camera)
+        self._map = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
+
+    def take(self, sample: Odometry | Depth) -> None:
+        """As `Map`."""
+        self._map.update(sample)
+
+    def look(self) -> tuple[Array, Callable[[Array], Piece | None]]:
+        """As `Map`."""
+        points, plane = self._map.surface_points()
+        return points[plane >= 0], self._piece
+
+    def _piece(self, place: Array) -> Piece | None:
+        there = self._map.ground(place)
+        if there is None:
+            return None
+        plane, _ = there
+        return Piece(number=plane.id, height=float(plane.height(place)), gradient=plane.gradient)
+
+
+class Open3d:
+    """Open3D's `VoxelBlockGrid`, and `detect_planar_patches` on its points."""
+
+    def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
+        mount, _ = posed_depth(recording, camera)
+        self._T_frame_camera = np.eye(4) if mount is None else mount.T_body_sensor
+        fx, fy, cx, cy = camera.intrinsics
+        self._K = o3d.core.Tensor([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], o3d.core.float64)
+        p = TerrainMapParameters()
+        self._far_m, self._band = p.range_max_m, p.truncation_m / p.voxel_m
+        self._grid = o3d.t.geometry.VoxelBlockGrid(
+            ("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1,), (1,)), p.voxel_m, 16, 20_000
+        )
+        self._T_world_camera = np.eye(4)
+
+    def take(self, sample: Odometry | Depth) -> None:
+        """As `Map`."""
+        if isinstance(sample, Odometry):
+            T = np.eye(4)
+            T[:3, :3], T[:3, 3] = matrix_from_quat(sample.q_world_frame), sample.p_frame_in_world
+            self._T_world_camera = T @ self._T_frame_camera
+            return
+        depth = o3d.t.geometry.Image(np.ascontiguousarray(np.nan_to_num(sample.depth), np.float32))
+        extrinsic = o3d.core.Tensor(np.linalg.inv(self._T_world_camera))
+        seen = self._grid.compute_unique_block_coordinates(depth, self._K, extrinsic, 1.0, self._far_m, self._band)
+        self._grid.integrate(seen, depth, self._K, extrinsic, 1.0, self._far_m, self._band)
+
+    def look(self) -> tuple[Array, Callable[[Array], Piece | None]]:
+        """As `Map`."""
+        cloud = self._grid.extract_point_cloud(weight_threshold=3.0).to_legacy()
+        points = np.asarray(cloud.points)
+        near = np.linalg.norm(points[:, :2] - self._T_world_camera[:2, 3], axis=1) < _AHEAD_M[1] + 0.5
+        cloud = cloud.select_by_index(np.flatnonzero(near))
+        cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=0.08, max_nn=30))
+        boxes = cloud.detect_planar_patches(
+            normal_variance_threshold_deg=60, coplanarity_deg=75, outlier_ratio=0.75, min_plane_edge_length=0.1,
+            min_num_points=30, search_param=o3d.geometry.KDTreeSearchParamKNN(knn=30),
+        )  # fmt: skip
+        return np.asarray(cloud.points), lambda place: _piece_of(boxes, place)
+
+
+MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {"ours": Ours, "open3d": Open3d}
+
+
+def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:
+    """The highest patch over a place that is walked on rather than climbed."""
+    found = []
+    for i, box in enumerate(boxes):
+        R, normal = np.asarray(box.R), np.asarray(box.R)[:, 2]
+        if abs(normal[2]) < math.cos(math.radians(40)):
+            continue
+        gradient = -normal[:2] / normal[2]
+        height = float(box.center[2] + (place - box.center[:2]) @ gradient)
+        inside = np.abs(R.T @ (np.array([*place, height]) - box.center))
+        if (inside[:2] <= np.asarray(box.extent)[:2] / 2 + _MARGIN_M).all():
+            found.append(Piece(number=i, height=height, gradient=gradient))
+    return max(found, key=lambda piece: piece.height, default=None)
+
+
+@dataclass(kw_only=True)
+class Tally:
+    """What was seen of a map."""
+
+    points: list[Array] = field(default_factory=list)
+    known: list[float] = field(default_factory=list)
+    surfaces: list[bool] = field(default_factory=list)
+    pictures_s: list[float] = field(default_factory=list)
+    looks_s: list[float] = field(default_factory=list)
+
+    def figures(self, layout: Layout) -> dict[str, float]:
+        """By the names above."""
+        off = distance_to(mesh_of(layout.slabs), np.concatenate(self.points)[::_EVERY])
+        return {
+            "off_rms_mm": 1e3 * float(np.sqrt(np.mean(off**2))),
+            "off_p95_mm": 1e3 * float(np.percentile(off, 95)),
+            "known_pct": 100.0 * float(np.mean(self.known)),
+            "surfaces_pct": 100.0 * float(np.mean(self.surfaces)),
+            "picture_ms": 1e3 * float(np.mean(self.pictures_s)),
+            "look_ms": 1e3 * float(np.mean(self.looks_s)),
+        }
+
+
+def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], Map]) -> dict[str, float]:
+    """Figures of one map on one walk."""
+    camera, layout = depth_camera(recording.rig), from_metadata(recording.metadata)
+    assert layout is not None
+    ground, tally, due_ns, here = make(recording, camera), Tally(), 0, 0.0
+    for sample in posed_depth(recording, camera)[1]:
+        if isinstance(sample, Odometry):
+            here = float(layout.way.project(sample.p_frame_in_world[None, :2], begin=here)[0])
+        assert isinstance(sample, Odometry | Depth)
+        began = time.process_time()
+        ground.take(sample)
+        if not isinstance(sample, Depth):
+            continue
+        tally.pictures_s.append(time.process_time() - began)
+        due_ns = due_ns or sample.t_ns + 2 * _LOOK_NS
+        if sample.t_ns < due_ns:
+            continue
+        due_ns = sample.t_ns + _LOOK_NS
+        began = time.process_time()
+        points, piece_at = ground.look()
+        tally.looks_s.append(time.process_time() - began)
+        ahead = on_the_way_ahead(points, here, layout)
+        tally.points.append(ahead)
+        tally.known.append(_known(ahead, here, layout))
+        tally.surfaces += _surfaces(piece_at, here, layout)
+    return tally.figures(layout)
+
+
+def _known(points: Array, here: float, layout: Layout) -> float:
+    """Share of the cells ahead with a point at their height."""
+    end = min(here + _AHEAD_M[1], layout.profile[-1].s1)
+    s = np.arange(here + _AHEAD_M[0], end, _CELL_M)
+    if not len(s):
+        return 1.0
+    left = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M, _CELL_M)
+    fine = np.arange(s[0], end, _CELL_M / 5)
+    at = fine[cKDTree(layout.way.point(fine)).query(points[:, :2])[1]]
+    heading, offset = layout.way.heading(at), points[:, :2] - layout.way.point(at)
+    aside = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
+    i, j = np.floor((at - s[0]) / _CELL_M).astype(int), np.floor((aside - left[0]) / _CELL_M).astype(int)
+    inside = (i >= 0) & (i < len(s)) & (j >= 0) & (j < len(left))
+    right = np.abs(points[:, 2] - true_heights(layout.profile, at, aside)) < _NEAR_M
+    known = np.zeros((len(s), len(left)), bool)
+    known[i[inside & right], j[inside & right]] = True
+    return float(known.mean())
+
+
+def _surfaces(piece_at: Callable[[Array], Piece | None], here: float, layout: Layout) -> list[bool]:
+    """Of each level, tread and ramp whose middle lies ahead, whether a plane of its own is there."""
+    low, high = here + _AHEAD_M[0], here + _AHEAD_M[1]
+    found: list[tuple[Strip, Piece | None]] = []
+    for strip in layout.profile:
+        s0, s1 = max(strip.s0, low), min(strip.s1, high)
+        if s1 - s0 > _TALL_M and (strip.s0 >= low or strip.s1 - strip.s0 > 1.0):
+            found.append((strip, _own(piece_at, strip, (s0 + s1) / 2, layout)))
+    numbers = [piece.number for _, piece in found if piece is not None]
+    return [piece is not None and numbers.count(piece.number) == 1 for _, piece in found]
+
+
+def _own(piece_at: Callable[[Array], Piece | None], strip: Strip, s: float, layout: Layout) -> Piece | None:
+    """The plane at the middle of a strip, where it lies and slopes as the strip does."""
+    piece, heading = piece_at(np.asarray(layout.way.point(s))), float(layout.way.heading(s))
+    if piece is None or abs(piece.height - strip.height(s, 0.0)) > _SAME_M:
+        return None
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    across = np.array([-forward[1], forward[0]])
+    along, aside = math.atan(float(piece.gradient @ forward)), math.atan(float(piece.gradient @ across))
+    return piece if max(abs(along - strip.slope), abs(aside)) < _SAME_RAD else None
+
+
+def measure(arguments: Namespace) -> dict[str, Any]:
+    """Both maps on each walk."""
+    summary = {}
+    for name in arguments.walks:
+        config = load_scenario(name).config
+        sensors = ("head_imu", "head_camera")
+        config = replace(config, physics="kinematic", rig_mount=arguments.mount, sensors=sensors, exo=None)
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "walk.mcap"
+            record(Twin(config, arguments.seed), file, lambda stage, share: None)
+            if not summary:
+                walked(Recording(file), Ours)  # compiles
+            for peer, make in MAPS.items():
+                summary[f"{name} {peer}"] = walked(Recording(file), make)
+    return {"seed": arguments.seed, "mount": arguments.mount, "summary": summary}
+
+
+def show(result: dict[str, Any]) -> None:
+    """A line a walk and map."""
+    names = list(next(iter(result["summary"].values())))
+    print(f"{'':28s}" + "".join(f"{name:>14s}" for name in names))
+    for which, figures in result["summary"].items():
+        print(f"{which:28s}" + "".join(f"{figures[name]:14.1f}" for name in names))
+
+
+def main() -> int:
+    """Runs the benchmark."""
+    parser = command(__doc__)
+    parser.add_argument("--walks", nargs="+", default=list(WALKS))
+    parser.add_argument("--seed", type=int, default=900)
+    parser.add_argument("--mount", default="head", choices=("head", "chest"))
+    return answer(parser, measure, show)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
