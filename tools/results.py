@@ -1,15 +1,19 @@
-"""Lays the result of an experiment down under docs/results: its table, and a line a case.
+"""Lays the result of an experiment down under docs/results: its table, a line a case, and the rows, packed.
 
     python tools/results.py NAME DIR [--as STEM] [--options "OPTIONS OF THE RUN"] [-o FOLDER]
 
-DIR is where `stridetwin experiment NAME -o DIR` left its rows. What lies there is taken as it is: nothing is run.
+DIR is where `stridetwin experiment NAME -o DIR` left its rows. What lies there is taken as it is: nothing is run. Packed
+rows are gone on with where they are unpacked: `tar xJf docs/results/NAME.tar.xz -C DIR`, then the experiment with
+`--resume`.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import io
 import json
+import tarfile
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -21,7 +25,7 @@ RESULTS = Path(__file__).parent.parent / "docs" / "results"
 
 
 def main() -> None:
-    """Writes `NAME.md` and `NAME.csv`."""
+    """Writes `NAME.md`, `NAME.csv` and `NAME.tar.xz`."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name")
     parser.add_argument("folder", type=Path)
@@ -38,14 +42,25 @@ def main() -> None:
     asked.output.mkdir(parents=True, exist_ok=True)
     command = f"stridetwin experiment {asked.name} {asked.options}".strip()
     table = "\n".join(line.rstrip() for line in experiment.table(result))
-    (asked.output / f"{stem}.md").write_text(
-        f"# {stem}\n\n`{command}`; a line a case: [{stem}.csv]({stem}.csv)\n\n```text\n{table}\n```\n", encoding="utf-8"
-    )
+    files_of = f"a line a case: [{stem}.csv]({stem}.csv); its rows: [{stem}.tar.xz]({stem}.tar.xz)"
+    text = f"# {stem}\n\n`{command}`; {files_of}\n\n```text\n{table}\n```\n"
+    (asked.output / f"{stem}.md").write_text(text, encoding="utf-8")
     rows = [_row(case) for case in cases]
     with (asked.output / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(dict.fromkeys(k for row in rows for k in row)), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
+    _pack(files, asked.output / f"{stem}.tar.xz")
+
+
+def _pack(files: list[Path], archive: Path) -> None:
+    """The same bytes for the same rows."""
+    with tarfile.open(archive, "w:xz", preset=9) as packed:
+        for file in files:
+            content = file.read_bytes()
+            entry = tarfile.TarInfo(file.name)
+            entry.size = len(content)
+            packed.addfile(entry, io.BytesIO(content))
 
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:
