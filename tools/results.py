@@ -2,7 +2,7 @@
 
     python tools/results.py NAME DIR [--as STEM] [--options "OPTIONS OF THE RUN"] [-o FOLDER]
 
-DIR is where `stridetwin experiment NAME -o DIR` left its rows. What lies there is taken as it is: nothing is run. Packed
+DIR is where `stridetwin experiment NAME -o DIR` left its rows. Nothing is run. Packed
 rows are gone on with where they are unpacked: `tar xJf docs/results/NAME.tar.xz -C DIR`, then the experiment with
 `--resume`.
 """
