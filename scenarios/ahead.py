@@ -222,9 +222,7 @@ def _trusted(odometry: Estimate, truth: TruePath) -> Trajectory:
     keep = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
     if odometry.healthy is not None:
         keep &= odometry.healthy
-    return Trajectory(
-        t_ns=path.t_ns[keep], p_frame_in_world=path.p_frame_in_world[keep], q_world_frame=path.q_world_frame[keep]
-    )
+    return path[keep]
 
 
 def _samples(recording: Recording, told: Trajectory, insoles: list[str], depth: str) -> Iterator[Sample]:

@@ -54,7 +54,7 @@ def drift_figures(told: Odometry, truth: TruePath) -> dict[str, Any]:
         `nees_mean` and `nees_within_95_pct` of the position.
     """
     first = int(told.healthy.argmax()) if told.healthy.any() else len(told.healthy)
-    path, healthy = _since(told.path, first), told.healthy[first:]
+    path, healthy = told.path[first:], told.healthy[first:]
     inside = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
     if inside.sum() < 2:
         return {"failure": "silent", "unhealthy_s": 0.0, "recovered": False}
@@ -95,15 +95,6 @@ def climb_errors_m(comparison: Comparison) -> Array:
     gained = true[ends] - true[starts]
     error: Array = told[ends] - told[starts] - gained
     return error[np.abs(gained) > CLIMB_M]
-
-
-def _since(path: Trajectory, first: int) -> Trajectory:
-    return Trajectory(
-        t_ns=path.t_ns[first:],
-        p_frame_in_world=path.p_frame_in_world[first:],
-        q_world_frame=path.q_world_frame[first:],
-        covariance=None if path.covariance is None else path.covariance[first:],
-    )
 
 
 def _honesty(comparison: Comparison) -> dict[str, float]:

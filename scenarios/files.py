@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import json
 import os
 import shutil
@@ -62,3 +63,9 @@ def json_text(value: object) -> str:
         ValueError: A number that is not finite.
     """
     return json.dumps(value, indent=2, sort_keys=True, allow_nan=False) + "\n"
+
+
+def sha256(path: Path) -> str:
+    """Checksum of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

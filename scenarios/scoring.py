@@ -71,13 +71,7 @@ def compare(estimate: Trajectory, path: TruePath, alignment: str = "start", laid
             f"{inside.sum()} poses of the estimate lie within the truth's "
             f"{path.t_ns[0] / 1e9:.3f}-{path.t_ns[-1] / 1e9:.3f} s; at least 2 are needed"
         )
-    covariance = None if estimate.covariance is None else estimate.covariance[inside]
-    kept = Trajectory(
-        t_ns=estimate.t_ns[inside],
-        p_frame_in_world=estimate.p_frame_in_world[inside],
-        q_world_frame=estimate.q_world_frame[inside],
-        covariance=covariance,
-    )
+    kept = estimate[inside]
     truth = path.at(kept.t_ns)
     laid = laid or align(kept, truth, alignment)
     return Comparison(

@@ -25,6 +25,10 @@ class ConfigError(StrideTwinError):
         where = f"{source}: {field}" if field else str(source)
         super().__init__(f"{where}: {value!r} is not valid; valid: {valid}")
 
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
+        """Between processes it travels by what it was made of; an exception would by its message alone."""
+        return type(self), (self.source, self.field, self.value, self.valid)
+
 
 def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Collection[str] = ()) -> None:
     """Raises ConfigError at the first value that is not a finite number > 0, or ≥ 0 where its name may be zero."""

@@ -39,3 +39,12 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.t_ns)
+
+    def __getitem__(self, which: slice | NDArray[np.bool_]) -> Trajectory:
+        """Some of the poses: a slice, or those of a (N,) mask."""
+        return Trajectory(
+            t_ns=self.t_ns[which],
+            p_frame_in_world=self.p_frame_in_world[which],
+            q_world_frame=self.q_world_frame[which],
+            covariance=None if self.covariance is None else self.covariance[which],
+        )

@@ -158,7 +158,7 @@ class LocomotionMode:
         profile = self._profile(line)
         ground = self._ground_along(profile, line)
         stance, feet = footing.standing(line), rhythm.coming()
-        if rhythm.late(t_ns):
+        if rhythm.over_foot(t_ns):
             height = heights(ground, profile, footing.s)
             stance = footing.stood(stance, height, self._body.top(rhythm.down_ns))
         chain = footing.rolled(stance, ground, feet)

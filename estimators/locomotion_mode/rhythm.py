@@ -59,7 +59,7 @@ class Rhythm:
         there = bool(self._silent) and self.foot == _OTHER[self._silent] and waited > self._time.mean
         return self._silent if there else None
 
-    def late(self, t_ns: int) -> bool:
+    def over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the standing foot by now."""
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _PASSED * self._time.mean
 

@@ -29,10 +29,9 @@ from stridetwin.scenarios.campaign.walk import (
     judged,
     keep_row,
     key_of,
-    sha256,
     versions,
 )
-from stridetwin.scenarios.files import json_text
+from stridetwin.scenarios.files import json_text, sha256
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 

@@ -20,6 +20,7 @@ from stridetwin.scenarios.campaign.people import told
 from stridetwin.scenarios.campaign.plan import Walk
 from stridetwin.scenarios.campaign.read_once import read_once
 from stridetwin.scenarios.experiments.versions import digest
+from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario
 from stridetwin.sim.config import TwinConfig
@@ -28,7 +29,6 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 RECORDINGS, REJECTED, ROWS, HIDDEN = "recordings", "rejected", "rows", ".unfinished"
 ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"
 _LIBRARIES = ("mujoco", "numpy", "scipy")
-_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +93,8 @@ def make(job: Job) -> dict[str, Any]:
         return _made(job)
     except OSError as error:
         raise StrideTwinError(f"{error.filename or job.folder}: {error.strerror or error}") from None
-    except StrideTwinError as error:
-        raise StrideTwinError(str(error)) from None  # of one argument: it may have to travel between processes
+    except StrideTwinError:
+        raise
     except Exception as error:
         return _row(job, FAILED, [f"error: {type(error).__name__}: {error}"])
 
@@ -198,12 +198,3 @@ def _who_and_where(config: TwinConfig) -> dict[str, Any]:
 
 def _short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file."""
-    hashed = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            hashed.update(block)
-    return hashed.hexdigest()

@@ -175,10 +175,7 @@ def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeSco
     """What was told beside the truth, by method; `sole_m` is the length of the walker's soles."""
     truth = TruePath.of(recording.block(given_poses(recording, depth_camera(recording.rig))[0]))
     there = (told.path.t_ns >= truth.t_ns[0]) & (told.path.t_ns <= truth.t_ns[-1])
-    path = Trajectory(
-        t_ns=told.path.t_ns[there], p_frame_in_world=told.path.p_frame_in_world[there],
-        q_world_frame=told.path.q_world_frame[there],
-    )  # fmt: skip
+    path = told.path[there]
     laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
     footprints = true_footprints(recording)
     return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in told.estimates.items()}

@@ -12,10 +12,11 @@ from typing import Any
 
 from stridetwin.scenarios.ahead import look_ahead, odometry_of
 from stridetwin.scenarios.campaign import manifest
-from stridetwin.scenarios.campaign.walk import ACCEPTED, sha256
+from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.scenarios.commands.source import opened
 from stridetwin.scenarios.estimates import estimates
 from stridetwin.scenarios.evaluate import evaluate
+from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.gate.own_estimators import OwnEstimator
 from stridetwin.scenarios.gate.score_table import EVERY
 from stridetwin.scenarios.processes import mapped
