@@ -8,7 +8,7 @@ extension, where the body is lifted, in swing with flexion, where the leg is; ho
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,13 +37,42 @@ class Push:
     bending: float = 0.0
 
 
-STANCE = {"hip": Push(extending=1.0, bending=1.0), "knee": Push(extending=1.0)}
-SWING = {"hip": Push(extending=0.3, bending=1.0), "knee": Push(bending=1.0)}
-SHARE = {"LG": 0.5, "SA": 1.0, "SD": 0.5, "RA": 1.0, "RD": 0.75}
-"""Of the most, by mode: what saves the wearer's hips and knees most work. More than that he has to brake."""
+@dataclass(frozen=True, kw_only=True)
+class Help:
+    """How a mode is helped.
+
+    Attributes:
+        share: Of the most torque.
+        stance: By joint, of the leg that is stood on.
+        swing: By joint, of the other.
+    """
+
+    share: float
+    stance: Mapping[str, Push] = field(
+        default_factory=lambda: {"hip": Push(extending=1.0, bending=1.0), "knee": Push(extending=1.0)}
+    )
+    swing: Mapping[str, Push] = field(
+        default_factory=lambda: {"hip": Push(extending=0.3, bending=1.0), "knee": Push(bending=1.0)}
+    )
+
+
+HELP = {
+    "LG": Help(share=0.5),
+    "SA": Help(
+        share=1.0,
+        stance={"hip": Push(extending=1.0), "knee": Push(extending=1.0)},
+        swing={"hip": Push(extending=1.0, bending=1.0), "knee": Push(bending=1.0)},
+    ),
+    "SD": Help(share=0.5),
+    "RA": Help(share=1.0),
+    "RD": Help(share=0.75),
+}
+"""What saves the wearer's hips and knees most work; more of it he has to brake. Up stairs the hip only extends under
+load, and extends the leg down onto the next tread."""
 FULL_RADPS, STANCE_RADPS = 0.8, 0.3
 """Speed from which on a joint is pushed with all that its mode gives, and where it extends under load."""
-SMOOTHING_S = 0.04
+SMOOTHING_S = 0.05
+"""With less, as with more, frame and straps swing on what the wearer then has to do."""
 
 
 class Helped(Streams):
@@ -115,11 +144,12 @@ def _share(joint: str, seen: Mapping[str, Array]) -> float:
     loaded = seen["loaded"][foot] > 0.0
     modes = [MODES[int(mode)] for mode in seen["mode"]]
     # a leg that swings up from the last tread has to be lifted, though it comes down on the level
-    mode = modes[foot] if loaded else max(modes, key=SHARE.__getitem__)
+    of = HELP[modes[foot] if loaded else max(modes, key=lambda mode: HELP[mode].share)]
+    pushed = (of.stance if loaded else of.swing)[name]
     if speed > 0.0:
-        push, full = (STANCE if loaded else SWING)[name].bending, FULL_RADPS
+        push, full = pushed.bending, FULL_RADPS
     elif speed < 0.0:
-        push, full = -(STANCE if loaded else SWING)[name].extending, STANCE_RADPS if loaded else FULL_RADPS
+        push, full = -pushed.extending, STANCE_RADPS if loaded else FULL_RADPS
     else:
         return 0.0  # nor where nothing has come yet
-    return SHARE[mode] * push * min(abs(speed) / full, 1.0)
+    return of.share * push * min(abs(speed) / full, 1.0)

@@ -10,7 +10,7 @@ import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.scenarios.closed_loop.helped_walk import bare_walk, costs, helped_walk, truth_of
-from stridetwin.scenarios.closed_loop.helping import SHARE, Helped, Helper
+from stridetwin.scenarios.closed_loop.helping import HELP, Helped, Helper
 from stridetwin.scenarios.closed_loop.recognition import Known, Predicted, Unaware
 from stridetwin.scenarios.experiments import assistance
 from stridetwin.sim.config import Exo, Gait, Level, Route, Stairs, TwinConfig
@@ -42,9 +42,11 @@ def settled(observation: dict[str, np.ndarray]) -> np.ndarray:
 def test_joints_are_pushed_the_way_they_turn_by_what_the_mode_wants() -> None:
     climbing = ("SA", "SA")
     assert settled(seen(-2.0, (1, 1), climbing)) == pytest.approx(-MOST)  # in stance both extend
-    assert settled(seen(2.0, (0, 1), climbing)) == pytest.approx([20.0, 20.0, 15.0, 0.0])  # a loaded knee bends alone
-    assert settled(seen(-2.0, (1, 1), ("LG", "LG"))) == pytest.approx(-SHARE["LG"] * MOST)
-    assert settled(seen(-2.0, (1, 1), ("SA", "LG"))) == pytest.approx(-MOST * [1.0, SHARE["LG"], 1.0, SHARE["LG"]])
+    assert settled(seen(2.0, (0, 1), climbing)) == pytest.approx([20.0, 0.0, 15.0, 0.0])  # a loaded leg bends alone
+    less = HELP["LG"].share
+    assert settled(seen(-2.0, (1, 1), ("LG", "LG"))) == pytest.approx(-less * MOST)
+    assert settled(seen(-2.0, (1, 1), ("SA", "LG"))) == pytest.approx(-MOST * [1.0, less, 1.0, less])
+    assert settled(seen(2.0, (1, 1), ("LG", "LG"))) == pytest.approx([20.0 * less, 20.0 * less, 0.0, 0.0])
 
 
 def test_a_leg_that_swings_off_the_last_tread_is_helped_as_on_the_stair() -> None:
