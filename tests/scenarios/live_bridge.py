@@ -1,15 +1,20 @@
 """`live` in a thread and what sends to it, for the tests."""
 
+import random
 import socket
 import threading
+from contextlib import suppress
 
 from stridetwin.scenarios.cli import parser
 from stridetwin.streams.errors import StrideTwinError
 
 
 def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
+    """One that is free now, and that the system gives to nobody who does not ask for it by number."""
+    while True:
+        port = random.randrange(20_000, 32_000)
+        with suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
 
 
 def outcome(*words):
