@@ -110,10 +110,23 @@ def _estimate(
 
 def estimates(recording: Recording) -> list[Estimate]:
     """Every estimate that the recording feeds."""
+    return estimates_of_feet(recording) + estimates_of_head(recording)
+
+
+def estimates_of_feet(recording: Recording) -> list[Estimate]:
+    """Those that the shoes' streams feed: each foot, then both together."""
     there = [foot for foot in FEET if f"/foot_{foot}/imu" in recording.topics]
     made = [estimate_foot(recording, foot) for foot in there]
     if len(there) == len(FEET):
         made += estimate_feet(recording)
-    if feeds_odometry(recording):
-        made.append(estimate_odometry(recording))
     return made
+
+
+def estimates_of_head(recording: Recording) -> list[Estimate]:
+    """The odometry, where a camera on head or chest feeds it."""
+    return [estimate_odometry(recording)] if feeds_odometry(recording) else []
+
+
+def feet_see(recording: Recording) -> bool:
+    """Whether there are pictures of the shoes' cameras."""
+    return bool(_on_feet(recording, recording.rig.cameras.values())) if recording.has_rig else False

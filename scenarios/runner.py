@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios import injected
-from stridetwin.scenarios.ahead import Ahead, look_ahead, odometry_of
-from stridetwin.scenarios.estimates import estimates
+from stridetwin.scenarios.ahead import Ahead
 from stridetwin.scenarios.evaluate import evaluate
+from stridetwin.scenarios.feet_and_head import all_estimates
 from stridetwin.scenarios.files import json_text, staged
 from stridetwin.scenarios.mode_files import predicted_steps, write_modes
 from stridetwin.scenarios.record import Progress, record
@@ -97,7 +97,7 @@ def run_scenario(
         record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
-        made = estimates(recording)
+        made, ahead = all_estimates(recording, progress)
         results = evaluate(recording, made)
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
@@ -106,8 +106,6 @@ def run_scenario(
         if steps is not None:
             write_steps(steps.estimates, out / "contact_terrain.csv")
             scores["contact_terrain"] = steps.scores
-        odometry = odometry_of(recording, made)
-        ahead = look_ahead(recording, odometry, progress) if odometry is not None else None
         if ahead is not None:
             scores |= ahead.scores
             write_ahead_files(ahead, out)

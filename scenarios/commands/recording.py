@@ -70,9 +70,8 @@ def check_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def view_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`view`."""
-    from stridetwin.scenarios.ahead import look_ahead, odometry_of
-    from stridetwin.scenarios.estimates import estimates
     from stridetwin.scenarios.evaluate import evaluate, true_frames
+    from stridetwin.scenarios.feet_and_head import all_estimates
     from stridetwin.scenarios.rerun_file import rerun_installed, write_rerun
     from stridetwin.streams.files import whole_file
 
@@ -81,10 +80,8 @@ def view_command(arguments: Namespace, progress: Progress) -> Outcome:
     recording = opened(arguments.source, arguments.lenient)
     progress("rerun", 0.0)
     known = true_frames(recording.topics)
-    made = estimates(recording)
+    made, ahead = all_estimates(recording, progress)
     results = evaluate(recording, [e for e in made if e.frame in known])
-    odometry = odometry_of(recording, made)
-    ahead = look_ahead(recording, odometry, progress) if odometry is not None else None
     target = arguments.output or arguments.source.with_suffix(".rrd")
     with whole_file(target) as file:
         write_rerun(file, recording, results, ahead)
