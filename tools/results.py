@@ -43,7 +43,8 @@ def main() -> None:
     command = f"stridetwin experiment {asked.name} {asked.options}".strip()
     table = "\n".join(line.rstrip() for line in experiment.table(result))
     files_of = f"a line a case: [{stem}.csv]({stem}.csv); its rows: [{stem}.tar.xz]({stem}.tar.xz)"
-    text = f"# {stem}\n\n`{command}`; {files_of}\n\n```text\n{table}\n```\n"
+    there = f"\n\n{len(cases)} of {len(experiment.seeds)} cases." if len(cases) < len(experiment.seeds) else ""
+    text = f"# {stem}\n\n`{command}`; {files_of}{there}\n\n```text\n{table}\n```\n"
     (asked.output / f"{stem}.md").write_text(text, encoding="utf-8")
     rows = [_row(case) for case in cases]
     with (asked.output / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
