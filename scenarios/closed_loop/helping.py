@@ -61,14 +61,14 @@ HELP = {
     "SA": Help(
         share=1.0,
         stance={"hip": Push(extending=1.0), "knee": Push(extending=1.0)},
-        swing={"hip": Push(extending=1.0, bending=1.0), "knee": Push(bending=1.0)},
+        swing={"hip": Push(extending=1.0, bending=1.0), "knee": Push(extending=1.0, bending=1.0)},
     ),
     "SD": Help(share=0.5),
     "RA": Help(share=1.0),
     "RD": Help(share=0.75),
 }
 """What saves the wearer's hips and knees most work; more of it he has to brake. Up stairs the hip only extends under
-load, and extends the leg down onto the next tread."""
+load, and hip and knee extend the leg down onto the next tread."""
 FULL_RADPS, STANCE_RADPS = 0.8, 0.3
 """Speed from which on a joint is pushed with all that its mode gives, and where it extends under load."""
 SMOOTHING_S = 0.05
