@@ -1,6 +1,6 @@
 """Lays the result of an experiment down under docs/results: its table, a line a case, and the rows, packed.
 
-    python tools/results.py NAME DIR [--as STEM] [--options "OPTIONS OF THE RUN"] [-o FOLDER]
+    python tools/results.py NAME DIR [--as STEM] [--options "OPTIONS OF THE RUN"] [--at COMMIT] [-o FOLDER]
 
 DIR is where `stridetwin experiment NAME -o DIR` left its rows. Nothing is run. Packed
 rows are gone on with where they are unpacked: `tar xJf docs/results/NAME.tar.xz -C DIR`, then the experiment with
@@ -32,6 +32,7 @@ def main() -> None:
     parser.add_argument("--as", dest="stem", default=None, help="name of the files, default NAME")
     parser.add_argument("-o", "--output", type=Path, default=RESULTS)
     parser.add_argument("--options", default="", help="of the run, to be told beside its table")
+    parser.add_argument("--at", default="", metavar="COMMIT", help="of the code that made the rows, where not this one")
     asked = parser.parse_args()
     experiment, stem = named(asked.name), asked.stem or asked.name
     files = sorted(asked.folder.glob("seed_*.json"), key=lambda f: int(f.stem.split("_")[1]))
@@ -44,7 +45,8 @@ def main() -> None:
     table = "\n".join(line.rstrip() for line in experiment.table(result))
     files_of = f"a line a case: [{stem}.csv]({stem}.csv); its rows: [{stem}.tar.xz]({stem}.tar.xz)"
     there = f"\n\n{len(cases)} of {len(experiment.seeds)} cases." if len(cases) < len(experiment.seeds) else ""
-    text = f"# {stem}\n\n`{command}`; {files_of}{there}\n\n```text\n{table}\n```\n"
+    at = f", at commit {asked.at}" if asked.at else ""
+    text = f"# {stem}\n\n`{command}`{at}; {files_of}{there}\n\n```text\n{table}\n```\n"
     (asked.output / f"{stem}.md").write_text(text, encoding="utf-8")
     rows = [_row(case) for case in cases]
     with (asked.output / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
