@@ -5,7 +5,7 @@
 its points, and the planar patches that Open3D finds in them, are looked at as ours are:
 
 - `off_rms_mm`, `off_p95_mm`: distance of the points on the way ahead (0.5 to 2.5 m) from the true ground.
-- `known_pct`: cells of 5 cm of that ground with a point within 3 cm of its height.
+- `known_pct`: places, every 5 cm of that ground, with a point within 3 cm.
 - `surfaces_pct`: levels, treads and ramps ahead that have a plane of their own, within 1 cm at their middle and within
   3 degrees; a plane across two treads is neither's.
 - `picture_ms`, `look_ms`: processor time a picture, and of each look at points and planes. Ours looks for planes in
@@ -31,7 +31,15 @@ from scipy.spatial import cKDTree
 from benchmarks.command import answer, command
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.scenarios.ground import from_metadata
-from stridetwin.scenarios.map_score import distance_to, mesh_of, on_the_way_ahead, true_heights
+from stridetwin.scenarios.map_score import (
+    FAR_M,
+    NEAR_M,
+    cells_ahead,
+    distance_to,
+    mesh_of,
+    on_the_way_ahead,
+    true_heights,
+)
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.terrain_files import depth_camera, posed_depth
@@ -44,8 +52,6 @@ from stridetwin.streams.samples import Array, Depth, Odometry
 
 WALKS = ("zhao_stair_20cm", "zhao_ramp_15_8")
 _LOOK_NS = 500_000_000
-_CELL_M, _HALF_WIDTH_M = 0.05, 0.5
-_AHEAD_M = (0.5, 2.5)
 _NEAR_M = 0.03
 _SAME_M, _SAME_RAD = 0.01, math.radians(3.0)
 _MARGIN_M = 0.03
@@ -127,7 +133,7 @@ class Open3d:
         """As `Map`."""
         cloud = self._grid.extract_point_cloud(weight_threshold=3.0).to_legacy()
         points = np.asarray(cloud.points)
-        near = np.linalg.norm(points[:, :2] - self._T_world_camera[:2, 3], axis=1) < _AHEAD_M[1] + 0.5
+        near = np.linalg.norm(points[:, :2] - self._T_world_camera[:2, 3], axis=1) < FAR_M + 0.5
         cloud = cloud.select_by_index(np.flatnonzero(near))
         cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=0.08, max_nn=30))
         boxes = cloud.detect_planar_patches(
@@ -207,27 +213,15 @@ def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], 
 
 
 def _known(points: Array, here: float, layout: Layout) -> float:
-    """Share of the cells ahead with a point at their height."""
-    end = min(here + _AHEAD_M[1], layout.profile[-1].s1)
-    s = np.arange(here + _AHEAD_M[0], end, _CELL_M)
-    if not len(s):
-        return 1.0
-    left = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M, _CELL_M)
-    fine = np.arange(s[0], end, _CELL_M / 5)
-    at = fine[cKDTree(layout.way.point(fine)).query(points[:, :2])[1]]
-    heading, offset = layout.way.heading(at), points[:, :2] - layout.way.point(at)
-    aside = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
-    i, j = np.floor((at - s[0]) / _CELL_M).astype(int), np.floor((aside - left[0]) / _CELL_M).astype(int)
-    inside = (i >= 0) & (i < len(s)) & (j >= 0) & (j < len(left))
-    right = np.abs(points[:, 2] - true_heights(layout.profile, at, aside)) < _NEAR_M
-    known = np.zeros((len(s), len(left)), bool)
-    known[i[inside & right], j[inside & right]] = True
-    return float(known.mean())
+    """Share of the places ahead that a point lies at."""
+    s, aside = cells_ahead(here, layout)
+    places = np.column_stack([layout.way.point(s, aside), true_heights(layout.profile, s, aside)])
+    return float(np.mean(cKDTree(points).query(places)[0] < _NEAR_M)) if len(s) else 1.0
 
 
 def _surfaces(piece_at: Callable[[Array], Piece | None], here: float, layout: Layout) -> list[bool]:
     """Of each level, tread and ramp whose middle lies ahead, whether a plane of its own is there."""
-    low, high = here + _AHEAD_M[0], here + _AHEAD_M[1]
+    low, high = here + NEAR_M, here + FAR_M
     found: list[tuple[Strip, Piece | None]] = []
     for strip in layout.profile:
         s0, s1 = max(strip.s0, low), min(strip.s1, high)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from multiprocessing import parent_process
 from pathlib import Path
 
 from stridetwin.scenarios.ahead import Ahead, look_ahead, odometry_of
@@ -26,7 +25,7 @@ def all_estimates(recording: Recording, progress: Callable[[str, float], None]) 
     with ExitStack() as stack:
         feet: Callable[[], list[Estimate]] = partial(estimates_of_feet, recording)
         long = recording.is_mcap and feet_see(recording) and feeds_odometry(recording)
-        if long and parent_process() is None:
+        if long:
             pool = stack.enter_context(processes(1))
             feet = pool.submit(_of_feet, recording.path, recording.lenient).result
         head = estimates_of_head(recording)

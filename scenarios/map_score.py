@@ -17,7 +17,8 @@ from stridetwin.sim.route import Layout, Slab, Strip
 from stridetwin.streams.samples import Array
 
 _HALF_WIDTH_M = 0.5
-_NEAR_M, _FAR_M = 0.5, 2.5
+NEAR_M, FAR_M = 0.5, 2.5
+"""Between which ground ahead is looked at."""
 _COMPLETE_M = 0.03
 _CELL_M = 0.05
 _MATCH_M = 0.35
@@ -287,7 +288,7 @@ def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
         here: Where the camera is along the way, m.
         layout: What is walked on.
     """
-    near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < _FAR_M]
+    near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < FAR_M]
     s = _places_ahead(here, layout)
     if not len(s) or not len(near):
         return np.zeros((0, 3))
@@ -302,14 +303,19 @@ def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
 
 def _places_ahead(here: float, layout: Layout) -> Array:
     """(N,) m along the way, where the ground ahead is looked at."""
-    return np.arange(here + _NEAR_M, min(here + _FAR_M, layout.profile[-1].s1), _CELL_M)
+    return np.arange(here + NEAR_M, min(here + FAR_M, layout.profile[-1].s1), _CELL_M)
+
+
+def cells_ahead(here: float, layout: Layout) -> tuple[Array, Array]:
+    """(N,) m along the way and (N,) m to its left, every 5 cm of the ground ahead."""
+    across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
+    s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(here, layout), across))
+    return s, aside
 
 
 def _completeness(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> float:
     """Share of the ground ahead whose height the map knows."""
-    s, aside = (grid.ravel() for grid in np.meshgrid(
-        _places_ahead(here, layout), np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
-    ))  # fmt: skip
+    s, aside = cells_ahead(here, layout)
     if not len(s):
         return math.nan
     xy = laid.to_told(layout.way.point(s, aside))

@@ -13,7 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable
+from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, base_item
 from stridetwin.scenarios.campaign.people import Group, group
 from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, one_word, sequence, suggest, text
 from stridetwin.scenarios.scenario_file import catalogue
@@ -137,14 +137,6 @@ def read_campaign(path: Path) -> Campaign:
     return campaign
 
 
-def _base(node: object, where: Where) -> dict[str, Any]:
-    """A scenario by name or path, or a mapping."""
-    if isinstance(node, str):
-        return {"scenario": node, "short": True}
-    found: dict[str, Any] = _BASE(node, where)
-    return found | {"short": False}
-
-
 def _set(node: object, where: Where) -> dict[str, Any]:
     if not isinstance(node, dict):
         raise where.error(node, "paths into the scenario, each with a value or a distribution")
@@ -167,21 +159,14 @@ def _required(attribute: str, read: Callable[[object, Where], Any]) -> Field:
     return Field(attribute=attribute, read=read, required=True)
 
 
-_BASE = mapping(
-    {
-        "scenario": _required("scenario", text),
-        "weight": Field(attribute="weight", read=number(1e-6, 1e6)),
-        "set": Field(attribute="set", read=_set),
-    },
-    dict,
-)
+_BASE = base_item(weight=Field(attribute="weight", read=number(1e-6, 1e6)), set=Field(attribute="set", read=_set))
 _WHETHER = one_word(("reject", "keep"))
 _FIELDS = {
     "campaign": _required("description", text),
     "walks": _required("walks", integer(1, MOST_WALKS)),
     "seed": Field(attribute="seed", read=integer(0, 2**31)),
     "sampling": Field(attribute="sampling", read=one_word(SAMPLINGS)),
-    "scenarios": _required("bases", sequence(_base)),
+    "scenarios": _required("bases", sequence(_BASE)),
     "people": Field(attribute="people", read=sequence(group)),
     "set": Field(attribute="variables", read=_set),
     "quality": Field(

@@ -13,7 +13,7 @@ from typing import Any
 
 from stridetwin.scenarios.campaign.distributions import Distribution, Fixed, distribution
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
-from stridetwin.scenarios.fields import Where, suggest
+from stridetwin.scenarios.fields import Field, Reader, Where, mapping, suggest, text
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.scenarios.strict_yaml import read_plain
 
@@ -64,6 +64,18 @@ class Base:
     weight: float
     variables: tuple[Variable, ...]
     at: Where
+
+
+def base_item(**fields: Field) -> Reader:
+    """Reads a scenario by name or path, or a mapping of it and other fields, into what `NamedFiles.base` takes."""
+    whole = mapping({"scenario": Field(attribute="scenario", read=text, required=True), **fields}, dict)
+
+    def read(node: object, where: Where) -> dict[str, Any]:
+        if isinstance(node, str):
+            return {"scenario": node, "short": True}
+        return {**whole(node, where), "short": False}
+
+    return read
 
 
 class NamedFiles:

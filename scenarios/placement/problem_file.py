@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.field_paths import field_path
-from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, names_files
+from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, base_item, names_files
 from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, sequence, suggest, text
 from stridetwin.scenarios.placement.free import Free, Knob, free_field, grid_size
 from stridetwin.scenarios.placement.scores import Score, read_scores
@@ -140,14 +140,6 @@ def read_problem(path: Path) -> Problem:
     return problem
 
 
-def _scenario(node: object, where: Where) -> dict[str, Any]:
-    """A scenario by name or path, or a mapping."""
-    if isinstance(node, str):
-        return {"scenario": node, "short": True}
-    found: dict[str, Any] = _BASE(node, where)
-    return found | {"short": False}
-
-
 def _paths(node: object, where: Where) -> dict[str, Any]:
     if not isinstance(node, dict) or not node:
         raise where.error(node, "paths into the scenario, each with what is said of it")
@@ -177,13 +169,7 @@ def _method(node: object, where: Where) -> Optimise | None:
     return found
 
 
-_BASE = mapping(
-    {
-        "scenario": Field(attribute="scenario", read=text, required=True),
-        "set": Field(attribute="set", read=_paths),
-    },
-    dict,
-)
+_BASE = base_item(set=Field(attribute="set", read=_paths))
 _OPTIMISE = mapping(
     {
         "budget": Field(attribute="budget", read=integer(1, MOST_PLACES), required=True),
@@ -193,7 +179,7 @@ _OPTIMISE = mapping(
 )
 _FIELDS = {
     "placement": Field(attribute="description", read=text, required=True),
-    "scenarios": Field(attribute="bases", read=sequence(_scenario), required=True),
+    "scenarios": Field(attribute="bases", read=sequence(_BASE), required=True),
     "set": Field(attribute="variables", read=_paths),
     "free": Field(attribute="free", read=_paths, required=True),
     "scores": Field(attribute="scores", read=read_scores, required=True),
