@@ -23,7 +23,7 @@ class StepPrediction:
         t_ns: When its foot touches down.
         t_sd_s: Standard deviation of that, s.
         p_foot_in_world: (3,) m, on the ground under the heel's centre.
-        covariance: (2, 2) m² of it along and across the way.
+        covariance: (2, 2) m² of it along world x and y; NaN of the published method.
     """
 
     step: int

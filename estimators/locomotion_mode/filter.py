@@ -111,6 +111,7 @@ class LocomotionMode:
             return
         if line is None:
             self._footing.lose()
+            self._walking.clear()  # or the next step would be told from two
             return
         self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
         if self.method == "stridetwin":

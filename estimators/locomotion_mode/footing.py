@@ -115,7 +115,7 @@ class Footing:
 
     def lose(self) -> None:
         """A foot has landed where nobody knows."""
-        self._stance, self._sd_m = None, _WALKING_SD_M
+        self._stance, self._sd_m, self._alike = None, _WALKING_SD_M, 0
 
     @property
     def step_m(self) -> float:

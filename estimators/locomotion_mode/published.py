@@ -3,7 +3,8 @@
 The paper leaves open where the offsets of left and right feet lie and how a mode follows from the ground. Here the
 offset is half a step ahead of and half a step's width beside the camera's point, which is where a foot is when the
 other touches down; the mode is that of the terrain under the predicted footprint: a ramp's by its slope along the
-walking direction, a stair's by the height over the ground under the last footprint.
+walking direction, a tread's by whether the stair leads up or down there. What lies before and behind a flight is level
+ground; there the height over the ground under the footprint before tells a step onto the landing.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from stridetwin.estimators.locomotion_mode.estimate import MODES, StepPrediction
 from stridetwin.estimators.locomotion_mode.footsteps import SIDE
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.locomotion_mode.rhythm import SOON_S, Rhythm
-from stridetwin.estimators.terrain_map import Ramp, TerrainMap
+from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainMap
 from stridetwin.streams.samples import Array
 
 
@@ -136,6 +137,8 @@ def mode_between(
     slope = math.atan(float(plane.gradient @ forward))
     if isinstance(terrain, Ramp) and abs(slope) > p.ramp_rad:
         return ("RA" if slope > 0 else "RD"), height
+    if isinstance(terrain, Stairs):
+        return ("SA" if float(terrain.up @ forward) > 0.0 else "SD"), height
     if before is None:
         return "LG", height
     risen = height - float(before[0].height(here))

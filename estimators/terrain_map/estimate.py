@@ -119,7 +119,8 @@ class Stairs:
         covariance: (5, 5) of (riser, tread, heading, start, base); inf where nothing is known.
         edges: (steps,) m along the way up, each edge as it was found; NaN where it was not.
         risers: (steps,) m, each riser as it was found.
-        across: (2,) m, from where to where the edges reach, along the left-hand side of the way up.
+        across: (2,) m, from where to where the edges reach (2nd and 98th percentile of their points), along the
+            left-hand side of the way up.
     """
 
     id: int

@@ -116,7 +116,7 @@ def _flight(
         first += counts[k]
         middles[k, 0], middles[k, 1] = own[:, 0].mean(), own[:, 1].mean()
         middle += (middles[k, 1] * up[0] - middles[k, 0] * up[1]) / n
-    values, covariance, edges, across = _even(points, counts, sd, up, middle, least)
+    values, covariance = _even(points, counts, sd, up, middle, least)
     heights, height_sd = np.empty(n + 1), np.empty(n + 1)
     for k in range(n + 1):  # each plane where it is well seen toward its edge
         edge = middles[max(k - 1, 0)]
@@ -141,14 +141,16 @@ def _flight(
     # The line at its middle, told along the turned way up.
     x, y = values[0] * up[0] - middle * up[1], values[0] * up[1] + middle * up[0]
     start = x * math.cos(heading) + y * math.sin(heading)
-    heading = math.atan2(math.sin(heading), math.cos(heading))
-    return (riser, values[1], heading, start, base), full, edges, across
+    x, y = math.cos(heading), math.sin(heading)
+    edges = middles[:, 0] * x + middles[:, 1] * y
+    across = np.percentile(points[:, 1] * x - points[:, 0] * y, _ENDS)
+    return (riser, values[1], math.atan2(y, x), start, base), full, edges, across
 
 
 @njit(error_model="numpy", **INSIDE)
 def _even(
     points: Array, counts: NDArray[np.int64], sd: Array, up: Array, middle: float, least: float
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array]:
     """Even edges: s = start + k tread - turn (l - middle), one row an edge point, by least squares.
 
     An edge's points share an error: what all of them share comes out of the weights by Woodbury's formula.
@@ -162,16 +164,15 @@ def _even(
         least: Smallest variance of a point, m².
 
     Returns:
-        (3,) start, tread and turn; their (3, 3) covariance; each edge's mean s, and the 2nd and 98th percentile of l.
+        (3,) start, tread and turn; their (3, 3) covariance.
     """
     s, aside = points[:, 0] * up[0] + points[:, 1] * up[1], points[:, 1] * up[0] - points[:, 0] * up[1]
-    normal, right, edges = np.zeros((3, 3)), np.zeros(3), np.empty(len(counts))
+    normal, right = np.zeros((3, 3)), np.zeros(3)
     first = 0
     for k in range(len(counts)):
         own_s, side = s[first : first + counts[k]], aside[first : first + counts[k]] - middle
         first += counts[k]
         n = float(counts[k])
-        edges[k] = own_s.mean()
         own = max(own_s.var(), least)
         shared = 1.0 / (own**2 * (n / own + 1.0 / sd[k] ** 2))
         ones = np.array([n, k * n, -side.sum()])
@@ -194,7 +195,7 @@ def _even(
         for j in range(len(at)):
             covariance[at[i], at[j]] = solved[i, j]
             values[at[i]] += solved[i, j] * right[at[j]]
-    return values, covariance, edges, np.percentile(aside, _ENDS)
+    return values, covariance
 
 
 @njit(error_model="numpy", **INSIDE)

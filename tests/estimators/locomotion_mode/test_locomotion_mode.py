@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.published import mode_between
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Insole, Odometry
-from tests.estimators.locomotion_mode.walker import RISER, STEPS, TREAD, footprints, samples
+from tests.estimators.locomotion_mode.walker import RISER, STEP_M, STEPS, TREAD, footprints, samples
 from tests.estimators.terrain_map.scenes import RIG
 
 CAMERA = RIG.cameras["/head/color"]
@@ -132,6 +133,37 @@ def test_published_takes_the_same_samples(walk):
     assert {s.mode for e in found for s in e.steps} <= set(MODES)
     assert {"LG", "SA"} <= {s.mode for e in found for s in e.steps}
     assert all(np.isfinite(s.p_foot_in_world[:2]).all() for e in found for s in e.steps)
+
+
+def test_published_tells_the_mode_of_the_ground_under_the_print(walk):
+    """Two prints on one tread are no level walking: the terrain under them is a stair."""
+    mode = predictor("published")
+    for sample in (s for s in walk if s.t_ns < 4.2e9):
+        mode.update(sample)
+
+    def told(here, there):
+        forward = np.array([1.0 if there > here else -1.0, 0.0])
+        return mode_between(mode.ground, np.array([here, 0.0]), np.array([there, 0.0]), forward, mode.parameters)[0]
+
+    assert told(0.05, 0.20) == "SA"
+    assert told(0.20, 0.05) == "SD"
+    assert told(-0.60, 0.15) == "SA"
+    assert told(0.15, -0.60) == "SD"
+    assert told(-0.90, -0.40) == "LG"
+
+
+@pytest.mark.parametrize("method", ["stridetwin", "published"])
+def test_a_touch_down_without_a_pose_makes_no_double_step(walk, method):
+    landed = footprints()[3][0]
+    mode = predictor(method)
+    for s in walk:
+        if isinstance(s, Odometry) and abs(s.t_ns * 1e-9 - landed) < 0.3:
+            continue
+        estimate = mode.update(s)
+        if isinstance(s, Odometry):
+            body = float(s.p_frame_in_world[0])
+        if estimate is not None:
+            assert abs(estimate.steps[0].p_foot_in_world[0] - body) < 2.2 * STEP_M
 
 
 def test_what_is_wrong_is_said():

@@ -1,0 +1,46 @@
+"""Stairs through edges that are given: the same wherever in the world they lie."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.estimators.terrain_map.risers import Riser
+from stridetwin.estimators.terrain_map.stairs import stairs
+
+RISER, TREAD, STEPS, WIDE_M = 0.16, 0.30, 3, 1.2
+
+
+def a_flight(place, heading, guess):
+    """Stairs whose first edge has its middle at a place, from risers whose direction is guessed wrong by an angle."""
+    up, aside = np.array([math.cos(heading), math.sin(heading)]), np.array([-math.sin(heading), math.cos(heading)])
+    down = -np.array([math.cos(heading + guess), math.sin(heading + guess)])
+    along = np.linspace(-0.5 * WIDE_M, 0.5 * WIDE_M, 25)
+    row, planes = [], {}
+    for k in range(STEPS + 1):
+        centre = np.array([*(place + (k - 0.5) * TREAD * up), k * RISER])
+        planes[k] = Plane(
+            id=k, centre=centre, normal=np.array([0.0, 0.0, 1.0]), area_m2=0.3, spread=np.diag([0.01, 0.1]), votes=9.0,
+            covariance=np.diag([1e-5, 1e-4, 1e-4]),
+        )  # fmt: skip
+        if k < STEPS:
+            points = place + k * TREAD * up + along[:, None] * aside
+            row.append(Riser(lower=k, upper=k + 1, down=down, points=points, found=True, height=RISER))
+    return stairs(row, planes, 0, TerrainMapParameters()), up, aside
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-40, 40), st.floats(-40, 40), st.floats(-math.pi, math.pi), st.floats(-0.03, 0.03))
+def test_edges_lie_along_the_way_up_that_is_told(x, y, heading, guess):
+    place = np.array([x, y])
+    found, up, aside = a_flight(place, heading, guess)
+    assert found.up @ up == pytest.approx(1.0, abs=1e-8)
+    at = float(found.up @ place)
+    assert found.edges - at == pytest.approx(TREAD * np.arange(STEPS), abs=1e-3)
+    assert found.start - at == pytest.approx(0.0, abs=1e-3)
+    assert found.across - float(aside @ place) == pytest.approx([-0.5 * WIDE_M, 0.5 * WIDE_M], abs=0.06)
+    assert (found.riser, found.tread) == pytest.approx((RISER, TREAD), abs=2e-4)  # cosine of the guess
