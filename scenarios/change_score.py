@@ -108,8 +108,9 @@ def score_approaches(
     for change in mode_changes(layout):
         asked = asked_ns(change.s, landed_ns, places)
         at = int(np.searchsorted(t_ns, asked, side="right")) - 1
-        if at >= 0 and math.isfinite(asked):
-            scored.append(_approach(change, told[at], laid, layout))
+        if math.isfinite(asked):
+            known = _approach(change, told[at], laid, layout) if at >= 0 else None
+            scored.append(known or ScoredApproach(mode=change.mode, found=False))
     return scored
 
 

@@ -23,6 +23,8 @@ _COMPLETE_M = 0.03
 _CELL_M = 0.05
 _MATCH_M = 0.35
 _KNOWN_M = 0.03
+_SAME_EDGE_M = 0.14
+"""Half of the shortest tread that is walked on: beyond it another edge would be nearer, or there is none."""
 """An edge whose standard deviation is larger is told as not seen."""
 _TICK_S = 0.5
 _LATE_NS = 200_000_000
@@ -89,7 +91,8 @@ class MapScores:
         accuracy_m: RMS distance of the map's ground on the way ahead from the true mesh.
         accuracy_p95_m: 95th percentile of it.
         completeness: Share of the ground between 0.5 and 2.5 m ahead that is known within 3 cm.
-        edge_errors: (E,) m, every edge known to 3 cm on the way ahead, each half second, estimate less truth along it.
+        edge_errors: (E,) m, every edge told to 3 cm on the way ahead, each half second, estimate less truth along it
+            to the true edge next to it, however far; inf where the way has none.
     """
 
     changes: tuple[ScoredChange, ...]
@@ -185,8 +188,12 @@ class MapScorer:
         for change, at_ns in list(self._asked):
             if t_ns >= at_ns:
                 self._asked.remove((change, at_ns))
-                if t_ns < at_ns + _LATE_NS:
-                    self._changes.append(_score_change(change, mapper, here, laid, self._layout))
+                late = t_ns >= at_ns + _LATE_NS  # no picture then: what was not known was not found
+                self._changes.append(
+                    ScoredChange(true=change, found=False)
+                    if late
+                    else _score_change(change, mapper, here, laid, self._layout)
+                )
         if t_ns < self._tick_ns:
             return False
         self._tick_ns = t_ns + int(_TICK_S * 1e9)
@@ -212,16 +219,19 @@ def map_figures(scores: MapScores) -> Scores:
     """The scores of one walk's map, in the units of a report; what there is nothing to tell of is left out.
 
     Returns:
-        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm`; of the changes
-        `found_pct`, and of those found `begin_rmse_mm`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`.
+        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm` of edges told within
+        14 cm of a true one, `edge_false_pct`, the share of the others; of the changes `found_pct`, and of those found
+        `begin_rmse_mm`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`.
     """
     changes = scores.changes
+    true = scores.edge_errors[np.abs(scores.edge_errors) < _SAME_EDGE_M]
     found = {
         "accuracy_rmse_mm": 1e3 * scores.accuracy_m,
         "accuracy_p95_mm": 1e3 * scores.accuracy_p95_m,
         "completeness_pct": 100.0 * scores.completeness,
-        "edge_rmse_mm": 1e3 * _rms(scores.edge_errors),
-        "edge_mean_mm": 1e3 * float(scores.edge_errors.mean()) if len(scores.edge_errors) else math.nan,
+        "edge_rmse_mm": 1e3 * _rms(true),
+        "edge_mean_mm": 1e3 * float(true.mean()) if len(true) else math.nan,
+        "edge_false_pct": 100.0 * (1.0 - len(true) / len(scores.edge_errors)) if len(scores.edge_errors) else math.nan,
         "found_pct": 100.0 * float(np.mean([c.found for c in changes])) if changes else math.nan,
         "begin_rmse_mm": 1e3 * _rms([c.edge_error for c in changes]),
         "riser_rmse_mm": 1e3 * _rms([c.riser_error for c in changes]),
@@ -263,7 +273,7 @@ def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Lay
         sign = math.copysign(1.0, change.riser)
         if float(flight.up @ forward) * sign < 0.9:
             continue
-        own = flight.edges * sign - float(place @ forward)
+        own = (flight.edges - float(flight.up @ place)) * sign
         first = min(own[np.isfinite(own)], default=math.nan)
         if abs(first) < _MATCH_M and flight.steps >= 2:
             return ScoredChange(
@@ -332,7 +342,7 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
 
 
 def _edge_errors(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
-    """Errors of the edges that the profile ahead tells, m, each against the true edge next to it."""
+    """Errors of the edges that the profile ahead tells, m, each against the true edge next to it; inf without one."""
     jumps = np.array([s for s, _, _ in edges(layout.profile)])
     changes = _ahead(mapper, here, laid, layout).changes
     told = np.array([here + c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
@@ -341,7 +351,6 @@ def _edge_errors(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) 
     told = told[
         np.linalg.norm(layout.way.point(told) - ahead, axis=1) < _STRAIGHT_M
     ]  # where the way does not turn away
-    if not len(jumps) or not len(told):
-        return np.zeros(0)
-    errors = told - jumps[np.argmin(np.abs(told[:, None] - jumps), axis=1)]
-    return np.asarray(errors[np.abs(errors) < 0.14])
+    if not len(jumps):
+        return np.full(len(told), math.inf)
+    return np.asarray(told - jumps[np.argmin(np.abs(told[:, None] - jumps), axis=1)])

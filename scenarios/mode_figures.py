@@ -31,9 +31,10 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
         `transition_lead_time_s` likewise, `footprint_rmse_m: {forward, left}` one step ahead,
         `footprint_steady_rmse_m` likewise of steps in steady walking (`_steady`), `calibration_error`, `steps`,
         `transitions`; of the ground `changes` (their number), `changes_found_pct`, `begins_found_pct` (stairs and
-        ramps, not their ends), `begins_seen_pct` (those of which riser or slope were seen, and not only guessed:
-        `_SEEN`), `distance_median_mm: {stairs, ramps, ends}`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg` of
-        what was seen, `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
+        ramps, not their ends), `distance_median_mm: {stairs, ramps, ends}`, `riser_rmse_mm`, `tread_rmse_mm`,
+        `slope_rmse_deg` of sizes that were seen and not only guessed (`_SEEN`); `sizes: {riser_mm, tread_mm,
+        slope_deg}`, of each `{up, down}`, `seen_pct` of all stairs or ramps, `rmse` of those, and `told_rmse` of all
+        that were told, guesses too; `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
     """
     walks = list(walks)
     steps = [s for w in walks for s in w.steps]
@@ -92,16 +93,33 @@ def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
         "changes": len(approaches),
         "changes_found_pct": _percent(a.found for a in approaches),
         "begins_found_pct": _percent(a.found for a in begins),
-        "begins_seen_pct": _percent(
-            a.riser_sd_m < _SEEN["riser_m"] or a.slope_sd_rad < _SEEN["slope_rad"] for a in begins
-        ),
         "distance_median_mm": median,
         "riser_rmse_mm": _scaled(_rms(seen["riser_m"]), 1e3),
         "tread_rmse_mm": _scaled(_rms(seen["tread_m"]), 1e3),
         "slope_rmse_deg": _scaled(_rms(seen["slope_rad"]), 180.0 / math.pi),
+        "sizes": {
+            told: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
+                   for way, mode in zip(("up", "down"), modes)}
+            for told, name, factor, modes in (
+                ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
+                ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
+                ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
+            )
+        },
         "inside_95_pct": _inside([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
         "distance_inside_95_pct": _inside(sizes["distance_m"]),
     }  # fmt: skip
+
+
+def _size_figures(name: str, factor: float, approaches: Sequence[ScoredApproach]) -> dict[str, float | None]:
+    """Of one size: the share of the changes of which it was seen, errors of those, errors of all that were told."""
+    sd = name.replace("_", "_sd_")
+    own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
+    return {
+        "seen_pct": _percent(math.isfinite(e) and d < _SEEN[name] for e, d in own),
+        "rmse": _scaled(_rms([e for e, d in own if d < _SEEN[name]]), factor),
+        "told_rmse": _scaled(_rms([e for e, _ in own]), factor),
+    }
 
 
 def _inside(told: Iterable[tuple[float, float]]) -> float | None:

@@ -90,6 +90,8 @@ class MadeSteps:
 
     def add(self, estimate: ModeEstimate) -> PredictedStep | None:
         """Takes what is told; returns the step that has been made since it was last told, if one has."""
+        if self._before is not None and estimate.step < self._before.step:  # poses jumped: counted anew
+            self._since, self._before = {}, None
         since, before, made = self._since, self._before, None
         if before is not None and estimate.step > before.step:
             step = before.steps[0]

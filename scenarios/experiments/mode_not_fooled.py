@@ -161,13 +161,13 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
-    steps = [ScoredMode(**row) for w in walks for row in w["steps"] if row["told"]]
+    steps = [ScoredMode(**row) for w in walks for row in w["steps"]]
     told = Counter(s.told for s in steps)
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
         "steps": len(steps),
         "accuracy_pct": 100.0 * sum(s.right for s in steps) / max(len(steps), 1),
-        "told": {m: told[m] for m in MODES},
+        "told": {m: told[m] for m in (*MODES, "")},
         "least_probability": min(probabilities, default=None),
         "alarms_pct": float(np.mean([w["alarms_pct"] for w in walks])),
     }
@@ -180,13 +180,15 @@ def table(result: dict[str, Any]) -> list[str]:
         f"{len(result['cases'])} walks a trap; every step is LG; alarms: estimates that tell of anything else to come",
         falls(result["cases"]),
         f"{'':<52}{'steps':>7}" + "".join(f"{m:>6}" for m in MODES)
-        + f"{'least p of LG':>15}{'alarms %':>10}{'published: LG %':>17}",
+        + f"{'nothing':>9}{'least p of LG':>15}{'alarms %':>10}{'published: LG %':>17}",
     ]  # fmt: skip
     for name, trap in TRAPS.items():
         of, theirs = ours[name], published[name]
         lines.append(
             f"{trap.words:<52}{of['steps']:>7}"
             + "".join(f"{of['told'][m]:>6}" for m in MODES)
-            + f"{of['least_probability']:>15.3f}{of['alarms_pct']:>10.1f}{theirs['accuracy_pct']:>17.1f}"
+            + f"{of['told']['']:>9}"
+            + ("-".rjust(15) if of["least_probability"] is None else f"{of['least_probability']:>15.3f}")
+            + f"{of['alarms_pct']:>10.1f}{theirs['accuracy_pct']:>17.1f}"
         )
     return lines

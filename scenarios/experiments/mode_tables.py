@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, MOUNTS
@@ -22,27 +24,28 @@ WORDS = {"stridetwin": "stridetwin", "published": "published", FORGETFUL: "one p
 """A method's name over its column."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
 _ACCURACIES = (
-    ("accuracy %", "accuracy_pct"),
-    ("strict %", "strict_accuracy_pct"),
-    ("straddling %", "straddling_pct"),
-    ("transitions %", "transition_accuracy_pct"),
+    ("accuracy %", ("walks_accuracy_pct", "mean")),
+    ("strict %", ("walks_strict_accuracy_pct", "mean")),
+    ("steps right %", ("accuracy_pct",)),
+    ("strictly %", ("strict_accuracy_pct",)),
+    ("straddling %", ("straddling_pct",)),
+    ("transitions %", ("transition_accuracy_pct",)),
 )
+"""The first two are means of walks, as the paper has them; the others are shares of all steps."""
 _AHEAD = (
-    ("changes found %", ("changes_found_pct",)),
-    ("stairs, ramps found %", ("begins_found_pct",)),
-    ("their sizes seen %", ("begins_seen_pct",)),
-    ("distance to stairs mm, median", ("distance_median_mm", "stairs")),
-    ("distance to ramps mm, median", ("distance_median_mm", "ramps")),
-    ("riser mm, RMS", ("riser_rmse_mm",)),
-    ("tread mm, RMS", ("tread_rmse_mm",)),
-    ("slope deg, RMS", ("slope_rmse_deg",)),
-    ("sizes inside 95 %", ("inside_95_pct",)),
-    ("distances inside 95 %", ("distance_inside_95_pct",)),
-    ("next footprint m, steady", ("footprint_steady_rmse_m", "forward")),
-    ("calibration error", ("calibration_error",)),
+    ("changes found %", ("changes_found_pct",), 1.0),
+    ("stairs, ramps found %", ("begins_found_pct",), 1.0),
+    ("distance to stairs mm, median", ("distance_median_mm", "stairs"), 1.0),
+    ("distance to ramps mm, median", ("distance_median_mm", "ramps"), 1.0),
+    ("sizes inside 95 %", ("inside_95_pct",), 1.0),
+    ("distances inside 95 %", ("distance_inside_95_pct",), 1.0),
+    ("next footprint mm, steady", ("footprint_steady_rmse_m", "forward"), 1e3),
+    ("calibration error, points of %", ("calibration_error",), 100.0),
 )
 _NAME = 30
 _CELL = ("height_group", "pattern", "terrain", "mount")
+_WHO = ("height_group", "member", "subject")
+"""Keys of a row that tell who walks."""
 
 
 def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
@@ -55,12 +58,13 @@ def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         walks = [(r, ModeScores.of(r["methods"][method])) for r in results]
-        shares = [_share(w) for _, w in walks]
-        accuracy = {"mean": float(np.mean(shares)), "sd": float(np.std(shares)), "ci95": _interval(shares)}
+        cells = _cells(walks)
         summary[method] = mode_figures([w for _, w in walks]) | {
-            "accuracy_pct": accuracy,
+            "walks_accuracy_pct": _mean(results, [_share(w) for _, w in walks])
+            | ({"sd_of_cells": float(np.std(list(cells.values())))} if len(cells) > 1 else {}),
+            "walks_strict_accuracy_pct": _mean(results, [_strict_share(w) for _, w in walks]),
             "accuracy_by_condition_pct": _by_condition(walks),
-            "cells_pct": _cells(walks),
+            "cells_pct": cells,
         }
     times = [next(iter(r["methods"].values()))["time_ms"] for r in results]
     summary["time_ms"] = {"mean": float(np.mean([t["mean"] for t in times])), "p95": max(t["p95"] for t in times)}
@@ -85,9 +89,23 @@ def _share(walk: ModeScores) -> float:
     return 100.0 * sum(s.right for s in walk.steps) / max(len(walk.steps), 1)
 
 
-def _interval(shares: Sequence[float]) -> float:
-    """Half of the 95 % confidence interval of the mean."""
-    return float(1.96 * np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else 0.0
+def _strict_share(walk: ModeScores) -> float:
+    return 100.0 * sum(s.strictly_right for s in walk.steps) / max(len(walk.steps), 1)
+
+
+def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, Any]:
+    """Mean and deviation over walks, and half of the mean's 95 % interval.
+
+    Walks of one person are not independent: the interval is Student's over the persons' means, or over walks where it
+    is not told who walks.
+    """
+    of: dict[Any, list[float]] = {}
+    for row, share in zip(rows, shares):
+        of.setdefault(tuple(row[k] for k in _WHO if k in row) or row["seed"], []).append(share)
+    means = [float(np.mean(own)) for own in of.values()]
+    n = len(means)
+    half = float(student_t.ppf(0.975, n - 1) * np.std(means, ddof=1) / math.sqrt(n)) if n > 1 else None
+    return {"mean": float(np.mean(shares)), "sd": float(np.std(shares)), "ci95": half, "persons": n}
 
 
 def _by_condition(walks: Sequence[Walk]) -> dict[str, float]:
@@ -148,24 +166,30 @@ def overall(result: dict[str, Any]) -> list[str]:
     """How many walks and steps, accuracy and lead."""
     summary, theirs = result["summary"], result["paper"]["published"]["accuracy_pct"]
     columns, time_ms = methods(result), summary["time_ms"]
-    ours = summary[columns[0]]
+    ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
+    fell = [str(case["seed"]) for case in result["cases"] if case["fell_at_s"] is not None]
+    cells = f"± {mean['sd_of_cells']:.2f} from cell to cell (as the paper's ±), " if "sd_of_cells" in mean else ""
+    half = "" if mean["ci95"] is None else f"; 95 % interval of the mean ± {mean['ci95']:.2f}"
     return [
-        f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions; "
-        f"{time_ms['mean']:.1f} ms a depth picture, 95th percentile {time_ms['p95']:.1f}",
+        f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions",
+        f"walks that ended by a fall: {', '.join(fell) or 'none'}",
+        f"map and prediction without odometry: {time_ms['mean']:.1f} ms of processor a depth picture in the mean of "
+        f"the walks, 95th percentile {time_ms['p95']:.1f} on the slowest walk",
         "",
         _head(result),
         *(
             f"{words:<{_NAME}}"
-            + "".join(_cell(summary[m][key]["mean"] if key == "accuracy_pct" else summary[m][key]) for m in columns)
-            + (f"{_cell(theirs['mean'], 9)} ± {theirs['sd']:.2f}" if key == "accuracy_pct" else "")
-            for words, key in _ACCURACIES
+            + "".join(_cell(_at(summary[m], keys)) for m in columns)
+            + (f"{_cell(theirs['mean'], 9)} ± {theirs['sd']:.2f}" if keys == _ACCURACIES[0][1] else "")
+            for words, keys in _ACCURACIES
         ),
         *(
             f"{'lead s, ' + words:<{_NAME}}" + "".join(_cell(summary[m]["lead_time_s"][key]) for m in columns)
             for words, key in (("median", "median"), ("5th percentile", "p5"))
         ),
-        f"{columns[0]}: ± {ours['accuracy_pct']['sd']:.2f} from walk to walk, 95 % interval of the mean "
-        f"± {ours['accuracy_pct']['ci95']:.2f}",
+        "accuracy and strict are means of the walks, the others shares of all steps",
+        f"{columns[0]}: {cells}± {mean['sd']:.2f} from walk to walk{half}, over {mean['persons']} "
+        f"{'persons' if any(k in result['cases'][0] for k in _WHO) else 'walks'}",
     ]
 
 
@@ -174,14 +198,22 @@ def ahead(result: dict[str, Any]) -> list[str]:
     ours = result["summary"][methods(result)[0]]
     return [
         f"1.5 s before: {ours['changes']} changes",
-        *(f"{words:<{_NAME}}{_cell(_at(ours, keys))}" for words, keys in _AHEAD),
+        *(f"{words:<{_NAME}}{_cell(_at(ours, keys, factor))}" for words, keys, factor in _AHEAD),
+        "",
+        f"{'':<{_NAME}}{'seen %':>12}{'RMS of those':>16}{'RMS of all told':>18}",
+        *(
+            f"{size.replace('_', ' ') + ', ' + way:<{_NAME}}{_cell(own['seen_pct'])}{_cell(own['rmse'], 16)}"
+            f"{_cell(own['told_rmse'], 18)}"
+            for size, ways in ours["sizes"].items()
+            for way, own in ways.items()
+        ),
     ]
 
 
-def _at(figures: Any, keys: tuple[str, ...]) -> float | None:
+def _at(figures: Any, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
     for key in keys:
         figures = figures[key]
-    return None if figures is None else float(figures)
+    return None if figures is None else factor * float(figures)
 
 
 def conditions_title(result: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Which version of the code makes a figure: a digest of the sources that it comes from.
+"""Which version of the code makes a figure: a digest of the sources that it comes from, and of the libraries.
 
 Of streams, twin, bodies, catalogue and reference figures that is everything, data too; of estimators and scenarios the
 module that makes the figure and all that it imports. What only lays out tables and pages is none of it.
@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import sys
+from contextlib import suppress
 from functools import cache
-from importlib import resources
+from importlib import metadata, resources
 from pathlib import Path
 
 _FOLLOWED = ("stridetwin.estimators", "stridetwin.scenarios")
@@ -20,6 +22,7 @@ _WHOLE = (
     ("stridetwin.scenarios", "catalogue"),
     ("stridetwin.scenarios", "reference"),
 )
+_COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
 
 
 def digest(module: str, *, estimators: bool = True) -> str:
@@ -32,11 +35,21 @@ def digest(module: str, *, estimators: bool = True) -> str:
     files = _data() | {
         name: file for name, file in _imported(module).items() if estimators or not name.startswith(_FOLLOWED[0])
     }
-    hashed = hashlib.sha256()
+    hashed = hashlib.sha256(_libraries().encode())
     for name in sorted(files):
         text = files[name].read_bytes()
         hashed.update(f"{name} {len(text)}\n".encode() + text)
     return hashed.hexdigest()[:16]
+
+
+@cache
+def _libraries() -> str:
+    """Versions of what computes: Python's and those of `_COMPUTING` that are installed."""
+    versions = [f"python {sys.version_info.major}.{sys.version_info.minor}"]
+    for name in _COMPUTING:
+        with suppress(metadata.PackageNotFoundError):
+            versions.append(f"{name} {metadata.version(name)}")
+    return "\n".join(versions)
 
 
 def _data() -> dict[str, Path]:

@@ -263,12 +263,13 @@ def test_scores_are_told_by_kind_and_judged_the_right_way_round(ahead):
     missed = ScoredChange(true=TrueChange(kind="stairs", s=2.0, riser=0.1, tread=0.3, risers=3), found=False)
     ground = map_figures(
         MapScores(changes=(found, missed), accuracy_m=0.004, accuracy_p95_m=0.009, completeness=0.9,
-                  edge_errors=np.array([0.003, -0.001]))
+                  edge_errors=np.array([0.003, -0.001, 0.3, math.inf]))
     )  # fmt: skip
     assert ground["found_pct"] == 50.0
     assert ground["begin_rmse_mm"] == pytest.approx(3.0)
     assert ground["slope_rmse_deg"] == pytest.approx(math.degrees(0.01))
     assert (ground["edge_rmse_mm"], ground["edge_mean_mm"]) == pytest.approx((math.sqrt(5.0), 1.0))
+    assert ground["edge_false_pct"] == 50.0
     assert "riser_rmse_mm" not in ground
     scores = {"locomotion_mode": ahead.scores["locomotion_mode"], "terrain_map": ground}
     lines = "\n".join(score_table(scores))

@@ -5,12 +5,13 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from itertools import islice
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.mode_files import COLUMNS
+from stridetwin.scenarios.mode_files import COLUMNS, predicted_steps
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.fitting import Fitting
@@ -28,6 +29,16 @@ def walk(tmp_path_factory):
     )  # fmt: skip
     record(Twin(config, 5), path, lambda *_: None)
     return path
+
+
+def test_steps_are_counted_anew_where_the_odometry_began_anew():
+    def told(t_s, step):
+        steps = tuple(SimpleNamespace(step=step + k + 1, mode="LG") for k in range(4))
+        return SimpleNamespace(t_ns=int(t_s * 1e9), step=step, steps=steps)
+
+    made = predicted_steps([told(1.0, 7), told(1.6, 8), told(9.0, 0), told(9.5, 0), told(10.0, 1), told(10.6, 2)])
+    assert [m.step.step for m in made] == [8, 1, 2]
+    assert [m.steady_s for m in made] == pytest.approx([0.0, 0.5, 1.0])
 
 
 @pytest.mark.parametrize("method", ["stridetwin", "published"])

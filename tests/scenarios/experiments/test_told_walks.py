@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.scenarios.experiments import mode_report, mode_tables
+from stridetwin.scenarios.change_score import ScoredApproach
+from stridetwin.scenarios.experiments import mode_not_fooled, mode_report, mode_tables
 from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, ForgetfulMap, SharedMap
 from stridetwin.scenarios.experiments.registry import EXPERIMENTS
 from stridetwin.scenarios.experiments.zhao_generality import condition
 from stridetwin.scenarios.experiments.zhao_trials import SEEDS, TRIALS, subject_and_turn, trial_config
-from stridetwin.scenarios.mode_figures import told_and_right
+from stridetwin.scenarios.mode_figures import mode_figures, told_and_right
 from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.walk_spread import EDGES, pitch_down, spread, together
@@ -137,8 +139,8 @@ def test_table_and_page_have_the_papers_figures(name) -> None:
     results = [row(1000, methods=methods) | more, row(1001, "LG", methods) | more]
     experiment = EXPERIMENTS[name]
     result = json.loads(json.dumps({"experiment": name, **experiment.collect(results), "cases": results}))
-    assert result["summary"]["stridetwin"]["accuracy_pct"]["mean"] == 75.0
-    assert result["summary"]["stridetwin"]["accuracy_pct"]["sd"] == 25.0
+    assert result["summary"]["stridetwin"]["walks_accuracy_pct"]["mean"] == 75.0
+    assert result["summary"]["stridetwin"]["walks_accuracy_pct"]["sd"] == 25.0
     lines = experiment.table(result)
     accuracy = next(line for line in lines if line.startswith("accuracy %"))
     theirs = mode_tables.paper(name)["published"]["accuracy_pct"]["mean"]
@@ -170,6 +172,36 @@ def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
     pose = Odometry(topic="/poses", t_ns=t_ns, p_frame_in_world=np.array([x, 0.0, 1.5]), q_world_frame=q,
                     v_frame_in_world=still, angular_rate=still)  # fmt: skip
     return pose, Depth(topic=camera.depth_topic, t_ns=t_ns, depth=depth)
+
+
+def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
+    persons = [condition(1000), condition(1001)]
+    results = [row(1000 + i, told) | vars(persons[i // 2]) for i, told in enumerate(["SA", "SA", "LG", "LG"])]
+    results[1]["fell_at_s"] = 3.5
+    result = {"experiment": "zhao_generality", **EXPERIMENTS["zhao_generality"].collect(results), "cases": results}
+    mean = result["summary"]["stridetwin"]["walks_accuracy_pct"]
+    assert mean["persons"] == len({(p.height_group, p.member) for p in persons}) == 2
+    assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
+    assert "walks that ended by a fall: 1001" in mode_tables.overall(result)
+
+
+def test_sizes_that_were_not_seen_are_counted() -> None:
+    told = [(0.002, 0.005), (0.1, 0.09), (math.nan, math.nan), (-0.002, 0.005)]
+    approaches = [ScoredApproach(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in told]
+    down = mode_figures([ModeScores(approaches=approaches)])["sizes"]["riser_mm"]["down"]
+    assert down == {
+        "seen_pct": 50.0, "rmse": pytest.approx(2.0), "told_rmse": pytest.approx(math.sqrt((100.0**2 + 8.0) / 3))
+    }  # fmt: skip
+
+
+def test_steps_of_which_nothing_was_told_count() -> None:
+    steps = [step("LG", "LG", 0.9), replace(step("LG", "", 0.9), probabilities=())]
+    rows = {"steps": ModeScores(steps=steps).rows()["steps"], "alarms_pct": 0.0}
+    case = {"seed": 1000, "fell": [], "traps": {t: dict.fromkeys(METHODS, rows) for t in mode_not_fooled.TRAPS}}
+    result = {"cases": [case], **mode_not_fooled.collect([case])}
+    for of in result["summary"]["stridetwin"].values():
+        assert (of["steps"], of["accuracy_pct"], of["told"]["LG"], of["told"][""]) == (2, 50.0, 1, 1)
+    assert len(mode_not_fooled.table(result)) == 3 + len(mode_not_fooled.TRAPS)
 
 
 def test_a_map_that_forgets_knows_the_last_picture_alone() -> None:

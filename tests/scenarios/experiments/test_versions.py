@@ -76,6 +76,17 @@ def test_a_walk_is_as_it_was_whatever_the_estimators_do(copied) -> None:
     assert digest(GENERALITY, estimators=False) != before
 
 
+def test_another_version_of_a_library_is_another_version(monkeypatch) -> None:
+    before = digest(GENERALITY)
+    real = versions.metadata.version
+    monkeypatch.setattr(versions.metadata, "version", lambda name: real(name) + ".1" if name == "scipy" else real(name))
+    versions._libraries.cache_clear()
+    assert digest(GENERALITY) != before
+    monkeypatch.undo()
+    versions._libraries.cache_clear()
+    assert digest(GENERALITY) == before
+
+
 def test_a_module_elsewhere_is_no_source() -> None:
     assert versions._imported("test_versions") == {}
     assert versions._imported("stridetwin.sim.twin") == {}  # counts as a whole, with all else there
