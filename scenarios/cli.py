@@ -263,7 +263,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("experiment", choices=tuple(EXPERIMENT_NAMES), metavar="NAME", help=", ".join(EXPERIMENT_NAMES))
     p.add_argument("--workers", type=_whole, default=1, metavar="N", help="cases at a time (default 1)")
     p.add_argument("--seed", type=_seed, metavar="FIRST", help="seed of the first case (default 1000)")
-    p.add_argument("--subset", type=_whole, metavar="K", help="so many cases (default all: 100 runs, or 10 walks)")
+    p.add_argument("--subset", type=_whole, metavar="K", help="so many cases (default all)")
     p.add_argument(
         "--physics",
         choices=("kinematic", "dynamic"),

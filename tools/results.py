@@ -2,9 +2,9 @@
 
     python tools/results.py NAME DIR [--as STEM] [--options "OPTIONS OF THE RUN"] [--at COMMIT] [-o FOLDER]
 
-DIR is where `stridetwin experiment NAME -o DIR` left its rows. Nothing is run. Packed
-rows are gone on with where they are unpacked: `tar xJf docs/results/NAME.tar.xz -C DIR`, then the experiment with
-`--resume`.
+DIR is where `stridetwin experiment NAME -o DIR` left its rows. Nothing is run. Rows of another version of the code are
+refused unless `--at` says which commit made them. Packed rows are gone on with where they are unpacked:
+`tar xJf docs/results/NAME.tar.xz -C DIR`, then the experiment with `--resume`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from stridetwin.scenarios.experiments.registry import named
+from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+from stridetwin.scenarios.experiments.registry import key_of, named
 from stridetwin.scenarios.mode_score import ModeScores
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
@@ -39,14 +41,19 @@ def main() -> None:
     cases = [json.loads(f.read_text(encoding="utf-8")) for f in files]
     if not cases:
         parser.error(f"no rows (seed_*.json) in {asked.folder}")
+    other = [case["seed"] for case in cases if not asked.at and case["key"] != _key(asked.name, case, asked.folder)]
+    if other:
+        parser.error(f"{len(other)} rows are of another version of the code, such as seed {other[0]}; say --at")
     result = {"experiment": asked.name, **experiment.collect(cases), "cases": cases}
     asked.output.mkdir(parents=True, exist_ok=True)
     command = f"stridetwin experiment {asked.name} {asked.options}".strip()
     table = "\n".join(line.rstrip() for line in experiment.table(result))
     files_of = f"a line a case: [{stem}.csv]({stem}.csv); its rows: [{stem}.tar.xz]({stem}.tar.xz)"
     there = f"\n\n{len(cases)} of {len(experiment.seeds)} cases." if len(cases) < len(experiment.seeds) else ""
+    words = EXPERIMENT_NAMES[asked.name][0].upper() + EXPERIMENT_NAMES[asked.name][1:]
     at = f", at commit {asked.at}" if asked.at else ""
-    text = f"# {stem}\n\n`{command}`{at}; {files_of}{there}\n\n```text\n{table}\n```\n"
+    told = "; [what the lines mean](../locomotion_mode.md#scores)" if "methods" in cases[0] else ""
+    text = f"# {stem}\n\n{words}{told}.\n\n`{command}`{at}; {files_of}{there}\n\n```text\n{table}\n```\n"
     (asked.output / f"{stem}.md").write_text(text, encoding="utf-8")
     rows = [_row(case) for case in cases]
     with (asked.output / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -54,6 +61,10 @@ def main() -> None:
         writer.writeheader()
         writer.writerows(rows)
     _pack(files, asked.output / f"{stem}.tar.xz")
+
+
+def _key(name: str, case: dict[str, Any], folder: Path) -> str:
+    return key_of(name, Case(seed=case["seed"], folder=folder, physics=case.get("physics", "dynamic")))
 
 
 def _pack(files: list[Path], archive: Path) -> None:

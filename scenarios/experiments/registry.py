@@ -262,6 +262,11 @@ def _version(module: str, estimators: bool) -> str:
     return digest(module, estimators=estimators)
 
 
+def key_of(name: str, case: Case) -> str:
+    """The key that a case's row has when this version of the code makes it."""
+    return _keys(name, named(name), case).row
+
+
 def _row_key(case: Case) -> str | None:
     """Key of the row that there is, "" where it has none; None where there is no row."""
     return str(_read(case).get("key", "")) if case.file(".json").exists() else None
