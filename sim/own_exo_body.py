@@ -41,7 +41,11 @@ def _add(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco.MjsB
         )
         if len(shape.vertices):
             mesh = f"{link.name}_{i}"
-            spec.add_mesh(name=mesh, uservert=shape.vertices.ravel(), userface=shape.faces.ravel())
+            # it weighs nothing here, and a flat one has an inertia as a shell alone
+            spec.add_mesh(
+                name=mesh, uservert=shape.vertices.ravel(), userface=shape.faces.ravel(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+            )  # fmt: skip
             geom.meshname = mesh
         else:
             geom.size = shape.size

@@ -81,6 +81,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     mujoco.mj_kinematics(model, data)
     owners = _owners(path, model, root)
     chains = _chains(path, model, root, owners)
+    _check_names(path, model, [root, *(b for leg in chains for b in leg)], names)
     to_pelvis = R_base @ data.xmat[root].reshape(3, 3).T
     origin = {root: data.xpos[root]} | {b: data.xanchor[model.body_jntadr[b]] for leg in chains for b in leg}
 
@@ -93,8 +94,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
             raise ConfigError(path, f"mass of {model.body(b).name}", mass, f"at least {_LIGHTEST_KG:g} kg")
         dof = model.jnt_dofadr[joint.id] if joint is not None else 0
         return Link(
-            name=f"exo_{_plain(model.body(b).name)}",
-            joint="" if joint is None else names.get(joint.name, f"exo_{_plain(joint.name)}"),
+            name=_called(model.body(b).name), joint="" if joint is None else names.get(joint.name, _called(joint.name)),
             offset=np.array(offset), axis=np.zeros(3) if joint is None else to_pelvis @ data.xaxis[joint.id],
             stops=np.array(joint.range) if joint is not None and model.jnt_limited[joint.id] else _FULL_TURN.copy(),
             damping=float(model.dof_damping.reshape(model.nv, -1)[dof, 0]) if joint is not None else 0.0,
@@ -116,9 +116,8 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         T[:3, :3] = to_pelvis @ data.xmat[b].reshape(3, 3)
         T[:3, 3] = to_pelvis @ (data.xpos[b] - origin[owner])
         T_carrier[model.body(b).name] = T
-    return Chains(
-        base=made, legs=legs, carrier={model.body(b).name: place[o] for b, o in owners.items()}, T_carrier=T_carrier
-    )
+    carrier = {model.body(b).name: place[o] for b, o in owners.items() if model.body(b).name}
+    return Chains(base=made, legs=legs, carrier=carrier, T_carrier=T_carrier)
 
 
 def files_of(path: Path) -> list[str]:
@@ -128,15 +127,18 @@ def files_of(path: Path) -> list[str]:
         ConfigError: It has what no model of an exoskeleton may have.
         StrideTwinError: It cannot be read.
     """
-    text = _text(path)
-    if _is_urdf(text):
-        return sorted({name.removeprefix("package://") for name in re.findall(r'<mesh[^>]*\bfilename="([^"]*)"', text)})
+    text, folder = _text(path), path.absolute().parent
     try:
-        found = mujoco.mju_getXMLDependencies(str(path.absolute()))
+        if _is_urdf(text):  # whose meshes MuJoCo does not count among the dependencies
+            spec = _parsed(path, text)
+            names = (mesh.file.removeprefix("package://") for mesh in spec.meshes)
+            found = [os.path.join(folder, spec.meshdir, name) for name in names]
+        else:
+            found = mujoco.mju_getXMLDependencies(str(path.absolute()))
     except Exception as error:  # MuJoCo raises several kinds
         words = " ".join(str(error).split())
         raise StrideTwinError(f"{path}: MuJoCo cannot read it: {words[:400]}") from error
-    return sorted(os.path.relpath(file, path.absolute().parent) for file in found if Path(file) != path.absolute())
+    return sorted({os.path.relpath(file, folder) for file in found if Path(file) != path.absolute()})
 
 
 def _text(path: Path) -> str:
@@ -150,18 +152,24 @@ def _text(path: Path) -> str:
 
 
 def _is_urdf(text: str) -> bool:
-    return "<robot" in text and "<mujoco" not in text
+    """Whether the root is a robot; comments and declarations may name anything."""
+    before, *comments = text.split("<!--")
+    root = re.search(r"<(\w+)", before + "".join(rest.partition("-->")[2] for rest in comments))
+    return root is not None and root[1] == "robot"
+
+
+def _parsed(path: Path, text: str) -> mujoco.MjSpec:
+    if not _is_urdf(text) or "<mujoco" in text:
+        return mujoco.MjSpec.from_file(str(path))
+    folder = quoteattr(str(path.absolute().parent))
+    text = text.replace("</robot>", f"<mujoco><compiler {_URDF} meshdir={folder}/></mujoco></robot>")
+    return mujoco.MjSpec.from_string(text)
 
 
 def _compiled(path: Path) -> mujoco.MjModel:
     text = _text(path)
     try:
-        if _is_urdf(text):
-            folder = quoteattr(str(path.absolute().parent))
-            text = text.replace("</robot>", f"<mujoco><compiler {_URDF} meshdir={folder}/></mujoco></robot>")
-            spec = mujoco.MjSpec.from_string(text)
-        else:
-            spec = mujoco.MjSpec.from_file(str(path))
+        spec = _parsed(path, text)
         spec.compiler.fusestatic = False  # a base that is fixed to the world would lose its mass
         return spec.compile()
     except Exception as error:  # MuJoCo raises several kinds
@@ -186,6 +194,8 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
             raise ConfigError(path, where, kind, "hinge (the base is fixed to the pelvis by its rig file)")
         if not joint.name:
             raise ConfigError(path, where, "", "a name")
+        if not body.name:
+            raise ConfigError(path, f"link of joint {joint.name}", "", "a name")
         if model.body_jntnum[body.id] > 1:
             raise ConfigError(path, where, f"{model.body_jntnum[body.id]} joints", "one hinge a link")
         if np.any(model.jnt_stiffness.reshape(model.njnt, -1)[i]):
@@ -196,6 +206,21 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
         if model.jnt_limited[i] and not low <= 0.0 <= high:
             told = np.round(np.degrees(model.jnt_range[i]), 2).tolist()
             raise ConfigError(path, f"{where}, range", f"{told} deg", "a range with 0, the pose of standing upright")
+
+
+def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: dict[str, str]) -> None:
+    """Refuses links, and joints, that would be called alike in the wearer's model."""
+    links = [model.body(b).name for b in bodies]
+    joints = [model.joint(model.body_jntadr[b]).name for b in bodies[1:]]
+    for kind, called in (
+        ("link", {name: _called(name) for name in links}),
+        ("joint", {name: names.get(name, _called(name)) for name in joints}),
+    ):
+        first: dict[str, str] = {}
+        for name, there in called.items():
+            other = first.setdefault(there, name)
+            if other != name:
+                raise ConfigError(path, kind, name, f"another name: {other} is {there} in the wearer's model, too")
 
 
 def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
@@ -313,5 +338,6 @@ def _geom_place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Array:
     return place
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"\W", "_", name)
+def _called(name: str) -> str:
+    """What the wearer's model calls a link or joint of this name."""
+    return "exo_" + re.sub(r"\W", "_", name)

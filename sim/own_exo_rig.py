@@ -23,6 +23,9 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.yaml_node import Node, read_yaml
 
 P = TypeVar("P", bound=Part)
+_FLEXION_Y = {"hip": -1, "knee": 1, "ankle": -1}
+"""Which way along y, to the left, an axis points that counts flexion (thigh forward, knee bent, toes up)."""
+_MOST_ASLANT_DEG = 60.0
 _KEYS = ("description", "base", "cuffs", "joints", "encoders", "motors", "ahrs", "imus")
 _BODIES = tuple(f"{part}_{side}" for part in ("thigh", "shank", "foot") for side in "lr")
 _SHORT = re.compile(r"[a-z]+_[lr]")
@@ -65,6 +68,7 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
     for short in joints:
         if hinge_of(short) not in {link.joint for link in legs[short[-1]]}:
             raise ConfigError(rig, f"joints.{short}", joints[short], f"a joint of the leg that is tied to {short[-1]}")
+    _check_axes(model, rig, joints, legs)
     modules, motors = _motors(root, joints, [link for leg in legs.values() for link in leg])
     return OwnExo(
         source=str(model),
@@ -130,6 +134,20 @@ def _cuffs(root: Node, chains: Chains) -> tuple[tuple[Cuff, ...], dict[str, int]
     return tuple(cuffs), sides
 
 
+def _check_axes(model: Path, rig: Path, joints: dict[str, str], legs: dict[str, tuple[Link, ...]]) -> None:
+    """Refuses hips, knees and ankles that do not count flexion: laws and whoever reads a sensor take it to be so."""
+    for short, joint in joints.items():
+        name, _, side = short.rpartition("_")
+        y = _FLEXION_Y.get(name)
+        axis = next(link.axis for link in legs[side] if link.joint == hinge_of(short))
+        if y is not None and y * axis[1] < np.cos(np.radians(_MOST_ASLANT_DEG)):
+            valid = (
+                f"within {_MOST_ASLANT_DEG:g} deg of [0, {y}, 0] (x forward, y left), flexion positive, as it is "
+                f"joints.{short} of {rig}; turn axis and range round"
+            )
+            raise ConfigError(model, f"joint {joint}, axis", (np.round(axis, 3) + 0.0).tolist(), valid)
+
+
 def _law(node: Node, key: str, default: Iterable[float]) -> Array:
     """(3, 3) of the three values fore-aft, sideways and along the limb."""
     told = node.at(key, list(default))
@@ -175,9 +193,9 @@ def _seat(node: Node, chains: Chains, more: tuple[str, ...] = ()) -> OnLink:
 
 
 def _link(node: Node, chains: Chains) -> str:
-    if node.value not in chains.carrier:
+    if node.text() not in chains.carrier:
         raise node.error(f"a link of the model: {', '.join(chains.carrier)}")
-    return str(node.value)
+    return node.text()
 
 
 def _place(node: Node) -> Array:
@@ -197,9 +215,9 @@ def _triple(node: Node, most: float) -> Array:
 
 
 def _known_joint(node: Node, joints: dict[str, str]) -> str:
-    if node.value not in joints:
+    if node.text() not in joints:
         raise node.error(f"one of the joints {', '.join(joints) or '(none named)'}")
-    return str(node.value)
+    return node.text()
 
 
 def _part(node: Node, kind: str, of: type[P], standard: str | None = None) -> P:

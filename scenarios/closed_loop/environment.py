@@ -6,7 +6,9 @@ walks the scenario's way and knows what the motors do: his own torque is what tr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import operator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import repeat
 from typing import Any
@@ -30,9 +32,11 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array
 
 HIP_NM, KNEE_NM = 20.0, 15.0
-"""The most that is given to each joint, N m."""
+"""The most that is given to hips and to other joints, N m; to none more than its motor gives."""
 SENSORS = ("insole", "ahrs", "encoder", "interaction", "actuator")
 HELPED = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
+_ORDER = ("hip", "knee", "ankle")
+_SEEDS = "a whole number from 0 on, or an iterable of them with one for each walk"
 
 
 class WalkPhysics(control.Physics):
@@ -43,20 +47,23 @@ class WalkPhysics(control.Physics):
         seeds: Of the walks; a seed that stays is not planned again.
 
     Attributes:
-        joints: The powered ones, in the order of actions.
+        joints: The powered ones, in the order of actions: hips, knees, ankles, then others by name; left first.
+        most: (n,) N m, the most that is given to each of them.
         rig: The sensors as estimators are told of them, of the first walk.
 
     Raises:
-        ConfigError: Nothing is powered.
+        ConfigError: Nothing is powered, or a seed is none, or there are no more of them.
     """
 
     def __init__(self, config: TwinConfig, seeds: Iterator[int]) -> None:
-        self.joints = () if config.exo is None else tuple(modules(config.exo))
-        if not self.joints:
-            told = "none" if config.exo is None else f"mode {config.exo.mode}"
-            raise ConfigError(config.name, "exo", told, "an exoskeleton in a mode that powers joints (1-4)")
+        mounted = {} if config.exo is None else modules(config.exo)
+        if not mounted:
+            raise _unpowered(config)
+        self.joints = tuple(sorted(mounted, key=_rank))
+        self.most = np.minimum(most_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
+        self._driven = [self.joints.index(joint) for joint in mounted]  # in the order in which motors are asked
         self._config, self._seeds = config, seeds
-        self._seed = next(seeds)
+        self._seed = self._next_seed()
         self.rig: Rig = outfit(config).told(self._seed)
         self._twin: Twin | None = None
         self._live: LiveTwin | None = None
@@ -82,13 +89,22 @@ class WalkPhysics(control.Physics):
         if self._twin is None:
             self._twin = Twin(self._config, self._seed)
         else:
-            seed = next(self._seeds)
+            seed = self._next_seed()
             if seed != self._twin.seed:
                 self._twin = Twin(self._config, seed)
         self._torque = np.zeros(len(self.joints))
-        self._live = LiveTwin(self._twin, lambda angle: self._torque).__enter__()
+        self._live = LiveTwin(self._twin, lambda angle: self._torque[self._driven]).__enter__()
         self._live.advance(0.0)
         self.samples = []
+
+    def _next_seed(self) -> int:
+        seed: Any = next(self._seeds, "used up")
+        number = -1
+        with suppress(TypeError):
+            number = operator.index(seed)
+        if number < 0:
+            raise ConfigError("environment", "seed", seed, _SEEDS)
+        return number
 
     def after_reset(self) -> None:
         """Nothing is left to do."""
@@ -130,8 +146,32 @@ def helped_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
 
 
 def most_nm(joints: Sequence[str]) -> Array:
-    """(n,) N m, the most that is given to joints by their names."""
+    """(n,) N m, the most that is given to joints by their names, if their motors give as much."""
     return np.array([HIP_NM if joint.startswith("hip") else KNEE_NM for joint in joints])
+
+
+def _rank(joint: str) -> tuple[int, str]:
+    """Where a joint comes among actions."""
+    name = joint.rpartition("_")[0]
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER), joint
+
+
+def _unpowered(config: TwinConfig) -> ConfigError:
+    told, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
+    if config.exo is not None:
+        told = f"mode {config.exo.mode}"
+        if config.exo.own is not None:
+            told, valid = "no motors", f"motors in {config.exo.own.rig}"
+    return ConfigError(config.name, "exo", told, valid)
+
+
+def _seeds(seed: Any) -> Iterator[Any]:
+    """One seed for ever, or one after the other."""
+    with suppress(TypeError):
+        return repeat(operator.index(seed))
+    with suppress(TypeError):
+        return iter(seed)
+    raise ConfigError("environment", "seed", seed, _SEEDS)
 
 
 class Assistance(control.Task):
@@ -140,39 +180,33 @@ class Assistance(control.Task):
     Args:
         observer: What the controller sees; None: the streams of the exoskeleton's sensors.
         rig: Of the walk.
-        joints: Powered ones.
     """
 
-    def __init__(self, observer: Observer | None, rig: Rig, joints: tuple[str, ...]) -> None:
+    def __init__(self, observer: Observer | None, rig: Rig) -> None:
         self.observer: Observer = observer or Streams(rig)
-        self._most = most_nm(joints)
 
     def initialize_episode(self, physics: WalkPhysics) -> None:
         """A walk begins."""
         self.observer.reset()
 
     def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
-        """(n,) N m, flexion positive."""
-        return specs.BoundedArray(self._most.shape, float, -self._most, self._most, name="torque_nm")
+        """(n,) N m, flexion positive, in the order of the physics' `joints`."""
+        return specs.BoundedArray(physics.most.shape, float, -physics.most, physics.most, name="torque_nm")
 
     def before_step(self, action: Array, physics: WalkPhysics) -> None:
         """What is beyond the limits is given as the limit; what is not finite is refused."""
         torque = np.asarray(action, float)
-        if torque.shape != self._most.shape or not np.isfinite(torque).all():
-            raise ConfigError("action", "torque_nm", torque, f"{len(self._most)} finite numbers")
-        physics.set_control(np.clip(torque, -self._most, self._most))
+        if torque.shape != physics.most.shape or not np.isfinite(torque).all():
+            raise ConfigError("action", "torque_nm", torque, f"{len(physics.most)} finite numbers")
+        physics.set_control(np.clip(torque, -physics.most, physics.most))
 
     def after_step(self, physics: WalkPhysics) -> None:
         """Takes what has arrived."""
         self.observer.update(physics.samples)
 
     def get_observation(self, physics: WalkPhysics) -> dict[str, Array]:
-        """As the observer tells."""
+        """As the observer tells; the environment takes their specification from it, flat where it is to be."""
         return self.observer.observation()
-
-    def observation_spec(self, physics: WalkPhysics) -> dict[str, specs.Array]:
-        """Its shapes."""
-        return {name: specs.Array(x.shape, x.dtype, name=name) for name, x in self.observer.observation().items()}
 
     def get_reward(self, physics: WalkPhysics) -> float:
         """J, never above 0."""
@@ -185,24 +219,24 @@ class Assistance(control.Task):
 
 
 def environment(
-    scenario: str | TwinConfig, seed: int | Iterator[int] = 0, *, observer: Callable[[Rig], Observer] | None = None,
+    scenario: str | TwinConfig, seed: int | Iterable[int] = 0, *, observer: Callable[[Rig], Observer] | None = None,
     sensors: tuple[str, ...] = SENSORS, flat_observation: bool = False,
 ) -> control.Environment:  # fmt: skip
     """The walk of a scenario as an environment with a step of 10 ms.
 
     Args:
         scenario: Name in the catalogue, path of a file, or a configuration; with an exoskeleton in a mode that powers
-            joints. It is simulated with contacts, without faults, on rigid shoes.
-        seed: Of every walk; or one seed a walk.
+            joints, or one of the user's own with motors. It is simulated with contacts, without faults, on rigid shoes.
+        seed: Of every walk; or one seed a walk, of which there have to be enough.
         observer: Makes from the rig what the controller sees; None: the streams of the exoskeleton's sensors.
         sensors: Groups of sensors that are worn.
-        flat_observation: One vector in place of names.
+        flat_observation: One vector, `observations`, of all in the alphabetical order of their names.
 
     Raises:
-        ConfigError: It cannot be walked, or powers nothing.
+        ConfigError: It cannot be walked, or powers nothing; a seed that is none, or, in `reset`, no more of them.
     """
     config = scenario if isinstance(scenario, TwinConfig) else load_scenario(scenario).config
     config = replace(config, physics="dynamic", sensors=sensors, faults=(), shock=False)
-    physics = WalkPhysics(config, repeat(seed) if isinstance(seed, int) else seed)
-    task = Assistance(None if observer is None else observer(physics.rig), physics.rig, physics.joints)
+    physics = WalkPhysics(config, _seeds(seed))
+    task = Assistance(None if observer is None else observer(physics.rig), physics.rig)
     return control.Environment(physics, task, control_timestep=PERIOD_S, flat_observation=flat_observation)

@@ -145,7 +145,7 @@ def _share(joint: str, seen: Mapping[str, Array]) -> float:
     modes = [MODES[int(mode)] for mode in seen["mode"]]
     # a leg that swings up from the last tread has to be lifted, though it comes down on the level
     of = HELP[modes[foot] if loaded else max(modes, key=lambda mode: HELP[mode].share)]
-    pushed = (of.stance if loaded else of.swing)[name]
+    pushed = (of.stance if loaded else of.swing).get(name, Push())  # an ankle's motor is not asked
     if speed > 0.0:
         push, full = pushed.bending, FULL_RADPS
     elif speed < 0.0:

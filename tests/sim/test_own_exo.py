@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from stridetwin.scenarios.scenario_file import read_scenario
 from stridetwin.sim.config import Dynamics, Exo, Gait, Level, Route, TwinConfig
+from stridetwin.sim.own_exo_body import add_own_exo
+from stridetwin.sim.own_exo_model import files_of
 from stridetwin.sim.own_exo_rig import read_own_exo
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -108,6 +111,54 @@ def test_a_scenario_names_model_and_rig():
     assert config.exo.own.description == "Four joints a leg, motors at hips and knees"
 
 
+def test_a_mesh_may_be_flat(tmp_path):
+    flat = '<mesh name="flat" inertia="shell" vertex="0 0 0 .1 0 0 0 .1 0 .1 .1 0" face="0 1 2 1 3 2"/>'
+    geom = '<geom type="mesh" mesh="flat" pos="0.1 0.2 0.3" euler="0.3 0 0" contype="0" conaffinity="0"/>'
+    text = MODEL.read_text().replace("<asset>", "<asset>" + flat)
+    (tmp_path / "my_exo.xml").write_text(text.replace('<body name="yoke_l"', geom + '<body name="yoke_l"'))
+    own = read_own_exo(tmp_path / "my_exo.xml", RIG)
+    spec = mujoco.MjSpec()
+    add_own_exo(spec, spec.worldbody.add_body(name="pelvis"), own)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    g = next(g for g in range(model.ngeom) if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH)
+    corners = data.geom_xpos[g] + model.mesh_vert @ data.geom_xmat[g].reshape(3, 3).T
+    c, s = np.cos(0.3), np.sin(0.3)
+    told = [[0.1 + x, 0.2 + c * y, 0.3 + s * y] for x in (0, 0.1) for y in (0, 0.1)]
+    np.testing.assert_allclose(sorted(np.round(corners, 6).tolist()), told, atol=1e-6)
+
+
+def test_an_axis_may_lie_aslant(tmp_path):
+    text = MODEL.read_text().replace('name="ankle_l" axis="0 -1 0"', 'name="ankle_l" axis="0.4 -1 0.3"')
+    (tmp_path / "my_exo.xml").write_text(text)
+    assert read_own_exo(tmp_path / "my_exo.xml", RIG).legs["l"][-1].axis[0] == pytest.approx(0.4 / np.sqrt(1.25))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "compiler", "file"),
+    [
+        ("<mesh filename='meshes/back.stl'/>", "", "meshes/back.stl"),
+        ('<mesh scale="1 1 1" filename = "meshes/a&amp;b.stl"/>', "", "meshes/a&b.stl"),
+        ('<!-- <mesh filename="old.stl"/> --><mesh filename="meshes/back.stl"/>', "", "meshes/back.stl"),
+        ('<mesh filename="back.stl"/>', '<compiler meshdir="meshes" discardvisual="false"/>', "meshes/back.stl"),
+    ],
+)
+def test_meshes_of_a_urdf_are_files_of_it(tmp_path, mesh, compiler, file):
+    text = URDF.read_text().replace('<box size="0.06 0.20 0.26"/>', mesh)
+    if compiler:
+        text = text.replace("</robot>", f"<mujoco>{compiler}</mujoco></robot>")
+    (tmp_path / "my_exo.urdf").write_text(text)
+    assert files_of(tmp_path / "my_exo.urdf") == [file]
+
+
+def test_entities_of_a_urdf_are_not_expanded(tmp_path):
+    text = URDF.read_text().replace('<box size="0.06 0.20 0.26"/>', '<mesh filename="&x;.stl"/>')
+    text = text.replace("<robot", '<!DOCTYPE robot [<!ENTITY x SYSTEM "my_exo.urdf">]><robot')
+    (tmp_path / "my_exo.urdf").write_text(text)
+    assert files_of(tmp_path / "my_exo.urdf") == ["&x;.stl"]
+
+
 LEFT = '<joint name="knee_l" axis="0 1 0" range="-0.15 1.95" damping="0.5" frictionloss="0.7" armature="0.08"/>'
 REFUSED = {
     "closed chain": (
@@ -136,6 +187,30 @@ REFUSED = {
     "missing mesh": (("<asset>", '<asset><mesh name="m" file="gone.stl"/>'), r"cannot compile it: .*gone\.stl"),
     "include": (("<asset>", '<include file="/etc/passwd"/><asset>'), "include: '<include>' is not valid"),
     "heavy": (('mass="3.2"', 'mass="320"'), r"mass: 329\.4 is not valid; valid: 0\.05-60 kg"),
+    "mirrored axis": (
+        ('name="hip_l" axis="0 -1 0"', 'name="hip_l" axis="0 1 0"'),
+        r"my_exo\.xml: joint hip_l, axis: \[0\.0, 1\.0, 0\.0\] is not valid; valid: within 60 deg of \[0, -1, 0\]",
+    ),
+    "bent backwards": (
+        ('name="knee_l" axis="0 1 0"', 'name="knee_l" axis="0 -1 0"'),
+        r"joint knee_l, axis: .* within 60 deg of \[0, 1, 0\] .* joints\.knee_l of .*my_exo\.yaml",
+    ),
+    "across": (
+        ('name="ankle_l" axis="0 -1 0"', 'name="ankle_l" axis="1 0 0"'),
+        "joint ankle_l, axis: .* flexion positive",
+    ),
+    "link without a name": (
+        ('<body name="yoke_l" ', "<body "),
+        "link of joint abduction_l: '' is not valid; valid: a name",
+    ),
+    "links alike": (
+        ('<body name="yoke_l" ', '<body name="yoke-r" '),
+        r"my_exo\.xml: link: '\w+.r' is not valid; valid: another name: \w+.r is exo_yoke_r in the wearer's model, too",
+    ),
+    "joints alike": (
+        ('joint name="abduction_l"', 'joint name="hip_flexion_l"'),
+        "joint: 'hip_l' is not valid; valid: another name: hip_flexion_l is exo_hip_flexion_l",
+    ),
     "no XML": (("<mujoco", "<mojo"), r"my_exo\.xml: MuJoCo cannot compile it"),
 }
 
@@ -171,6 +246,8 @@ RIG_REFUSED = [
         r"motors\.knee_l\.part: 'MPU-9250' is not valid; valid: actuation-mod",
     ),
     ("encoders: [hip_l", "encoders: [hip", r"encoders\[0\]: 'hip' is not valid; valid: one of the joints hip_l"),
+    ("encoders: [hip_l", "encoders: [[hip_l]", r"encoders\[0\]: \['hip_l'\] is not valid; valid: text"),
+    ("l: {link: thigh_bar_l", "l: {link: [thigh_bar_l]", r"cuffs\.thigh_l\.link: \['thigh_bar_l'\] is not valid"),
     ("description:", "descripton:", r"descripton: .* one of the keys description, base"),
 ]
 

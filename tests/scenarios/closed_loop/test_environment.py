@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import dm_env
 import numpy as np
 import pytest
 
 from stridetwin.scenarios.closed_loop import environment
+from stridetwin.sim.actuation import modules
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
+from stridetwin.sim.own_exo_rig import read_own_exo
 from stridetwin.streams.errors import ConfigError
 
 WALK = TwinConfig(
     name="short", route=Route(segments=(Level(length_m=1.0),)), physics="dynamic", exo=Exo(mode=1),
 )  # fmt: skip
 SENSORS = ("encoder", "insole")
+OWN = Path(__file__).parents[3] / "examples" / "own_exo"
 
 
 def test_a_walk_is_an_episode_of_valid_steps() -> None:
@@ -39,6 +44,20 @@ def test_a_walk_is_an_episode_of_valid_steps() -> None:
     assert 5.0 < work < 400.0  # J: he starts and stops within a metre
     assert all(np.isfinite(value).all() for value in step.observation.values())
     assert env.reset().step_type == dm_env.StepType.FIRST
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_observations_are_as_specified(flat: bool) -> None:
+    env = environment(WALK, 3, sensors=SENSORS, flat_observation=flat)
+    told = env.observation_spec()
+    shapes = {"foot_l/insole": (4,), "foot_r/insole": (4,), "exo/knee_l/encoder": (1,), "exo/knee_r/encoder": (1,)}
+    assert {name: spec.shape for name, spec in told.items()} == ({"observations": (10,)} if flat else shapes)
+    assert {spec.dtype for spec in told.values()} == {np.dtype(float)}
+    for step in (env.reset(), env.step(np.zeros(4))):
+        assert step.observation.keys() == told.keys()
+        for name, spec in told.items():
+            spec.validate(step.observation[name])
+    env.physics.close()
 
 
 def test_what_is_asked_is_given_ten_milliseconds_later_and_within_the_limits() -> None:
@@ -77,6 +96,73 @@ def test_equal_seeds_give_equal_walks_and_others_do_not() -> None:
     assert np.array_equal(loads(same), loads(same), equal_nan=True)
     other = environment(WALK, count(3), sensors=SENSORS)
     assert not np.array_equal(loads(other), loads(other), equal_nan=True)
+
+
+@pytest.mark.parametrize(("seed", "walks"), [(np.int64(3), [3, 3]), ([3, np.int64(4)], [3, 4])])
+def test_a_seed_is_any_whole_number_or_one_a_walk(seed: object, walks: list[int]) -> None:
+    env = environment(WALK, seed, sensors=SENSORS)  # type: ignore[arg-type]
+    seeds = []
+    for _ in walks:
+        env.reset()
+        seeds.append(env.physics.twin.seed)
+    assert seeds == walks
+    env.physics.close()
+
+
+def test_seeds_that_are_used_up_are_told() -> None:
+    env = environment(WALK, [3], sensors=SENSORS)
+    env.reset()
+    with pytest.raises(ConfigError, match=r"environment: seed: 'used up' is not valid; valid: .* one for each walk"):
+        env.reset()
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "3", [], [None]])
+def test_what_is_no_seed_is_refused(seed: object) -> None:
+    with pytest.raises(ConfigError, match=r"environment: seed: .* valid: a whole number from 0 on"):
+        environment(WALK, seed, sensors=SENSORS)  # type: ignore[arg-type]
+
+
+def given_at_first(env: Any, asked: list[float]) -> list[float]:
+    """N m of each motor once what is asked is given, over what it gives where nothing is asked."""
+    told = []
+    for torque in (np.zeros(len(asked)), np.array(asked)):
+        env.reset()
+        seen = [env.step(torque).observation for _ in range(2)][-1]
+        told.append([seen[f"exo/{joint}/actuator"][1] for joint in env.physics.joints])
+    env.physics.close()
+    return list(np.subtract(told[1], told[0]))
+
+
+def own_walk(folder: Path, motors: dict[str, float]) -> TwinConfig:
+    """The walk in the example of one's own exoskeleton with other motors, of which each gives so many N m."""
+    rig, _, after = (OWN / "my_exo.yaml").read_text(encoding="utf-8").partition("motors:\n")
+    told = ", ".join(f"{joint}: {{torque_max_nm: {most}}}" for joint, most in motors.items())
+    (folder / "rig.yaml").write_text(f"{rig}motors: {{{told}}}\n{after[after.index('ahrs:') :]}", encoding="utf-8")
+    return replace(WALK, exo=Exo(own=read_own_exo(OWN / "my_exo.xml", folder / "rig.yaml")))
+
+
+def test_motors_of_ones_own_come_in_a_fixed_order_and_are_asked_for_no_more_than_they_give(tmp_path: Path) -> None:
+    motors = {"ankle_l": 10, "hip_l": 5, "hip_r": 40, "knee_r": 35, "knee_l": 35}
+    env = environment(own_walk(tmp_path, motors), 3, sensors=("actuator",))
+    assert env.physics.joints == ("hip_l", "hip_r", "knee_l", "knee_r", "ankle_l")
+    torques = env.action_spec()
+    assert torques.maximum.tolist() == [5.0, 20.0, 15.0, 15.0, 10.0]
+    assert torques.minimum.tolist() == [-5.0, -20.0, -15.0, -15.0, -10.0]
+    assert given_at_first(env, [-4.0, 3.0, -2.0, 1.0, 5.0]) == pytest.approx([-4.0, 3.0, -2.0, 1.0, 5.0])
+
+
+def test_actions_come_in_the_same_order_however_the_scenario_names_its_joints() -> None:
+    crossed = replace(WALK, exo=Exo(mode=3, joints=("knee_r", "hip_r")))
+    assert list(modules(crossed.exo)) == ["knee_r", "hip_r"]
+    env = environment(crossed, 3, sensors=("actuator",))
+    assert env.physics.joints == ("hip_r", "knee_r")
+    assert env.action_spec().maximum.tolist() == [20.0, 15.0]
+    assert given_at_first(env, [7.0, -3.0]) == pytest.approx([7.0, -3.0])
+
+
+def test_an_own_exoskeleton_without_motors_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"exo: 'no motors' is not valid; valid: motors in .*rig\.yaml"):
+        environment(own_walk(tmp_path, {}))
 
 
 def test_an_exoskeleton_that_powers_nothing_is_refused() -> None:

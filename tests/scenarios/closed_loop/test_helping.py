@@ -58,6 +58,15 @@ def test_nothing_is_asked_where_nothing_turns_or_nothing_has_come() -> None:
     assert not settled(seen(np.nan, (1, 1), ("SA", "SA"))).any()
 
 
+def test_motors_beside_those_of_hips_and_knees_are_left_alone() -> None:
+    observation = seen(-2.0, (1, 0), ("SA", "SA"))
+    for side in "lr":
+        observation[f"exo/ankle_{side}/actuator"] = np.array([0.0, 0.0, -2.0])
+    helper = Helper((*JOINTS, "ankle_l", "ankle_r"), np.array([*MOST, 15.0, 15.0]))
+    told = [helper.torques(observation) for _ in range(200)][-1]
+    assert told == pytest.approx([*-MOST, 0.0, 0.0])
+
+
 def test_help_grows_smoothly() -> None:
     helper = Helper(JOINTS, MOST)
     told = np.array([helper.torques(seen(-2.0, (1, 1), ("SA", "SA")))[0] for _ in range(30)])
