@@ -184,8 +184,10 @@ def overall(result: dict[str, Any]) -> list[str]:
             for words, keys in _ACCURACIES
         ),
         *(
-            f"{'lead s, ' + words:<{_NAME}}" + "".join(_cell(summary[m]["lead_time_s"][key]) for m in columns)
-            for words, key in (("median", "median"), ("5th percentile", "p5"))
+            f"{words + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_NAME}}"
+            + "".join(_cell(summary[m][lead][key]) for m in columns)
+            for words, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
+            for key in ("median", "p5")
         ),
         "accuracy and strict are means of the walks, the others shares of all steps",
         f"{columns[0]}: {cells}± {mean['sd']:.2f} from walk to walk{half}, over {mean['persons']} "
