@@ -1,7 +1,7 @@
 """An IMU on a serial port or on the network, sent to `stridetwin live`.
 
 It says a line a sample: microseconds of its own clock, angular rate (rad/s) and specific force (m/s²), as
-`12345678,0.01,-0.02,0.00,0.1,0.2,9.8`.
+`12345678,0.01,-0.02,0.00,0.1,0.2,9.8`. Other lines are passed over and counted.
 
     python examples/imu.py --topic /foot_l/imu --rig rig.yaml --udp 5005
     python examples/imu.py --topic /foot_l/imu --rig rig.yaml --serial /dev/ttyUSB0
@@ -10,6 +10,7 @@ It says a line a sample: microseconds of its own clock, angular rate (rad/s) and
 
 import argparse
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -28,25 +29,28 @@ CREEP = 100e-6  # how much faster or slower than ours the device's clock may be
 
 
 class DeviceClock:
-    """Device time to system time: the line that came fastest tells best how they lie to each other."""
+    """Device time to system time: the line that came fastest tells best how they lie to each other.
+
+    It begins anew where the device's time goes back: its counter has come round, or it has started again.
+    """
 
     def __init__(self) -> None:
-        self.offset_ns, self.last_ns = None, 0
+        self.offset_ns, self.device_ns, self.last_ns = None, 0, 0
 
     def system_ns(self, device_ns: int) -> int:
         """System time, ns, of a line that has just come."""
         now_ns = time.time_ns()
         offset_ns = now_ns - device_ns
-        if self.offset_ns is not None:
+        if self.offset_ns is not None and device_ns > self.device_ns:
             offset_ns = min(offset_ns, self.offset_ns + int(CREEP * (now_ns - self.heard_ns)))
-        self.offset_ns, self.heard_ns = offset_ns, now_ns
+        self.offset_ns, self.heard_ns, self.device_ns = offset_ns, now_ns, device_ns
         self.last_ns = max(device_ns + offset_ns, self.last_ns + 1)  # stamps increase, whatever the clocks do
         return self.last_ns
 
 
 def from_udp(listener: socket.socket) -> Iterator[str]:
     """Lines of datagrams, up to an empty one."""
-    while text := listener.recv(2048).decode():
+    while text := listener.recv(2048).decode(errors="replace"):
         yield from text.splitlines()
 
 
@@ -55,8 +59,19 @@ def from_serial(port: str) -> Iterator[str]:
     import serial  # pip install pyserial
 
     with serial.Serial(port, 921600) as device:
+        device.readline()  # the rest of one that had begun before we came
         while True:
-            yield device.readline().decode()
+            yield device.readline().decode(errors="replace")
+
+
+def parsed(line: str) -> tuple[int, np.ndarray] | None:
+    """Device time, ns, with (6,) rate and force; None of a line that is not seven finite numbers: cut or disturbed."""
+    words = line.split(",")
+    try:
+        device_ns, numbers = int(words[0]) * 1000, np.array([float(word) for word in words[1:]])
+    except ValueError:
+        return None
+    return (device_ns, numbers) if numbers.shape == (6,) and np.isfinite(numbers).all() else None
 
 
 def play(recording: Recording, topic: str, speed: float, port: int) -> None:
@@ -89,13 +104,19 @@ def main() -> None:
         lines, port = from_udp(listener), listener.getsockname()[1]
     if recording:
         threading.Thread(target=play, args=(recording, arguments.topic, arguments.speed, port), daemon=True).start()
-    clock = DeviceClock()
+    clock, skipped = DeviceClock(), 0
     with Sender(rig, parse_address(arguments.to, "--to"), epoch_ns=0) as sender:  # stamps are system time
         for line in lines:
-            numbers = np.array([float(word) for word in line.split(",")])
-            t_ns = clock.system_ns(int(line.split(",")[0]) * 1000)
-            sender.send(Imu(topic=arguments.topic, t_ns=t_ns, angular_rate=numbers[1:4], specific_force=numbers[4:7]))
-    print(f"sent {dict(sender.sent)}, dropped {dict(sender.dropped)}")
+            told = parsed(line)
+            if told is None:
+                skipped += 1
+                if skipped == 1:
+                    print(f"passed over: {line[:80]!r} is not time, rate and force", file=sys.stderr)
+                continue
+            device_ns, numbers = told
+            t_ns = clock.system_ns(device_ns)
+            sender.send(Imu(topic=arguments.topic, t_ns=t_ns, angular_rate=numbers[:3], specific_force=numbers[3:]))
+    print(f"sent {dict(sender.sent)}, dropped {dict(sender.dropped)}, passed over {skipped} lines")
 
 
 if __name__ == "__main__":

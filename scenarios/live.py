@@ -12,6 +12,7 @@ from typing import Any
 
 from stridetwin.scenarios.latency import Latency
 from stridetwin.scenarios.live_chain import Asked, Chain, chain_of
+from stridetwin.scenarios.live_fit import Fit
 from stridetwin.scenarios.warm_up import made_up_samples
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
@@ -110,8 +111,9 @@ class _Live:
         self._rig, self._metadata = self._given, dict[str, str]()
         self._chain: Chain | None = None
         self._recorder: LiveRecorder | None = None
-        self._lacks, self._warned = "", set[str]()
+        self._lacks, self._warned = "", set[tuple[str, str]]()
         self._span: tuple[int, int] | None = None
+        self._fit = Fit({}, Rig())
         self._early: Counter[str] = Counter()
         self._refusals_told = 0
 
@@ -130,7 +132,10 @@ class _Live:
                 if self._chain is not None:
                     self._chain.abandon()
                 raise
-            own = {"late": self._reorder.late, "before_start": self._early if self._chain is not None else Counter()}
+            own = {
+                "late": self._reorder.late, "before_start": self._early if self._chain is not None else Counter(),
+                "other_kind": self._fit.other_kind, "other_size": self._fit.other_size,
+            }  # fmt: skip
             streams = {
                 topic: {**vars(traffic), **{name: counts[topic] for name, counts in own.items()}}
                 for topic, traffic in sorted(receiver.traffic.items())
@@ -164,7 +169,7 @@ class _Live:
         if self._session.asked is not None and self._chain is None:
             raise StrideTwinError(f"nothing was estimated: {self._lacks}")
         if self._chain is not None and not self._latency.took_any:
-            raise StrideTwinError(f"nothing was estimated: nothing has come of {', '.join(self._chain.topics)}")
+            raise StrideTwinError(f"nothing was estimated: nothing has come of {', '.join(self._chain.takes)}")
         return self._chain.finish() if self._chain is not None else {}
 
     def _know(self, hello: Hello) -> None:
@@ -189,11 +194,13 @@ class _Live:
                 self._lacks = str(error)
                 self._say(f"waiting: {error}")
             return
-        for sample in made_up_samples(trial.topics, self._rig):
+        cameras = {t: c for t, c in self._rig.cameras.items() if {t, c.depth_topic} & trial.takes.keys()}
+        for sample in made_up_samples(tuple(trial.takes), replace(self._rig, cameras=cameras)):
             for _ in trial.update(sample):
                 pass
         self._chain = chain_of(asked, self._rig, self._metadata)
-        self._say(f"{asked.estimator} takes {', '.join(self._chain.topics)}")
+        self._fit = Fit(self._chain.takes, self._rig)
+        self._say(f"{asked.estimator} takes {', '.join(self._chain.takes)}")
 
     def _arrive(self, arrival: Arrival) -> None:
         topic = arrival.sample.topic
@@ -204,8 +211,11 @@ class _Live:
             self._recorder.write(arrival.message, arrival.sample.t_ns)
         if self._chain is None:
             self._early[topic] += 1
-        elif topic in self._chain.topics:
-            self._reorder.add(arrival)
+        elif topic in self._chain.takes:
+            if (wrong := self._fit.wrong(arrival.sample)) is None:
+                self._reorder.add(arrival)
+            else:
+                self._warn_once(topic, *wrong)
 
     def _process(self, arrivals: Iterable[Arrival]) -> None:
         for arrival in arrivals:
@@ -229,12 +239,17 @@ class _Live:
                 (traffic.not_increasing, "stamps do not increase: such samples are left out"),
                 (traffic.not_finite, "NaN or infinity: such samples are left out"),
             ):
-                if count and (topic + what) not in self._warned:
-                    self._warned.add(topic + what)
-                    self._say(f"warning: {topic}: {what}")
+                if count:
+                    self._warn_once(topic, what)
         for words in receiver.refused[self._refusals_told :]:
             self._refusals_told += 1
             self._say(f"warning: refused {words}")
+
+    def _warn_once(self, topic: str, what: str, first: str = "") -> None:
+        """Says what is wrong with a topic, with the first case of it."""
+        if (topic, what) not in self._warned:
+            self._warned.add((topic, what))
+            self._say(f"warning: {topic}: {what}{first and f' ({first})'}")
 
 
 def _joined(first: Rig, second: Rig) -> tuple[Rig, set[str]]:

@@ -26,8 +26,9 @@ from stridetwin.scenarios.steps import step_cells, write_steps
 from stridetwin.scenarios.terrain_files import document, write_terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Image, Imu, Insole, Range, Sample
+from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole, Range, Sample
 
+_KINDS: dict[str, type[Sample]] = {"imu": Imu, "color": Image, "depth": Depth, "insole": Insole}
 Done = tuple[str, str | None]
 """Which estimator has just taken the sample, and what it tells, None where it tells nothing."""
 
@@ -55,13 +56,13 @@ class Chain(Protocol):
     """One or more estimators, one feeding the next.
 
     Attributes:
-        topics: What it takes.
+        takes: The kind of sample that it takes of each topic.
     """
 
-    topics: tuple[str, ...]
+    takes: dict[str, type[Sample]]
 
     def update(self, sample: Sample) -> Iterator[Done]:
-        """Takes a sample; yields each time an estimator is done with it."""
+        """Takes a sample that `takes` allows; yields each time an estimator is done with it."""
 
     def finish(self) -> dict[Path, int]:
         """Writes what is to be written; returns rows by file."""
@@ -96,8 +97,9 @@ class _OneFoot:
     """`foot_ins`."""
 
     def __init__(self, asked: Asked, rig: Rig) -> None:
-        self.topics: tuple[str, ...] = (f"/foot_{asked.foot}/imu",)
-        self._filter = FootIns(rig.imu(self.topics[0]))
+        topic = f"/foot_{asked.foot}/imu"
+        self.takes: dict[str, type[Sample]] = {topic: Imu}
+        self._filter = FootIns(rig.imu(topic))
         self._path = LivePath(asked.output)
 
     def update(self, sample: Sample) -> Iterator[Done]:
@@ -125,7 +127,9 @@ class _BothFeet:
             rig.imu(topic)
         cameras = [c.topic for c in rig.cameras.values() if c.mount.body in ("foot_l", "foot_r")]
         sonars = [s.topic for s in rig.others.values() if s.kind == "range" and s.mount.body in ("foot_l", "foot_r")]
-        self.topics: tuple[str, ...] = (*imus, *cameras, *sonars)
+        self.takes: dict[str, type[Sample]] = {
+            **dict.fromkeys(imus, Imu), **dict.fromkeys(cameras, Image), **dict.fromkeys(sonars, Range)
+        }  # fmt: skip
         self._filter = FootToFoot(rig, method=asked.method)
         out = asked.output
         self._paths = {f: LivePath(out and out.with_name(f"{out.stem}_{f}{out.suffix}")) for f in FEET}
@@ -160,7 +164,9 @@ class _Steps:
             exo = parse_exoskeleton(metadata[KEY], f"hello: {KEY}")
         else:
             raise StrideTwinError("nobody tells the geometry of an exoskeleton; give its file: --exoskeleton FILE")
-        self.topics = tuple(exo.topics)
+        self.takes: dict[str, type[Sample]] = {exo.back.topic: Ahrs}
+        for leg in exo.legs.values():
+            self.takes |= {leg.thigh.topic: Ahrs, leg.foot.topic: Ahrs, leg.knee.topic: Encoder, leg.sole.topic: Insole}
         self._filter, self._output = ContactTerrain(exo, asked.method), asked.output
         self._last: dict[int, StepEstimate] = {}
 
@@ -187,7 +193,7 @@ class _Odometry:
 
     def __init__(self, asked: Asked, rig: Rig, method: str) -> None:
         self._filter = LedOdometry(rig, method)
-        self.topics = self._filter.topics
+        self.takes = _named(self._filter.topics)
         self._path = LivePath(asked.output)
 
     def update(self, sample: Sample) -> Iterator[Done]:
@@ -212,7 +218,7 @@ class _Ahead:
 
     def __init__(self, asked: Asked, rig: Rig) -> None:
         self._ahead = LedAhead(rig, asked.method if asked.estimator == "locomotion_mode" else None)
-        self._name, self._output, self.topics = asked.estimator, asked.output, self._ahead.topics
+        self._name, self._output, self.takes = asked.estimator, asked.output, _named(self._ahead.topics)
         self._steps, self._made = MadeSteps(), list[PredictedStep]()
 
     def update(self, sample: Sample) -> Iterator[Done]:
@@ -243,6 +249,11 @@ class _Ahead:
 
     def abandon(self) -> None:
         pass
+
+
+def _named(topics: Sequence[str]) -> dict[str, type[Sample]]:
+    """Kinds by the last part of the topics' names, as those of head and chest have it."""
+    return {topic: _KINDS[topic.rpartition("/")[2]] for topic in topics}
 
 
 def _files(*paths: LivePath) -> dict[Path, int]:

@@ -26,8 +26,13 @@ LARGEST_PICTURE = 64 << 20
 """Bytes of a picture's file."""
 MOST_PIXELS = 1 << 24
 """Of a stored picture, 4096 × 4096: what a message of a few bytes could unpack to is bounded by it."""
+MOST_SCANS = 100
+"""Of a JPEG; a progressive one has about ten, and each costs a pass over all pixels."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_MOST_MARKS = 10_000
+"""Of a JPEG before its size; one of metadata alone has a few hundred."""
+_JPEG_SCAN = b"\xff\xda"
 _JPEG_BARE = frozenset([0x01, *range(0xD0, 0xD9)])
 
 
@@ -91,7 +96,9 @@ def picture_size(data: bytes) -> tuple[int, int]:
         width, height = struct.unpack_from(">II", data, 16)
         return width, height
     at = 2
-    while data.startswith(b"\xff\xd8") and at + 9 <= len(data) and data[at] == 0xFF:
+    for _ in range(_MOST_MARKS if data.startswith(b"\xff\xd8") else 0):
+        if at + 9 > len(data) or data[at] != 0xFF:
+            break
         marker = data[at + 1]
         if marker in _JPEG_SIZES:
             height, width = struct.unpack_from(">HH", data, at + 5)
@@ -114,9 +121,12 @@ def decode_picture(data: bytes) -> NDArray[Any] | None:
     """The pixels of a JPEG or PNG as OpenCV decodes them, None where it is damaged.
 
     Raises:
-        ValueError: It is neither, or claims more than `MOST_PIXELS`.
+        ValueError: It is neither, claims more than `MOST_PIXELS`, or has more than `MOST_SCANS`.
     """
     check_pixels(*picture_size(data))
+    # A scan's data never holds these two bytes: whatever a decoder makes of the file, it finds no more scans than that.
+    if not data.startswith(_PNG) and (scans := data.count(_JPEG_SCAN)) > MOST_SCANS:
+        raise ValueError(f"a JPEG of {scans} scans is not valid; valid: up to {MOST_SCANS}")
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:

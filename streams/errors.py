@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 
+_LONGEST_SHOWN = 400
+
 
 class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
@@ -23,11 +25,19 @@ class ConfigError(StrideTwinError):
     def __init__(self, source: object, field: str, value: object, valid: str) -> None:
         self.source, self.field, self.value, self.valid = str(source), field, value, valid
         where = f"{source}: {field}" if field else str(source)
-        super().__init__(f"{where}: {value!r} is not valid; valid: {valid}")
+        super().__init__(f"{where}: {_shown(value)} is not valid; valid: {valid}")
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
         """Between processes it travels by what it was made of; an exception would by its message alone."""
         return type(self), (self.source, self.field, self.value, self.valid)
+
+
+def _shown(value: object) -> str:
+    try:
+        words = repr(value)
+    except ValueError:  # an integer of more digits than Python writes
+        return "an integer of thousands of digits"
+    return words if len(words) <= _LONGEST_SHOWN else f"{words[:_LONGEST_SHOWN]}..."
 
 
 def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Collection[str] = ()) -> None:

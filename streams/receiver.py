@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
@@ -45,6 +45,10 @@ INBOX_BYTES, INBOX_COUNT = 64 << 20, 4096
 _REFUSALS_KEPT = 100
 _SENDERS_KNOWN = 1000
 _TAKEOVER_S = 5.0
+"""How long a sender that comes again waits for its old connection to be read out, and again for it to be given up."""
+_ALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPALIVE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
+"""Seconds of silence before the system asks a peer whether it is there (two names for it), between its questions, and
+how many may stay without an answer."""
 _LINGER_S, _LINGER_BYTES = 0.3, 1 << 22
 
 
@@ -63,6 +67,21 @@ class Arrival:
     message: Message
     since_ns: int
     travel_ns: int | None
+
+
+@dataclass(kw_only=True, eq=False)
+class _Connection:
+    """A sender's connection.
+
+    Attributes:
+        peer: Its socket.
+        done: Set when its thread is done with it.
+        superseded: Whether the sender has come again and this one is read no more.
+    """
+
+    peer: socket.socket
+    done: threading.Event = field(default_factory=threading.Event)
+    superseded: bool = False
 
 
 @dataclass(kw_only=True)
@@ -102,8 +121,9 @@ class Receiver:
         try:
             family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
             self._listener = socket.create_server(address, family=family, backlog=MOST_PEERS)
-        except OSError as error:
-            raise StrideTwinError(f"cannot listen at {address[0]}:{address[1]}: {error.strerror or error}") from error
+        except (OSError, UnicodeError) as error:
+            words = getattr(error, "strerror", None) or error
+            raise StrideTwinError(f"cannot listen at {address[0]}:{address[1]}: {words}") from error
         typestore()  # takes a while, which the first sample would have to wait for
         self.address: tuple[str, int] = self._listener.getsockname()[:2]
         self.traffic: dict[str, Traffic] = {}
@@ -114,7 +134,7 @@ class Receiver:
         self._changed = threading.Condition()
         self._peers: set[socket.socket] = set()
         self._owner: dict[str, str] = {}
-        self._senders: dict[str, tuple[socket.socket, threading.Event]] = {}
+        self._senders: dict[str, _Connection] = {}
         self._taken: dict[str, int] = {}
         self._decoders: dict[str, Decoder] = {}
         self._last_ns: dict[str, int] = {}
@@ -171,6 +191,7 @@ class Receiver:
     def _serve(self, peer: socket.socket, name: str) -> None:
         try:
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            _keep_alive(peer)
             self._listen_to(peer, name)
         except StalledError as error:  # who is honest comes again
             self._note(name, str(error))
@@ -178,13 +199,15 @@ class Receiver:
             self._refuse(peer, name, str(error))
         except OSError:
             pass  # it comes again, or it does not
+        except Exception as error:  # of bytes that nobody has thought of
+            self._refuse(peer, name, f"{type(error).__name__}: {error}")
         finally:
             with self._changed:
                 self._peers.discard(peer)
-                for sender, (own, done) in list(self._senders.items()):
-                    if own is peer:
+                for sender, own in list(self._senders.items()):
+                    if own.peer is peer:
                         del self._senders[sender]
-                        done.set()
+                        own.done.set()
                 self._owner = {t: s for t, s in self._owner.items() if s in self._senders}
                 self._changed.notify_all()
             _hang_up(peer)
@@ -197,8 +220,8 @@ class Receiver:
             return
         hello = read_hello(first[1])
         sender = hello.sender or name
-        self._begin(sender, peer)
-        self._put(hello, 0)
+        own = self._begin(sender, peer)
+        self._put(hello, 0, own)
         while (got := frames.next(SAMPLE, LOST, END)) is not None:
             since_ns, system_ns = time.perf_counter_ns(), time.time_ns()
             kind, body = got
@@ -211,41 +234,53 @@ class Receiver:
                     self._of(topic).lost += count
                 continue
             message = read_sample(body)
-            self._taken[sender] += 1
             sample = self._decoder(sender, message).sample(message)
             traffic = self._of(message.topic)
             if sample is None:
                 traffic.not_finite += 1
-                continue
-            if not 0 <= sample.t_ns < LATEST_NS:
+            elif not 0 <= sample.t_ns < LATEST_NS:
                 raise WireError(f"{message.topic}: stamp {sample.t_ns} ns is not valid; valid: 0 to {LATEST_NS}")
-            if sample.t_ns <= self._last_ns.get(message.topic, -1):
+            elif sample.t_ns <= self._last_ns.get(message.topic, -1):
                 traffic.not_increasing += 1
-                continue
-            self._last_ns[message.topic] = sample.t_ns
-            traffic.received += 1
-            travel_ns = None if hello.epoch_ns is None else system_ns - hello.epoch_ns - sample.t_ns
-            size = len(message.payload)
-            if isinstance(sample, Image | Depth):
-                size += (sample.pixels if isinstance(sample, Image) else sample.depth).nbytes
-            self._put(Arrival(sample=sample, message=message, since_ns=since_ns, travel_ns=travel_ns), size)
+            else:
+                travel_ns = None if hello.epoch_ns is None else system_ns - hello.epoch_ns - sample.t_ns
+                size = len(message.payload)
+                if isinstance(sample, Image | Depth):
+                    size += (sample.pixels if isinstance(sample, Image) else sample.depth).nbytes
+                arrival = Arrival(sample=sample, message=message, since_ns=since_ns, travel_ns=travel_ns)
+                self._put(arrival, size, own)
+                self._last_ns[message.topic] = sample.t_ns
+                traffic.received += 1
+            self._taken[sender] += 1
 
-    def _begin(self, sender: str, peer: socket.socket) -> None:
-        """Lets a sender begin, or go on: it may have lost a connection before we have."""
+    def _begin(self, sender: str, peer: socket.socket) -> _Connection:
+        """Lets a sender begin, or go on: it may have lost a connection before we have.
+
+        What the old connection still holds is taken first, unless nobody makes room for it.
+
+        Raises:
+            ConnectionError: The old one is still being read; the sender may come again.
+        """
+        own = _Connection(peer=peer)
         with self._changed:
             before = self._senders.get(sender)
         if before is not None:
-            _hang_up(before[0])
-            before[1].wait(_TAKEOVER_S)
+            _hang_up(before.peer)
+            if not before.done.wait(_TAKEOVER_S):
+                with self._changed:
+                    before.superseded = True
+                    self._changed.notify_all()
+                before.done.wait(_TAKEOVER_S)
         with self._changed:
             if sender in self._senders:
-                raise WireError("another connection of this sender is still being read")
-            self._senders[sender] = peer, threading.Event()
+                raise ConnectionError("another connection of this sender is still being read")
+            self._senders[sender] = own
             count = self._taken.pop(sender, None)
             while len(self._taken) >= _SENDERS_KNOWN:
                 del self._taken[next(s for s in self._taken)]
             self._taken[sender] = count or 0
         peer.sendall(taken_frame(count))
+        return own
 
     def _of(self, topic: str) -> Traffic:
         with self._changed:
@@ -270,11 +305,18 @@ class Receiver:
             self._decoders[topic] = known = Decoder(topic, message.typename)
         return known
 
-    def _put(self, item: Arrival | Hello, size: int) -> None:
+    def _put(self, item: Arrival | Hello, size: int, own: _Connection) -> None:
+        """Hands on what a connection has brought; waits for room.
+
+        Raises:
+            ConnectionError: The sender has come again meanwhile; the item is not taken.
+        """
         with self._changed:
             while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
                 if self._closed:
                     return
+                if own.superseded:
+                    raise ConnectionError("this sender has another connection")
                 self._changed.wait()
             self._inbox.append((item, size))
             self._bytes += size
@@ -298,6 +340,14 @@ class Receiver:
                 left -= len(piece)
         except OSError:
             pass
+
+
+def _keep_alive(peer: socket.socket) -> None:
+    """Has the system end a connection whose other end is no longer there: who loses power does not say so."""
+    peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in _ALIVE.items():
+        if hasattr(socket, name):
+            peer.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 def _hang_up(peer: socket.socket) -> None:

@@ -134,6 +134,8 @@ class Sender:
             self._serve()
         except WireError as error:
             self._fail(str(error))
+        except Exception as error:  # whoever sends must hear of it, or would wait for ever
+            self._fail(f"{self._address[0]}:{self._address[1]}: {type(error).__name__}: {error}")
         finally:
             if self._peer is not None:
                 self._peer.close()

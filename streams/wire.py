@@ -27,6 +27,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from stridetwin.streams.bounded import check_pixels
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml, rig_to_yaml
 from stridetwin.streams.rig import Rig
@@ -48,7 +49,6 @@ _HEAD = struct.Struct("<IB")
 _STAMP = struct.Struct("<q")
 _COUNT = struct.Struct("<Q")
 _PIECE = 1 << 16
-_GLANCE_S = 0.01
 _MOST_EPOCH_NS = 2**62
 _UNKNOWN = 2**64 - 1
 
@@ -174,7 +174,9 @@ def read_hello(body: bytes) -> Hello:
     try:
         check_yaml(rig, "hello: rig", most_aliases=0)
         known = rig_from_yaml(rig, "hello: rig") if rig.strip() else Rig()
-    except StrideTwinError as error:
+        for camera in known.cameras.values():  # an estimator takes memory by what it is told
+            check_pixels(camera.width, camera.height)
+    except (StrideTwinError, ValueError) as error:
         raise WireError(f"{error}") from error
     return Hello(rig=known, metadata=metadata, epoch_ns=epoch, sender=sender)
 
@@ -258,6 +260,8 @@ class FrameReader:
             try:
                 self._held += self._peer.recv(_PIECE)
             except TimeoutError as error:
+                if idle_s is None:  # it is the system's, which has found nobody there any more
+                    raise
                 raise WireError(f"nothing came for {idle_s:g} s") from error
             if not self._held:
                 return None
@@ -276,15 +280,19 @@ class FrameReader:
 
     def _fill(self, count: int, until: float) -> None:
         """Holds so many bytes at least, taken as they come."""
-        while len(self._held) < count:
-            self._peer.settimeout(max(until - time.monotonic(), _GLANCE_S))
-            try:  # what is there is taken even after the time: it may be we who were late
-                piece = self._peer.recv(_PIECE)
-            except TimeoutError as error:
-                raise StalledError(f"a frame that is not whole after {FRAME_S:g} s") from error
+        while (missing := count - len(self._held)) > 0:
+            left_s = until - time.monotonic()
+            late = left_s <= 0
+            self._peer.settimeout(max(left_s, 0.0))
+            try:  # what is there is taken even after the time, once: it may be we who were late
+                piece = self._peer.recv(missing if late else _PIECE)
+            except (TimeoutError, BlockingIOError) as error:
+                raise _stalled() from error
             if not piece:
-                raise WireError(f"the connection ends {count - len(self._held)} bytes before its frame")
+                raise WireError(f"the connection ends {missing} bytes before its frame")
             self._held += piece
+            if late and len(piece) < missing:
+                raise _stalled()
 
 
 def parse_address(text: str, flag: str) -> tuple[str, int]:
@@ -296,10 +304,23 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
     host, colon, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
     if not colon:
         host, port = text, ""
+    host = host.strip("[]")
     number = int(port) if port.isdecimal() else PORT if not port else -1
-    if not 0 <= number < 65536 or "/" in host or " " in host:
+    if not 0 <= number < 65536 or not _may_be_host(host):
         raise StrideTwinError(f"{flag}: {text!r} is not valid; valid: HOST:PORT, such as 127.0.0.1:{PORT}")
-    return host.strip("[]") or "127.0.0.1", number
+    return host or "127.0.0.1", number
+
+
+def _may_be_host(host: str) -> bool:
+    try:
+        host.encode("idna")  # as the socket does: no part of a name is empty or too long
+    except UnicodeError:
+        return False
+    return not any(character in host for character in "/ \0")
+
+
+def _stalled() -> StalledError:
+    return StalledError(f"a frame that is not whole after {FRAME_S:g} s")
 
 
 def _json(body: bytes, what: str) -> dict[str, Any]:

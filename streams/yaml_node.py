@@ -16,6 +16,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 
 MOST_VALUES, DEEPEST = 20_000, 40
+LARGEST_INTEGER = 2**31 - 1
 _MISSING: Any = object()
 SafeLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one, where there is one
 
@@ -153,7 +154,7 @@ class Node:
         """The value as a finite number, at least (or above) `low`; 1e-3, which YAML reads as text, is one."""
         try:
             number = math.nan if isinstance(self.value, bool) else float(self.value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number) or number < low or (above and number == low):
             bound = "" if low == -math.inf else f" above {low:g}" if above else f" of at least {low:g}"
@@ -161,9 +162,11 @@ class Node:
         return number
 
     def integer(self, low: int) -> int:
-        """The value as an integer, at least `low`."""
+        """The value as an integer, at least `low`, that any machine can count to."""
         if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < low:
             raise self.error(f"an integer of at least {low}")
+        if self.value > LARGEST_INTEGER:
+            raise self.error(f"an integer of up to {LARGEST_INTEGER}")
         return self.value
 
     def numbers(self, count: int) -> tuple[float, ...]:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 TRUTH = "/truth/"
 FIGURES = {
     "received": "received", "late": "late", "lost": "dropped by the sender", "not_increasing": "stamps not increasing",
-    "not_finite": "not finite", "before_start": "before the start",
+    "not_finite": "not finite", "before_start": "before the start", "other_kind": "of another kind",
+    "other_size": "of another size",
 }  # fmt: skip
 _WITH_METHOD = ("foot_to_foot", "contact_terrain", "dvio", "locomotion_mode")
 _OVER_BUDGET = 1

@@ -1,7 +1,8 @@
 """EuRoC MAV folders (ASL layout): `mav0/imu0/data.csv`, `mav0/cam0/data/*.png`, `sensor.yaml` beside each.
 
 Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016; the layout is also that of TUM-VI. The body frame
-is the IMU's. Columns are found by the names in the header, in the published order where there is no header.
+is the IMU's; a true path of something else, such as the marker of `vicon0`, is carried over by its `T_BS`. Columns are
+found by the names in the header, in the published order where there is no header.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
 from stridetwin.streams.imported import Notes, Pictures, Source, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
-from stridetwin.streams.samples import Block, Imu, Odometry
+from stridetwin.streams.samples import Array, Block, Imu, Odometry
 from stridetwin.streams.yaml_node import Node, parse_yaml
 
 IMU_COLUMNS = ("w_RS_S_x", "w_RS_S_y", "w_RS_S_z", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z")
@@ -110,7 +111,16 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
     columns = _columns(file, header, wanted, POSE_UNITS, notes)
     t_ns, table = numbers(file, rows, columns, integer_nanoseconds, notes)
     velocity = table[:, 7:10] if has_velocity else None
-    return odometry(TRUTH, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file)
+    return odometry(TRUTH, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _marker(file.parent))
+
+
+def _marker(folder: Path) -> Array | None:
+    """T_BS of a true path's sensor, such as Vicon's marker, in the body; None where its poses are the body's own."""
+    node = _sensor(folder)
+    if node is None or "T_BS" not in node:
+        return None
+    T = _mount(node).T_body_sensor
+    return None if np.array_equal(T, np.eye(4)) else T
 
 
 def _columns(

@@ -15,7 +15,14 @@ _UNIT = (0.9, 1.1)
 
 
 def odometry(
-    name: str, t_ns: NDArray[np.int64], p: Array, q: Array, v: Array | None, notes: Notes, file: object
+    name: str,
+    t_ns: NDArray[np.int64],
+    p: Array,
+    q: Array,
+    v: Array | None,
+    notes: Notes,
+    file: object,
+    T_body_told: Array | None = None,
 ) -> Block[Odometry]:
     """Poses as a block of odometry; what is not known is the central difference of what is.
 
@@ -27,6 +34,8 @@ def odometry(
         v: (N, 3) m/s, or None.
         notes: Where problems go.
         file: What errors call the source.
+        T_body_told: (4, 4) where the frame whose poses are told sits in the one that is wanted, m; the velocity, which
+            is that of another point, then counts as not told. None: they are one.
 
     Raises:
         ConfigError: A quaternion that is far from a unit one, unless lenient (its row is left out).
@@ -40,6 +49,11 @@ def odometry(
         t_ns, p, q, norm = t_ns[sound], p[sound], q[sound], norm[sound]
         v = None if v is None else v[sound]
     q = q / norm[:, None]
+    if T_body_told is not None and len(q):
+        T_told_body = np.linalg.inv(T_body_told)
+        told = Rotation.from_quat(q, scalar_first=True)
+        p, v = p + told.apply(T_told_body[:3, 3]), None
+        q = (told * Rotation.from_matrix(T_told_body[:3, :3])).as_quat(scalar_first=True)
     rates = np.zeros((2, len(t_ns), 3))
     rising = np.flatnonzero(increasing(t_ns, -1))  # what goes backwards is refused or left out later on
     if len(rising) > 1:

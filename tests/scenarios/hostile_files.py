@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
+import cv2
 import lz4.frame
 import numpy as np
 import zstandard
@@ -119,6 +120,16 @@ def told_jpeg(width, height):
     return b"\xff\xd8" + frame + b"\xff\xda\0\x0c\3\1\0\2\x11\3\x11\0?\0" + bytes(100) + b"\xff\xd9"
 
 
+def scanned_jpeg(width, height):
+    """A small progressive JPEG that asks for 4000 passes over its pixels, each with tables of its own."""
+    grey = np.zeros((height, width), np.uint8)
+    data = cv2.imencode(".jpg", grey, (cv2.IMWRITE_JPEG_PROGRESSIVE, 1))[1].tobytes()
+    at = data.index(b"\xff\xda", data.index(b"\xff\xda") + 2)  # the first may come but once
+    scan = data[at : at + 2 + int.from_bytes(data[at + 2 : at + 4], "big")]
+    tables = b"\xff\xc4\0\x14\x10\1" + bytes(15) + b"\0"  # one code: the end of a block
+    return data[:-2] + (tables + scan) * 4000 + data[-2:]
+
+
 def rig_attached(text):
     return encoded(records.Attachment(create_time=0, log_time=0, name="rig.yaml", media_type="a", data=text.encode()))
 
@@ -172,6 +183,7 @@ def mcaps(folder):
         ("/head/color", "sensor_msgs/msg/CompressedImage", picture(told_png(60_000, 60_000))),
         ("/head/other", "sensor_msgs/msg/CompressedImage", picture(told_jpeg(65_000, 65_000), "jpeg")),
         ("/head/third", "sensor_msgs/msg/CompressedImage", picture(bytes(12) + told_png(40_000, 40_000), DEPTH)),
+        ("/head/scans", "sensor_msgs/msg/CompressedImage", picture(scanned_jpeg(4096, 4096), "jpeg")),
         ("/head/tiff", "sensor_msgs/msg/CompressedImage", picture(b"II*\0\x08\0\0\0" + bytes(500), "tiff")),
     ):  # fmt: skip
         name = topic.strip("/").replace("/", "_")
@@ -295,7 +307,10 @@ def folders(folder, walk):
         root = write_euroc(place, walk) / "mav0"
         (root / "imu0" / "sensor.yaml").write_text(text)
         yield root.parent
-    pictures = {"png": told_png(60_000, 60_000), "jpeg": told_jpeg(65_000, 65_000), "gif": b"GIF89a" + b"\xff" * 99}
+    pictures = {
+        "png": told_png(60_000, 60_000), "jpeg": told_jpeg(65_000, 65_000), "gif": b"GIF89a" + b"\xff" * 99,
+        "scans": scanned_jpeg(4096, 4096),
+    }  # fmt: skip
     for name, data in pictures.items():
         place = folder / f"euroc_{name}"
         root = write_euroc(place, walk) / "mav0"

@@ -93,6 +93,72 @@ def test_an_imu_of_lines_leads_where_the_recording_leads(seen, tmp_path, monkeyp
     np.testing.assert_allclose(ours.p_frame_in_world[-1], theirs.p_frame_in_world[-1], atol=0.05)
 
 
+@pytest.fixture
+def imu_example(monkeypatch):
+    """What examples/imu.py defines."""
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    return runpy.run_path(str(ROOT / "examples/imu.py"))
+
+
+def test_lines_of_an_imu_that_are_none_are_passed_over(imu_example):
+    parsed = imu_example["parsed"]
+    device_ns, numbers = parsed("12345678,0.01,-0.02,0.00,0.1,0.2,9.8\r\n")
+    assert device_ns == 12_345_678_000
+    assert numbers.tolist() == [0.01, -0.02, 0.0, 0.1, 0.2, 9.8]
+    for line in (
+        "", ".00,0.1,0.2,9.8", "02,0.00,0.1,0.2,9.8", "1,2,3,4,5,6", "1,2,3,4,5,6,7,8", "1,2,3,4,5,6,",
+        "1,2,3,4,5,6,nan", "1,2,3,4,5,6,inf", "t,gx,gy,gz,ax,ay,az", "1.5,2,3,4,5,6,7", "1,2,3,4,5,6,\ufffd7",
+    ):  # fmt: skip
+        assert parsed(line) is None, line
+
+
+def test_a_serial_port_is_joined_in_the_middle_of_a_line(imu_example, monkeypatch):
+    said = [b",0.1,0.2,9.8\n", b"1000,1,2,3,4,5,6\n", b"\xff\xfe\n", b"2000,1,2,3,4,5,6\n"]
+
+    class Serial:
+        def __init__(self, port, baud):
+            self.lines = iter(said)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def readline(self):
+            return next(self.lines)
+
+    monkeypatch.setitem(sys.modules, "serial", types.SimpleNamespace(Serial=Serial))
+    lines = imu_example["from_serial"]("/dev/ttyUSB0")
+    told = [imu_example["parsed"](next(lines)) for _ in range(3)]
+    assert [t and t[0] for t in told] == [1_000_000, None, 2_000_000]
+
+
+@pytest.mark.parametrize("then_us", [0, 4_000_000_000], ids=["from 0", "from later on"])
+def test_a_clock_that_goes_back_is_followed_anew(imu_example, monkeypatch, then_us):
+    now = [1_700_000_000_000_000_000]
+    monkeypatch.setattr(time, "time_ns", lambda: now[0])
+    clock, stamps = imu_example["DeviceClock"](), []
+    for start_us in (2**32 - 500_000, then_us):
+        for i in range(100):
+            now[0] += 5_000_000
+            stamps.append(clock.system_ns((start_us + 5_000 * i) * 1000))
+    steps = np.diff(stamps)
+    assert steps.min() > 4_900_000
+    assert steps.max() < 5_100_000
+
+
+def test_the_adapter_of_the_page_sends(tmp_path, monkeypatch):
+    (snippet,) = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+    (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.S)
+    monkeypatch.chdir(tmp_path)
+    Path("rig.yaml").write_text(text)
+    made = alive(
+        ["foot_ins", "-o", tmp_path / "path.txt"], lambda where: exec(snippet.replace("7365", where.split(":")[1]))
+    )
+    assert made.data["streams"]["/foot_l/imu"]["received"] == 1
+
+
 def test_examples_compile():
     files = {file.name: file for file in (ROOT / "examples").glob("*.py")}
     assert {"imu.py", "realsense.py", "replay.py", "ros2_forward.py"} <= set(files)

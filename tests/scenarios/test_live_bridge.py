@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,12 +21,14 @@ from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.scenarios import live
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.latency import Latency, Times
+from stridetwin.scenarios.live_fit import Fit
 from stridetwin.scenarios.mode_files import INSOLES, follow_modes, predicted_steps, write_modes
 from stridetwin.scenarios.odometry import estimate_odometry
 from stridetwin.scenarios.terrain_files import pose_sample, write_terrain
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from stridetwin.streams.samples import Accelerometer, Depth, Image, Range
 from stridetwin.streams.sender import Sender
 from stridetwin.streams.tum import write_tum
 from stridetwin.streams.wire import WireError, parse_address
@@ -165,6 +168,8 @@ def test_what_goes_wrong_is_told_in_one_line(seen, tmp_path, monkeypatch):
     assert "no topic '/x'" in str(outcome("send", recording, "--topic", "/x"))
     nobody = outcome("send", recording, "--to", f"127.0.0.1:{free_port()}", "--patience", "0.1")
     assert "nobody takes samples" in str(nobody)
+    nowhere = outcome("send", recording, "--to", "192.168..10")
+    assert str(nowhere) == "--to: '192.168..10' is not valid; valid: HOST:PORT, such as 127.0.0.1:7365"
     lacking = alive(["dvio", "-o", tmp_path / "path.txt"], sent(recording, "--topic", "/foot_l/imu"))
     assert "nothing was estimated: nothing has come of /head/imu, /head/color, /head/depth" in str(lacking)
 
@@ -175,6 +180,85 @@ def test_what_goes_wrong_is_told_in_one_line(seen, tmp_path, monkeypatch):
     lacking = alive(["foot_ins", "-o", tmp_path / "path.txt"], bare)
     assert "nothing was estimated: the rig has no IMU '/foot_l/imu'" in str(lacking)
     assert not list(tmp_path.iterdir())
+
+
+def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])
+    recording, rig = Recording(seen), tmp_path / "rig.yaml"
+    write_rig(recording.rig, rig)
+    right = list(recording.block("/foot_r/imu"))
+
+    def both(where):
+        """One sender brings the range of a sonar as an IMU."""
+        address = parse_address(where, "--to")
+        with Sender(Rig(), address, patience_s=60) as other, Sender(Rig(), address, patience_s=60) as honest:
+            other.send(Range(topic="/foot_l/imu", t_ns=right[0].t_ns, distance=0.3))
+            for sample in right:
+                honest.send(sample)
+
+    made = alive(["foot_to_foot", "--rig", rig, "-o", tmp_path / "feet.txt"], both)
+    assert made.data["streams"]["/foot_l/imu"]["other_kind"] == 1
+    assert made.data["streams"]["/foot_r/imu"]["received"] == len(right)
+    assert len((tmp_path / "feet_r.txt").read_text().splitlines()) == len(right)
+    said = capsys.readouterr().err
+    assert (
+        "/foot_l/imu: of another kind than the estimator takes: such samples are left out (Range and not Imu)" in said
+    )
+
+    def alone(where):
+        with Sender(recording.rig, parse_address(where, "--to"), patience_s=60) as sender:
+            for i in range(5):
+                sender.send(Accelerometer(topic="/foot_l/imu", t_ns=i + 1, specific_force=np.ones(3)))
+
+    assert "nothing has come of /foot_l/imu" in str(alive(["foot_ins"], alone))
+    assert capsys.readouterr().err.count("(Accelerometer and not Imu)") == 1
+
+
+def test_pictures_of_another_size_are_left_out_and_told(seen, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])
+    recording, rig = Recording(seen), tmp_path / "rig.yaml"
+    camera = recording.rig.cameras["/head/color"]
+    halved = replace(camera, width=camera.width // 2, height=camera.height // 2)
+    write_rig(replace(recording.rig, cameras={camera.topic: halved}), rig)
+    topics = ("--topic", "/head/imu", "--topic", "/head/color", "--topic", "/head/depth")
+    for estimator in ("dvio", "terrain_map"):  # the latter would not go on
+        made = alive([estimator, "--rig", rig], sent(seen, *topics))
+        for topic in ("/head/color", "/head/depth"):
+            counts = made.data["streams"][topic]
+            assert counts["other_size"] == counts["received"] > 0
+        size = f"({camera.width} × {camera.height} and not {halved.width} × {halved.height})"
+        words = f"of another size than the rig tells: such pictures are left out {size}"
+        assert capsys.readouterr().err.count(words) == 2
+
+
+def test_what_an_estimator_can_take():
+    camera = CameraCalibration(
+        topic="/foot_l/camera", part="", rate_hz=30.0, mount=Mount(body="foot_l"), width=32, height=24,
+        intrinsics=(30.0, 30.0, 15.5, 11.5),
+    )  # fmt: skip
+    head = replace(camera, topic="/head/color", mount=Mount(body="head"), depth_topic="/head/depth")
+    fit = Fit(
+        {"/foot_l/camera": Image, "/head/color": Image, "/head/depth": Depth},
+        Rig(cameras={c.topic: c for c in (camera, head)}),
+    )
+
+    def image(topic, *shape):
+        return fit.wrong(Image(topic=topic, t_ns=1, pixels=np.zeros(shape, np.uint8)))
+
+    assert image("/foot_l/camera", 24, 32) is image("/head/color", 24, 32, 3) is image("/head/color", 24, 32) is None
+    assert "colour" in image("/foot_l/camera", 24, 32, 3)[0]
+    assert image("/head/color", 32, 24, 3)[1] == "24 × 32 and not 32 × 24"
+    assert fit.wrong(Depth(topic="/head/depth", t_ns=1, depth=np.zeros((24, 32), np.float32))) is None
+    assert image("/head/depth", 24, 32)[1] == "Image and not Depth"
+    assert fit.other_kind == {"/head/depth": 1}
+    assert fit.other_size == {"/foot_l/camera": 1, "/head/color": 1}
+
+
+def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, monkeypatch):
+    shown = []
+    monkeypatch.setattr(live, "made_up_samples", lambda topics, rig: shown.append((topics, set(rig.cameras))) or [])
+    alive(["foot_ins", "-o", tmp_path / "path.txt"], sent(seen, "--topic", "/foot_l/imu"))
+    assert shown == [(("/foot_l/imu",), set())]
 
 
 def test_who_can_be_reached_from_elsewhere_is_warned(capsys, tmp_path, seen):

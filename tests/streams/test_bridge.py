@@ -1,9 +1,11 @@
 """Senders and receivers over loopback: what comes through, what does not, and who is told."""
 
+import json
 import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -13,15 +15,16 @@ import pytest
 from rigs import every_small_block, small_rig
 from test_wire import compressed, same, told_size
 
+from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.live_recorder import LiveRecorder
 from stridetwin.streams.messages import Encoder
 from stridetwin.streams.receiver import MOST_PEERS, Arrival, Receiver
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.reorder import Reorder
 from stridetwin.streams.samples import Depth, Image, Imu
-from stridetwin.streams.sender import PICTURES_HELD, Sender
+from stridetwin.streams.sender import PICTURES_HELD, SAMPLES_HELD, Sender
 from stridetwin.streams.stored_messages import stored_messages
-from stridetwin.streams.wire import SAMPLE, Hello, Message, WireError, frame, hello_frame, sample_frame
+from stridetwin.streams.wire import HELLO, SAMPLE, Hello, Message, WireError, frame, hello_frame, sample_frame
 
 LOCAL = ("127.0.0.1", 0)
 
@@ -144,6 +147,79 @@ def test_a_sender_comes_again_and_what_was_lost_between_is_counted():
     assert receiver.traffic["/head/imu"].lost == sender.dropped.total()
 
 
+def test_a_sender_comes_again_while_nobody_makes_room(monkeypatch):
+    monkeypatch.setattr("stridetwin.streams.receiver.INBOX_COUNT", 3)
+    monkeypatch.setattr("stridetwin.streams.receiver._TAKEOVER_S", 0.2)
+    with Receiver(LOCAL) as receiver:
+        with Sender(small_rig(), receiver.address) as sender:
+            for i in range(100):
+                sender.send(imu(i))
+            until = time.monotonic() + 30
+            while sender.sent.total() < 100 and time.monotonic() < until:
+                time.sleep(0.01)
+            (first,) = receiver._peers  # its thread waits for room
+            first.shutdown(socket.SHUT_RDWR)
+            while first in receiver._peers and time.monotonic() < until:
+                time.sleep(0.01)
+            assert first not in receiver._peers
+            for i in range(100, 200):
+                sender.send(imu(i))
+            came = []
+            take_until(receiver, came, lambda: any(getattr(a, "sample", imu(0)).t_ns == imu(199).t_ns for a in came))
+        came += everything(receiver)
+    arrived = [item for item in came if isinstance(item, Arrival)]
+    assert not receiver.refusals
+    assert len(arrived) == receiver.traffic["/head/imu"].received
+    assert len(arrived) + sender.dropped.total() == 200
+    assert receiver.traffic["/head/imu"].lost == sender.dropped.total() > 0
+
+
+def test_an_old_connection_that_is_still_read_is_no_refusal(monkeypatch):
+    monkeypatch.setattr("stridetwin.streams.receiver._TAKEOVER_S", 0.05)
+    held = threading.Event()
+    with Receiver(LOCAL) as receiver:
+        put = receiver._put
+        monkeypatch.setattr(receiver, "_put", lambda *words: (held.wait(30), put(*words)))
+        with Sender(small_rig(), receiver.address, patience_s=30) as sender:
+            sender.send(imu(0))
+            until = time.monotonic() + 30
+            while not receiver._senders and time.monotonic() < until:
+                time.sleep(0.01)
+            next(iter(receiver._peers)).shutdown(socket.SHUT_RDWR)
+            time.sleep(0.5)
+            assert not sender._failure
+            held.set()
+            sender.send(imu(1))
+        came = everything(receiver)
+    assert not receiver.refusals
+    assert [a.sample.t_ns for a in came if isinstance(a, Arrival)][-1] == imu(1).t_ns
+
+
+def test_a_peer_without_power_is_noticed():
+    with Receiver(LOCAL) as receiver, socket.create_connection(receiver.address) as peer:
+        peer.sendall(hello_frame(Hello()))
+        take_until(receiver, [], lambda: receiver._senders)
+        (accepted,) = receiver._peers
+        assert accepted.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        if hasattr(socket, "TCP_KEEPIDLE"):
+            idle, every, count = (
+                accepted.getsockopt(socket.IPPROTO_TCP, getattr(socket, f"TCP_KEEP{n}"))
+                for n in ("IDLE", "INTVL", "CNT")
+            )
+            assert idle + every * count <= 30
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+def test_whatever_befalls_the_sender_s_thread_is_told(lossless):
+    def send():
+        with Sender(small_rig(), ("192.168..10", 7365), lossless=lossless) as sender:
+            for i in range(SAMPLES_HELD + 1):
+                sender.send(imu(i))
+
+    with pytest.raises(WireError, match=r"192\.168\.\.10:7365: UnicodeError: .*label"):
+        send()
+
+
 def test_a_sender_waits_for_its_receiver_but_not_for_ever():
     with socket.create_server(LOCAL) as closed:
         address = closed.getsockname()[:2]
@@ -181,6 +257,23 @@ def test_topics_belong_to_one_sender_and_one_type():
                 first.send(imu(1))
             first._failure = ""  # or leaving says it again
         assert receiver.refusals == 2
+
+
+def test_a_hello_that_nobody_has_thought_of_is_refused(monkeypatch):
+    rig = rig_to_yaml(small_rig())
+    with Receiver(LOCAL) as receiver:
+        for told, said in (
+            (rig.replace("update_rate: 200.0", f"update_rate: {'9' * 400}"), b"update_rate: 9999"),
+            (rig.replace("resolution: [32, 24]", f"resolution: [{'9' * 400}, 24]"), b"resolution[0]: 9999"),
+            (rig.replace("resolution: [32, 24]", "resolution: [32000, 24000]"), b"32000 \xc3\x97 24000 is not valid"),
+            (rig.replace("update_rate: 200.0", f"update_rate: 0x{'9' * 9000}"), b"thousands of digits"),
+        ):
+            assert told != rig
+            body = json.dumps({"stridetwin": 1, "rig": told}).encode()
+            assert said in raw(receiver, frame(HELLO, body))
+        monkeypatch.setattr("stridetwin.streams.receiver.read_hello", lambda body: 1 // 0)
+        assert b"ZeroDivisionError" in raw(receiver, hello_frame(Hello()))
+        assert receiver.refusals == 5
 
 
 def test_stamps_that_do_not_increase_and_numbers_that_are_none_are_left_out_and_counted():

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.writer import CompressionType
+from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, Walk, write_foreign_mcap
 from stridetwin.streams.errors import StrideTwinError
@@ -110,6 +111,29 @@ def test_velocities_that_a_truth_lacks_are_its_differences(sources, walk):
     np.testing.assert_allclose(truth["v_frame_in_world"][1:-1], expected, atol=1e-9)
     yaw_rate = 2 * 0.2 * np.cos(np.arange(len(walk.t)) / 50) * IMU_HZ / 50
     np.testing.assert_allclose(truth["angular_rate"][1:-1, 2], yaw_rate[1:-1], atol=1e-3)
+
+
+def test_a_marker_s_path_becomes_the_imu_s(sources, walk, tmp_path):
+    root = copied(sources["euroc"], tmp_path) / "mav0"
+    (root / "state_groundtruth_estimate0").rename(root / "vicon0")
+    T_imu_marker = np.eye(4)
+    T_imu_marker[:3, :3] = Rotation.from_rotvec([0.3, -0.8, 1.9]).as_matrix()
+    T_imu_marker[:3, 3] = 0.069, -0.028, -0.124
+    body = Rotation.from_quat(walk.q, scalar_first=True)
+    p = walk.p + body.apply(T_imu_marker[:3, 3])
+    q = (body * Rotation.from_matrix(T_imu_marker[:3, :3])).as_quat(scalar_first=True)
+    file = root / "vicon0" / "data.csv"
+    header = file.read_text().splitlines()[0]
+    rows = zip(walk.t.tolist(), np.column_stack((p, q)).tolist())
+    file.write_text("\n".join([header, *(f"{t},{','.join(map(repr, row))}" for t, row in rows)]))
+    told = f"sensor_type: pose\nT_BS:\n  cols: 4\n  rows: 4\n  data: {T_imu_marker.ravel().tolist()}\n"
+    (root / "vicon0" / "sensor.yaml").write_text(told)
+    truth = open_any(root).block("/truth/head/imu/odometry").columns
+    np.testing.assert_allclose(truth["p_frame_in_world"], walk.p, atol=1e-9)
+    signs = np.sign(np.sum(truth["q_world_frame"] * walk.q, axis=1))[:, None]
+    np.testing.assert_allclose(signs * truth["q_world_frame"], walk.q, atol=1e-9)
+    expected = (walk.p[2:] - walk.p[:-2]) * IMU_HZ / 2
+    np.testing.assert_allclose(truth["v_frame_in_world"][1:-1], expected, atol=1e-6)
 
 
 def test_euroc_columns_go_by_their_names(sources, walk, tmp_path):

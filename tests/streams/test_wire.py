@@ -1,7 +1,9 @@
 """Frames and messages, byte by byte."""
 
+import errno
 import socket
 import struct
+import threading
 import time
 
 import cv2
@@ -175,9 +177,19 @@ def compressed(data, form="png"):
     return Message(t_ns=1, topic="/head/color", typename="sensor_msgs/msg/CompressedImage", payload=payload)
 
 
+def of_scans(count):
+    """A small progressive JPEG with a scan that says nothing many times over."""
+    data = cv2.imencode(".jpg", np.zeros((64, 64), np.uint8), (cv2.IMWRITE_JPEG_PROGRESSIVE, 1))[1].tobytes()
+    at = data.index(b"\xff\xda", data.index(b"\xff\xda") + 2)  # the first may come but once
+    scan = data[at : at + 2 + int.from_bytes(data[at + 2 : at + 4], "big")]
+    return data[:-2] + scan * count + data[-2:]
+
+
 @pytest.mark.parametrize(
     ("message", "said"),
     [
+        (compressed(of_scans(4000), "jpeg"), "a JPEG of 40.. scans is not valid; valid: up to 100"),
+        (compressed(b"\xff\xd8" + b"\xff" * 4_000_000, "jpeg"), "neither JPEG nor PNG"),
         (compressed(told_size(50_000, 50_000)), "50000 × 50000"),
         (compressed(bytes(12) + told_size(30_000, 30_000), "16UC1; compressedDepth png"), "30000"),
         (compressed(b"II*\0" + bytes(64)), "neither JPEG nor PNG"),
@@ -204,6 +216,19 @@ def test_sizes_of_pictures_are_read_without_unpacking_them():
     pixels = np.zeros((37, 53, 3), np.uint8)
     for form in (".jpg", ".png"):
         assert picture_size(cv2.imencode(form, pixels)[1].tobytes()) == (53, 37)
+
+
+def test_progressive_pictures_are_read():
+    message = compressed(of_scans(20), "jpeg")
+    assert Decoder(message.topic, message.typename).sample(message).pixels.shape == (64, 64)
+
+
+def test_pictures_of_endless_marks_cost_nothing():
+    began = time.process_time()
+    for mark in (b"\xff", b"\xff\x01", b"\xff\xe0\0\0"):
+        with pytest.raises(ValueError, match="neither"):
+            picture_size(b"\xff\xd8" + mark * 10_000_000)
+    assert time.process_time() - began < 0.5
 
 
 def test_a_type_that_is_not_read_is_refused():
@@ -257,11 +282,52 @@ def test_half_a_frame_is_not_waited_for(ends, monkeypatch):
         FrameReader(b).next(SAMPLE, idle_s=0.05)
 
 
+def test_a_frame_that_drips_is_given_up_at_its_time(ends, monkeypatch):
+    monkeypatch.setattr("stridetwin.streams.wire.FRAME_S", 0.2)
+    a, b = ends
+    a.sendall(struct.pack("<IB", 1000, SAMPLE))
+    enough = threading.Event()
+
+    def drip():
+        while not enough.wait(0.002):
+            a.sendall(b"x")
+
+    dripping = threading.Thread(target=drip)
+    dripping.start()
+    began = time.perf_counter()
+    try:
+        with pytest.raises(WireError, match="not whole after"):
+            FrameReader(b).next(SAMPLE)
+        assert time.perf_counter() - began < 0.4
+    finally:
+        enough.set()
+        dripping.join()
+
+
+def test_what_is_there_is_taken_after_the_time(ends, monkeypatch):
+    monkeypatch.setattr("stridetwin.streams.wire.FRAME_S", -1.0)  # it is we who were late
+    a, b = ends
+    a.sendall(frame(SAMPLE, bytes(100_000)))
+    assert FrameReader(b).next(SAMPLE) == (SAMPLE, bytes(100_000))
+
+
+def test_a_peer_that_is_gone_is_a_lost_connection():
+    class Gone:
+        def settimeout(self, seconds):
+            pass
+
+        def recv(self, size):
+            raise TimeoutError(errno.ETIMEDOUT, "Connection timed out")
+
+    with pytest.raises(TimeoutError):
+        FrameReader(Gone()).next(SAMPLE)
+
+
 def test_addresses():
     assert parse_address("", "--to") == ("127.0.0.1", 7365)
     assert parse_address(":80", "--to") == ("127.0.0.1", 80)
     assert parse_address("robot", "--to") == ("robot", 7365)
     assert parse_address("[::1]:9", "--to") == ("::1", 9)
-    for text in ("a:b", "a:70000", "a b:1", "http://x"):
+    for text in ("a:b", "a:70000", "a b:1", "http://x", "192.168..10", "192.168..10:80", ".local", "a" * 64):
         with pytest.raises(Exception, match=r"--to: .* is not valid"):
             parse_address(text, "--to")
