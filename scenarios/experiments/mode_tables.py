@@ -42,7 +42,7 @@ _AHEAD = (
     ("next footprint mm, steady", ("footprint_steady_rmse_m", "forward"), 1e3),
     ("calibration error, points of %", ("calibration_error",), 100.0),
 )
-_NAME = 30
+_NAME = 34
 _CELL = ("height_group", "pattern", "terrain", "mount")
 _WHO = ("height_group", "member", "subject")
 """Keys of a row that tell who walks."""
