@@ -7,9 +7,12 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
 from typing import TypeVar
+
+from stridetwin.streams.errors import StrideTwinError
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -28,12 +31,22 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def mapped(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[B]:
-    """Results in the order of the jobs, here or in processes beside this one."""
+    """Results in the order of the jobs, here or in processes beside this one.
+
+    Raises:
+        StrideTwinError: One of the processes died.
+    """
     if workers == 1 or len(jobs) < 2:
         yield from map(act, jobs)
         return
-    with processes(workers) as pool:
-        yield from pool.map(act, jobs)
+    try:
+        with processes(workers) as pool:
+            yield from pool.map(act, jobs)
+    except BrokenProcessPool:
+        raise StrideTwinError(
+            f"a worker died before it was done; does memory suffice for {workers} at a time? Run it again with fewer "
+            "--workers; where there is --resume, that goes on with what is done"
+        ) from None
 
 
 @contextmanager

@@ -12,6 +12,7 @@ Nothing but this file is read until a test asks for a fixture.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,7 +32,8 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
     """Walks: `stridetwin_scenario(scenario, seed=0, cameras=False)` gives a recording, made once a session.
 
     The scenario is a name of the catalogue, the path of a YAML file, what such a file says as a mapping, or a
-    `TwinConfig`. Without cameras, which take the most time to draw, unless they are asked for.
+    `TwinConfig`. Files that a mapping names are looked for from the working folder on. Without cameras, which take the
+    most time to draw, unless they are asked for.
     """
     made: dict[tuple[str, int, bool], Recording] = {}
     folder = tmp_path_factory.mktemp("stridetwin")
@@ -43,7 +45,7 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
         from stridetwin.scenarios.runner import make_twin, without_cameras
         from stridetwin.streams.recording import Recording
 
-        told = _scenario(scenario, folder)
+        told = _scenario(scenario)
         told = told if cameras else without_cameras(told)
         key = (repr(told.config), seed, cameras)
         if key not in made:
@@ -82,15 +84,13 @@ def _path(recording: Recording, estimator: Any) -> Trajectory:
     return read_tum(estimator) if isinstance(estimator, (str, Path)) else lead(estimator, recording)
 
 
-def _scenario(told: str | Path | Mapping[str, Any] | TwinConfig, folder: Path) -> Scenario:
-    from stridetwin.scenarios.files import json_text
-    from stridetwin.scenarios.scenario_file import Scenario, load_scenario, read_scenario
+def _scenario(told: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
+    from stridetwin.scenarios.scenario_file import Scenario, load_scenario, scenario_of
     from stridetwin.sim.config import TwinConfig
 
     if isinstance(told, TwinConfig):
         return Scenario(description="", config=told)
     if not isinstance(told, Mapping):
         return load_scenario(str(told))
-    file = folder / "scenario.yaml"  # JSON is YAML
-    file.write_text(json_text({"description": "of a test", **told}), encoding="utf-8")
-    return read_scenario(file)
+    plain = json.loads(json.dumps({"description": "of a test", **told}))  # tuples are lists there
+    return scenario_of(plain, Path.cwd() / "scenario.yaml")

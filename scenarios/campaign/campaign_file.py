@@ -106,7 +106,7 @@ def find_campaign(name: str) -> Path | None:
     if name in campaigns():
         return campaigns()[name]
     path = Path(name)
-    if path.suffix not in _SUFFIXES or not path.is_file():
+    if path.suffix.lower() not in _SUFFIXES or not path.is_file():
         return None
     node = read_plain(path)
     return path if isinstance(node, dict) and _CAMPAIGNS_ONLY & set(node) else None
@@ -121,7 +121,7 @@ def read_campaign(path: Path) -> Campaign:
     """
     where = Where(source=str(path))
     found: dict[str, Any] = mapping(_FIELDS, dict)(read_plain(path), where)
-    files = NamedFiles(path, "campaign")
+    files = NamedFiles(path, "the campaign's folder")
     common, bases = found.get("variables", {}), found["bases"]
     campaign = Campaign(
         path=path,

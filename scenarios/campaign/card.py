@@ -92,7 +92,8 @@ def _values(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) 
         drawn = [
             w["values"][own or base]
             for w in accepted
-            if (own or base) in w["values"] and (not colon or w["scenario"] == base)
+            if (own or base) in w["values"]
+            and (w["scenario"] == base if colon else f"{w['scenario']}: {name}" not in manifest["ranges"])
         ]
         yield _row(name, words, drawn)
     bodies = [manifest["people"][w["person"]] for w in accepted]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from stridetwin.scenarios.campaign.walk import Job, make
+from stridetwin.scenarios.campaign.walk import Job, failed, make
 from stridetwin.scenarios.processes import processes
 from stridetwin.streams.errors import StrideTwinError
 
 _DEATHS = 3
+_DIED = "a worker died of it; does memory suffice?"
 _WAIT_S = 60
 
 
@@ -34,23 +37,44 @@ def rows(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[d
 
 
 def _pooled(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
-    """On processes of this machine. Where one of them dies, the others' walks go on anew."""
-    left, deaths = {job.walk.name: job for job in jobs}, 0
+    """On processes of this machine. Where one dies, the walks of that moment are made anew, each by itself.
+
+    One of which the worker dies again has failed; where that happens one after the other, no walk is to blame.
+    """
+    left, dead = deque(jobs), list[str]()
     while left:
+        running: dict[Future[dict[str, Any]], Job] = {}
         try:
             with processes(workers) as pool:
-                running = [pool.submit(make, job) for job in left.values()]
-                for future in as_completed(running):
-                    row = future.result()
-                    del left[row["walk"]]
-                    deaths = 0
-                    yield row
+                while left or running:
+                    while left and len(running) < workers:
+                        running[pool.submit(make, left[0])] = left[0]
+                        left.popleft()
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        row = future.result()
+                        del running[future]
+                        dead = []
+                        yield row
         except BrokenProcessPool:
-            deaths += 1
-            if deaths == _DEATHS:
-                raise StrideTwinError(
-                    f"a worker died {_DEATHS} times before its walk was done; does memory suffice for {workers}?"
-                ) from None
+            names = ", ".join(job.walk.name for job in running.values())
+            print(f"stridetwin: warning: a worker died; made anew, each by itself: {names}", file=sys.stderr)
+            for job in running.values():
+                alone = _alone(job)
+                dead = [] if alone is not None else [*dead, job.walk.name]
+                if len(dead) == _DEATHS:
+                    raise StrideTwinError(
+                        f"a worker alone died {_DEATHS} times, of {', '.join(dead)}; does memory suffice for one?"
+                    ) from None
+                yield alone or failed(job, _DIED)
+
+
+def _alone(job: Job) -> dict[str, Any] | None:
+    """The row of a walk that has a pool of its own; None where its worker died."""
+    try:
+        with processes(1) as pool:
+            return pool.submit(make, job).result()
+    except BrokenProcessPool:
+        return None
 
 
 def _clustered(jobs: Sequence[Job], address: str) -> Iterator[dict[str, Any]]:
@@ -68,10 +92,12 @@ def _clustered(jobs: Sequence[Job], address: str) -> Iterator[dict[str, Any]]:
     except (OSError, ValueError) as error:
         raise StrideTwinError(f"--scheduler: {address!r}: no scheduler with workers answers there ({error})") from error
     with client:
-        futures = [client.submit(make, job, key=f"{job.walk.name}-{job.key}", pure=False) for job in jobs]
-        try:
-            for future in as_done(futures, loop=client.loop):
-                yield future.result()
-                future.release()
-        except KilledWorker as error:
-            raise StrideTwinError(f"workers of the cluster die before a walk is done: {error}") from error
+        asked = {f"{job.walk.name}-{job.key}": job for job in jobs}
+        futures = [client.submit(make, job, key=key, pure=False) for key, job in asked.items()]
+        for future in as_done(futures, loop=client.loop):
+            try:
+                row = future.result()
+            except KilledWorker:
+                row = failed(asked[future.key], _DIED)
+            yield row
+            future.release()

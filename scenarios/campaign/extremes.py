@@ -14,7 +14,7 @@ from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.named_files import FILES, Base, Variable
 from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files, tried
 from stridetwin.scenarios.campaign.people import Group
-from stridetwin.scenarios.campaign.plan import Extra, people, scenario_of
+from stridetwin.scenarios.campaign.plan import Extra, in_force, people, scenario_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 _MIDDLE = 0.5
@@ -31,16 +31,14 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
         folder = Path(name)
         (folder / FOLDER).mkdir()
         lay_files(folder, campaign.own)
-        crowd, first = people(campaign), 0
         for group in campaign.people:
-            _try_people(folder, group, crowd[first])
-            first += group.count
-        somebody = crowd[0] if crowd else None
+            _try_people(folder, group)
+        somebody = next(iter(people(campaign)), None)
         for base in campaign.bases:
-            every = (*campaign.variables, *base.variables)
-            middle = {v.name: v.distribution.at(_MIDDLE) for v in every if v.varies}
+            varied = [v for v in in_force(campaign, base, extra) if v.varies]
+            middle = {v.name: v.distribution.at(_MIDDLE) for v in varied}
             _try_base(folder, campaign, base, somebody, middle, extra)
-            for variable in (v for v in every if v.varies):
+            for variable in varied:
                 for end in variable.distribution.ends:
                     drawn = middle | {variable.name: end}
                     try:
@@ -59,21 +57,20 @@ def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle:
     try:
         tried(folder, scenario)
     except StrideTwinError as error:
-        for variable in (*campaign.variables, *base.variables):
+        for variable in in_force(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
                 raise _told(variable, base, error.value, error) from error
         raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
 
 
-def _try_people(folder: Path, group: Group, member: Any) -> None:
+def _try_people(folder: Path, group: Group) -> None:
     """The extremes of a group, who walk a few steps."""
     for key, found in group.body.items():
         for end in found.ends if key != "bmi" else ():
             try:
-                tried(folder, {**_STEPS, "person": {**member, key: end}})
+                tried(folder, {**_STEPS, "person": {key: end}})
             except ConfigError as error:
-                at = error.field.removeprefix("person.")
-                raise (group.at.key(at) if at in group.body else group.at).error(error.value, error.valid) from error
+                raise group.at.key(key).error(error.value, error.valid) from error
 
 
 def _told(variable: Variable, base: Base, value: Any, error: StrideTwinError) -> ConfigError:

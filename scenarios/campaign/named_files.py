@@ -52,7 +52,7 @@ class Base:
     """A scenario that walks start from.
 
     Attributes:
-        name: Of the catalogue, or of the file.
+        name: Of the catalogue, or of the file; where another scenario of the file has it, with a number behind.
         scenario: Plain data of its file.
         weight: How often, against the others.
         variables: Of its own, set after those of all.
@@ -83,14 +83,15 @@ class NamedFiles:
 
     Args:
         path: The file, such as a campaign's.
-        kind: What it is, in errors.
+        folder: Whose folder it lies in, in errors, such as `the campaign's folder`.
 
     Attributes:
         own: Files of the user's own by the names that they get in the output folder.
     """
 
-    def __init__(self, path: Path, kind: str) -> None:
-        self._home, self._kind = path.resolve().parent, kind
+    def __init__(self, path: Path, folder: str) -> None:
+        self._home, self._folder = path.resolve().parent, folder
+        self._bases: set[str] = set()
         self.own: dict[str, Path] = {}
 
     def base(self, item: dict[str, Any], where: Where) -> Base:
@@ -99,26 +100,38 @@ class NamedFiles:
         at = where if item["short"] else where.key("scenario")
         if name in known:
             path = known[name]
-        elif name.endswith(_SUFFIXES):
+        elif name.lower().endswith(_SUFFIXES):
             path = self._inside(self._home, name, at)
         else:
-            raise at.error(name, f"{suggest(name, known)}, or the path of a .yaml file in the {self._kind}'s folder")
+            raise at.error(name, f"{suggest(name, known)}, or the path of a .yaml file in {self._folder}")
         scenario = read_plain(path)
         if not isinstance(scenario, dict):
             raise at.error(name, "a scenario file")
         for key in _NAMING & scenario.keys():
             scenario[key] = self.own_files(scenario[key], at, path.resolve().parent)
         variables = self.variables(item.get("set", {}), where.key("set"))
-        return Base(name=path.stem, scenario=scenario, weight=item.get("weight", 1.0), variables=variables, at=at)
+        return Base(
+            name=self._unique(path.stem), scenario=scenario, weight=item.get("weight", 1.0), variables=variables, at=at
+        )
+
+    def _unique(self, name: str) -> str:
+        """A name that no base before it has: a scenario may be named twice, with other values set."""
+        names = (name, *(f"{name}_{i}" for i in range(2, len(self._bases) + 2)))
+        found = next(n for n in names if n not in self._bases)
+        self._bases.add(found)
+        return found
 
     def variables(self, node: dict[str, Any], where: Where) -> tuple[Variable, ...]:
         """The block `set`."""
-        found = []
+        found: list[Variable] = []
         for name, value in node.items():
             at = where.key(name)
             paths = tuple(field_path(part.strip(), at) for part in name.split(","))
             read = distribution(self.own_files(value, at) if names_files(paths) else value, at)
-            found.append(Variable(name=", ".join(p.text for p in paths), paths=paths, distribution=read, at=at))
+            known = ", ".join(p.text for p in paths)
+            if any(variable.name == known for variable in found):  # they differ in blanks
+                raise at.error(name, "every place once")
+            found.append(Variable(name=known, paths=paths, distribution=read, at=at))
         return tuple(found)
 
     def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:
@@ -134,7 +147,7 @@ class NamedFiles:
             return {key: self.own_files(value, where, home) for key, value in node.items()}
         if isinstance(node, list):
             return [self.own_files(value, where, home) for value in node]
-        if not isinstance(node, str) or not node.endswith(_OWN):
+        if not isinstance(node, str) or not node.lower().endswith(_OWN):
             return node
         return f"../{FILES}/{self._keep(home, node, where)}"
 
@@ -152,7 +165,7 @@ class NamedFiles:
         """A file of the folder or below it."""
         path = (home / name).resolve()
         if not path.is_relative_to(self._home):
-            raise where.error(name, f"a file in the {self._kind}'s folder, {self._home}, or below it")
+            raise where.error(name, f"a file in {self._folder}, {self._home}, or below it")
         if not path.is_file():
             raise where.error(name, "a file that there is")
         return path
@@ -165,9 +178,9 @@ def names_files(paths: tuple[FieldPath, ...]) -> bool:
 
 def _named_in(path: Path) -> Iterator[str]:
     """What a file of the user's own names in turn: meshes of a model, parts of a rig file."""
-    if path.suffix in _SUFFIXES:
+    if path.suffix.lower() in _SUFFIXES:
         yield from _parts_in(read_plain(path))
-    elif path.suffix in _MODELS:
+    elif path.suffix.lower() in _MODELS:
         from stridetwin.sim.own_exo_model import files_of  # takes the simulator
 
         yield from files_of(path)
@@ -175,7 +188,7 @@ def _named_in(path: Path) -> Iterator[str]:
 
 def _parts_in(node: Any) -> Iterator[str]:
     for key, value in node.items() if isinstance(node, dict) else ():
-        if key == "part" and isinstance(value, str) and value.endswith(_SUFFIXES):
+        if key == "part" and isinstance(value, str) and value.lower().endswith(_SUFFIXES):
             yield value
         else:
             yield from _parts_in(value)

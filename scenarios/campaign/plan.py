@@ -7,17 +7,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.distributions import Choice
 from stridetwin.scenarios.campaign.field_paths import field_path, put
 from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.scenarios.campaign.sampling import cube
-from stridetwin.streams.samples import Array
 
 _SEEDS = 1_000_000  # of one campaign: walk i of seed s has the seed s * _SEEDS + i
 _WALKS, _PEOPLE = 0, 1
+_CAMERAS = ("foot_camera", "head_camera")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +26,7 @@ class Walk:
         name: Of its files.
         seed: Of everything random in it.
         base: Name of the scenario that it comes from.
-        values: What was drawn, by the names in the campaign's file.
+        values: What was drawn, by the names in the campaign's file; without what a later line replaces.
         scenario: Plain data of its own scenario file.
     """
 
@@ -51,41 +49,49 @@ class Extra:
     physics: str | None = None
     cameras: bool = True
 
+    @property
+    def places(self) -> Iterator[tuple[str | int, ...]]:
+        """What it sets in a scenario, after all else."""
+        if self.physics is not None:
+            yield ("physics",)
+        if not self.cameras:
+            yield from (("sensors", group) for group in _CAMERAS)
+
 
 def people(campaign: Campaign) -> list[Any]:
-    """The people of a campaign, as scenario files have them; none where the scenarios say who walks."""
+    """The people of a campaign, as scenario files have them; none where the scenarios say who walks.
+
+    Those of a group stand by the first of their values, so that walks that are spread evenly over the people are so
+    over that value, too: in the order in which they are drawn it goes up and down as the walks' own values do.
+    """
     found: list[Any] = []
     for i, group in enumerate(campaign.people):
         points = cube(campaign.sampling, group.count, len(group.drawn), campaign.seed, (_PEOPLE, i))
-        found += group.names or [group.person(dict(zip(group.drawn, row))) for row in points.tolist()]
+        found += group.names or [group.person(dict(zip(group.drawn, row))) for row in sorted(points.tolist())]
     return found
 
 
 def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     """The walks of a campaign, in order.
 
-    Each value that varies is a dimension of one cube, after those of scenario and person. The values that only one
-    scenario has are taken from the points in the order of its own walks, so that they fill their ranges there.
+    Which scenario each walk is of comes first. Then each scenario has a cube of its own, with a dimension for the
+    person and one for each value that varies there, whose points its walks take in their order: what varies within a
+    scenario fills its ranges together, whatever the others ask for.
     """
-    crowd, common = people(campaign), [v for v in campaign.variables if v.varies]
-    own = [[v for v in base.variables if v.varies] for base in campaign.bases]
-    ends = np.cumsum([2 + len(common), *map(len, own)]).tolist()
-
-    def points(count: int) -> Array:
-        return cube(campaign.sampling, count, ends[-1], campaign.seed, (_WALKS,))
-
+    crowd, sampling = people(campaign), campaign.sampling
     order = Choice(values=campaign.bases, weights=tuple(base.weight for base in campaign.bases))
-    rows = points(campaign.walks).tolist()
-    which = [order.index(row[0]) for row in rows]
-    own_rows = [
-        iter(points(count)[:, ends[i] : ends[i + 1]].tolist() if (count := which.count(i)) else ())
-        for i in range(len(own))
+    which = [order.index(row[0]) for row in cube(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()]
+    varied = [[v for v in in_force(campaign, base, Extra()) if v.varies] for base in campaign.bases]
+    points = [
+        iter(cube(sampling, which.count(i), 1 + len(own), campaign.seed, (_WALKS, i)).tolist())
+        for i, own in enumerate(varied)
     ]
+    told = [{v.name for v in in_force(campaign, base, extra)} for base in campaign.bases]
     walks = []
-    for i, (row, k) in enumerate(zip(rows, which)):
-        base = campaign.bases[k]
-        drawn = dict(_drawn(common, row[2:])) | dict(_drawn(own[k], next(own_rows[k])))
-        person = crowd[int(row[1] * len(crowd))] if crowd else None
+    for i, k in enumerate(which):
+        base, (who, *row) = campaign.bases[k], next(points[k])
+        drawn = {name: value for name, value in _drawn(varied[k], row) if name in told[k]}
+        person = crowd[int(who * len(crowd))] if crowd else None
         walks.append(
             Walk(
                 name=f"walk_{i:05d}",
@@ -98,6 +104,17 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     return walks
 
 
+def in_force(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
+    """What is set in a scenario's walks, in order, without the lines of which later ones replace all."""
+    found: list[Variable] = []
+    later = list(extra.places)
+    for variable in reversed((*campaign.variables, *base.variables)):
+        if not all(any(path.keys[: len(keys)] == keys for keys in later) for path in variable.paths):
+            found.insert(0, variable)
+            later += [path.keys for path in variable.paths]
+    return found
+
+
 def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, Any], extra: Extra) -> dict[str, Any]:
     """Plain data of one walk's scenario.
 
@@ -105,14 +122,14 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
         campaign: Whose variables are set, then the scenario's own.
         base: The scenario.
         person: Who walks; None as the scenario says.
-        drawn: Value of each variable that varies.
+        drawn: Value of each variable in force that varies.
         extra: What the command line asks.
 
     Raises:
         ConfigError: A variable that has no place in this scenario.
     """
     scenario: dict[str, Any] = _copied(base.scenario)
-    for variable in (*campaign.variables, *base.variables):
+    for variable in in_force(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
         for path in variable.paths:
             put(scenario, path, _copied(value), variable.at)
@@ -121,7 +138,7 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     if extra.physics is not None:
         scenario["physics"] = extra.physics
     if not extra.cameras:
-        for group in ("foot_camera", "head_camera"):
+        for group in _CAMERAS:
             put(scenario, field_path(f"sensors.{group}", base.at), False, base.at)
     return scenario
 

@@ -26,8 +26,8 @@ def cube(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, 
     Returns:
         (count, dimensions) in [0, 1).
     """
-    if dimensions == 0:
-        return np.zeros((count, 0))
+    if 0 in (count, dimensions):
+        return np.zeros((count, dimensions))
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
     if sampling == "sobol":
         points = qmc.Sobol(dimensions, rng=rng).random_base2(math.ceil(math.log2(count)))[:count]

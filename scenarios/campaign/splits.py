@@ -36,7 +36,7 @@ def split(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) -> dict[
 
 
 def group(row: Mapping[str, Any], by: str, splits: Splits) -> str | None:
-    """The person or the terrain of a walk, as the splits take it; None of a walk that could not be planned."""
+    """The person or the terrain of a walk, as the splits take it; None of one whose scenario is not valid."""
     key = "scenario" if (by, splits.terrain_by) == ("terrain", "scenario") else by
     return row.get(key) if "person" in row else None
 

@@ -22,7 +22,7 @@ from stridetwin.scenarios.campaign.read_once import read_once
 from stridetwin.scenarios.experiments.versions import digest
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.record import record
-from stridetwin.scenarios.scenario_file import Scenario, read_scenario
+from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -96,7 +96,19 @@ def make(job: Job) -> dict[str, Any]:
     except StrideTwinError:
         raise
     except Exception as error:
-        return _row(job, FAILED, [f"error: {type(error).__name__}: {error}"])
+        return failed(job, f"{type(error).__name__}: {error}")
+
+
+def failed(job: Job, why: str) -> dict[str, Any]:
+    """The row of a walk that came to no end; nothing keeps it, so that the next run tries again.
+
+    It tells of person and terrain as any other row: the splits do not depend on which walks failed.
+    """
+    try:
+        scenario = scenario_of(job.walk.scenario, job.place(SCENARIOS, ".yaml"))
+    except Exception:  # what the walk may have failed by
+        scenario = None
+    return _row(job, FAILED, [f"error: {_told(job, why)}"], scenario)
 
 
 def _made(job: Job) -> dict[str, Any]:
@@ -124,7 +136,9 @@ def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
     try:
         from stridetwin.sim.twin import Twin
     except ModuleNotFoundError as error:
-        raise StrideTwinError(f"{error.name} is not installed; walks need the simulator") from None
+        raise StrideTwinError(
+            f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
+        ) from None
     scenario: Scenario | None = None
     recorded = hidden / f"{job.walk.name}.mcap"
     try:
@@ -165,8 +179,15 @@ def _refused(job: Job, error: StrideTwinError, path: Path, scenario: Scenario | 
     """The row of a walk that cannot be walked."""
     for place in (RECORDINGS, REJECTED):
         job.place(place, ".mcap").unlink(missing_ok=True)  # of another version
-    words = " ".join(str(error).replace(str(path), path.stem).split())  # without where this machine has the file
+    words = _told(job, str(error).replace(str(path), path.stem))
     return _row(job, REJECTS, [f"refused: {words}"], scenario)
+
+
+def _told(job: Job, text: str) -> str:
+    """Words of one line, without where this machine has the campaign."""
+    for place in (f"{job.folder / SCENARIOS}/../", f"{job.folder}/"):
+        text = text.replace(place, "")
+    return " ".join(text.split())
 
 
 def _row(job: Job, status: str, why: list[str], scenario: Scenario | None = None) -> dict[str, Any]:

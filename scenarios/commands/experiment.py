@@ -6,12 +6,17 @@ from argparse import Namespace
 from pathlib import Path
 
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
+from stridetwin.streams.errors import StrideTwinError
 
 
 def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`experiment`."""
-    from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
-
+    try:
+        from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
+    except ModuleNotFoundError as error:
+        raise StrideTwinError(
+            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[twin]'"
+        ) from error
     asked = Asked(
         folder=arguments.output or Path("runs") / arguments.experiment,
         workers=arguments.workers,

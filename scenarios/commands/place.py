@@ -5,28 +5,27 @@ from __future__ import annotations
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
+from stridetwin.streams.errors import StrideTwinError
+
+if TYPE_CHECKING:
+    from stridetwin.scenarios.placement.problem_file import Problem
 
 
 def place_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`place`."""
-    from stridetwin.scenarios.campaign.named_files import NamedFiles
-    from stridetwin.scenarios.fields import Where
     from stridetwin.scenarios.placement.problem_file import find_problem, read_problem
-    from stridetwin.scenarios.placement.run import Asked, run_placement
 
+    try:
+        from stridetwin.scenarios.placement.run import Asked, run_placement
+    except ModuleNotFoundError as error:
+        raise StrideTwinError(
+            f"{error.name} is not installed; placements need the simulator: pip install 'stridetwin[twin]'"
+        ) from error
     path = find_problem(arguments.problem)
-    problem = read_problem(path)
-    if arguments.scenario is not None:
-        where = Where(source="command line", path="--scenario")
-        base = NamedFiles(Path.cwd() / "command line", "working").base(
-            {"scenario": arguments.scenario, "short": True}, where
-        )
-        problem = replace(problem, bases=(base,))
-    if arguments.budget is not None and problem.search is not None:
-        problem = replace(problem, search=replace(problem.search, budget=arguments.budget))
+    problem = _asked(read_problem(path), arguments)
     asked = Asked(
         folder=arguments.output or Path("runs") / path.stem,
         workers=arguments.workers,
@@ -38,6 +37,29 @@ def place_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(
         data=result, lines=[*_lines(result), f"page  {(asked.folder / 'placement.html').absolute().as_uri()}"]
     )
+
+
+def _asked(problem: Problem, arguments: Namespace) -> Problem:
+    """The problem with what the command line says in place of the file."""
+    from stridetwin.scenarios.campaign.named_files import NamedFiles
+    from stridetwin.scenarios.fields import Where
+    from stridetwin.scenarios.placement.problem_file import check_budget
+
+    here = Where(source="command line")
+    if arguments.scenario is not None:
+        at = here.key("--scenario")
+        files = NamedFiles(Path.cwd() / "command line", "the working folder")
+        base = files.base({"scenario": arguments.scenario, "short": True}, at)
+        for name, file in files.own.items():
+            if problem.own.get(name, file) != file:
+                raise at.error(arguments.scenario, f"a scenario whose {name} is the placement's, or has another name")
+        problem = replace(problem, bases=(base,), own=problem.own | files.own)
+    if arguments.budget is not None:
+        if problem.search is None:
+            raise here.key("--budget").error(arguments.budget, f"optimise to go with it; {problem.path.stem} sweeps")
+        problem = replace(problem, search=replace(problem.search, budget=arguments.budget))
+        check_budget(problem, here.key("--budget"))
+    return problem
 
 
 def _lines(result: dict[str, Any]) -> list[str]:

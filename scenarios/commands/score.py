@@ -64,10 +64,10 @@ _KINDS = (
 def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.scenarios.evaluate import summary
-    from stridetwin.scenarios.gate.compare import Rules, compare_scores
+    from stridetwin.scenarios.gate.compare import Rules, check_level, compare_scores
     from stridetwin.scenarios.gate.history import append_history, history_line
     from stridetwin.scenarios.gate.score_table import document_of, read_table, table_of
-    from stridetwin.scenarios.gate.telling import junit, markdown, table_lines
+    from stridetwin.scenarios.gate.telling import failures, junit, markdown, table_lines
     from stridetwin.scenarios.gate.walk_scores import jobs_of, score_walks
     from stridetwin.streams.files import whole_file
 
@@ -77,6 +77,9 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     if arguments.history and not arguments.label:
         raise StrideTwinError("--history needs the --label of this version, such as a commit")
     baseline = read_table(arguments.baseline) if arguments.baseline else None
+    rules = Rules(level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0)
+    if baseline is not None:
+        check_level(baseline, rules)
     asked = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
     jobs = jobs_of(arguments.recordings, **asked)
     if arguments.estimate and len(jobs) > 1:
@@ -84,22 +87,20 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     rows = list(score_walks(jobs, arguments.workers, progress))
     means = summary(row["estimators"] for row in rows)
     data = document_of(rows, means)
-    lines, code = score_table(means), int(any("failed" in row for row in rows))
-    lines += [f"FAILED {row['name']}: {n}: {why}" for row in rows for n, why in row.get("failed", {}).items()]
+    failed = failures(rows)
+    lines, code = score_table(means), int(bool(failed))
+    lines += [f"FAILED {x.walk}: {x.estimator}: {x.why}" for x in failed]
     comparison = None
     if baseline is not None:
-        rules = Rules(
-            level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0
-        )
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
         data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
-        lines += ["", *table_lines(comparison)]
+        lines += ["", *table_lines(comparison, failed)]
         code = 1 if comparison.regressions else code
         for path, tell in ((arguments.junit, junit), (arguments.markdown, markdown)):
             if path is not None:
                 with whole_file(path) as file:
-                    file.write_text(tell(comparison), encoding="utf-8")
+                    file.write_text(tell(comparison, failed), encoding="utf-8")
     if arguments.history:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
     return Outcome(data=data, lines=lines, code=code)

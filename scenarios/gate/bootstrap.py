@@ -6,8 +6,8 @@ error in every resample, so that few walks of a skewed score do not look more ce
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from stridetwin.streams.samples import Array
 
 DRAWS = 50_000
 _AT_ONCE = 2_000_000  # numbers drawn, of which each takes 8 bytes twice
+_HELD = 10_000_000  # of the means of all resamples, likewise several times
 _SEED = 20_240_229
 _COVERAGE = 0.95
 
@@ -41,30 +42,49 @@ class Tested:
     p_below: Array
 
 
-def paired(changes: ArrayLike) -> Tested:
+def paired(changes: ArrayLike, least_draws: int = 0) -> Tested:
     """Means of changes.
 
     Args:
         changes: (walks, S), NaN where there is none; two or more values in each column.
+        least_draws: Resamples, where `DRAWS` are too few.
     """
-    x = np.asarray(changes, float)
-    rng = np.random.default_rng(_SEED)
-    mean, variance, count = _moments(x)
-    drawn_mean, drawn_variance = _resampled(x, rng)
-    return _tested(mean, np.sqrt(variance), drawn_mean, np.sqrt(drawn_variance), count)
+    x, draws = np.asarray(changes, float), max(DRAWS, least_draws)
+    return _joined([_paired(x[:, part], draws) for part in _parts(x.shape[1], draws)])
 
 
-def unpaired(before: ArrayLike, now: ArrayLike) -> Tested:
+def unpaired(before: ArrayLike, now: ArrayLike, least_draws: int = 0) -> Tested:
     """Differences of means, now minus before, of walks that have nothing to do with each other.
 
     Args:
         before: (walks, S), NaN where there is none; two or more values in each column.
         now: (other walks, S).
+        least_draws: As of `paired`.
     """
+    x, y, draws = np.asarray(before, float), np.asarray(now, float), max(DRAWS, least_draws)
+    return _joined([_unpaired(x[:, part], y[:, part], draws) for part in _parts(x.shape[1], draws)])
+
+
+def _parts(size: int, draws: int) -> Iterator[slice]:
+    """Columns that are resampled together; those that follow get the same resamples."""
+    step = max(1, _HELD // draws)
+    return (slice(start, start + step) for start in range(0, size, step))
+
+
+def _joined(parts: Sequence[Tested]) -> Tested:
+    return Tested(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Tested)})
+
+
+def _paired(x: Array, draws: int) -> Tested:
+    mean, variance, count = _moments(x)
+    drawn_mean, drawn_variance = _resampled(x, draws, np.random.default_rng(_SEED))
+    return _tested(mean, np.sqrt(variance), drawn_mean, np.sqrt(drawn_variance), count)
+
+
+def _unpaired(before: Array, now: Array, draws: int) -> Tested:
     rng = np.random.default_rng(_SEED)
-    sides = [np.asarray(side, float) for side in (before, now)]
-    (mean0, variance0, count0), (mean1, variance1, count1) = map(_moments, sides)
-    (drawn0, spread0), (drawn1, spread1) = (_resampled(side, rng) for side in sides)
+    (mean0, variance0, count0), (mean1, variance1, count1) = map(_moments, (before, now))
+    (drawn0, spread0), (drawn1, spread1) = (_resampled(side, draws, rng) for side in (before, now))
     return _tested(
         mean1 - mean0,
         np.sqrt(variance0 + variance1),
@@ -84,11 +104,6 @@ def holm(p: ArrayLike) -> Array:
     return corrected
 
 
-def distinct_resamples(walks: int) -> int:
-    """How many different resamples there are of so many walks: what bounds the smallest probability."""
-    return math.comb(2 * walks - 1, walks)
-
-
 def _moments(x: Array) -> tuple[Array, Array, Array]:
     """Mean, variance of the mean, and number of values of each column."""
     count = np.isfinite(x).sum(axis=0)
@@ -97,16 +112,16 @@ def _moments(x: Array) -> tuple[Array, Array, Array]:
     return mean, variance, count
 
 
-def _resampled(x: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Mean and variance of the mean of each resample of centred columns, (DRAWS, S) each."""
+def _resampled(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Mean and variance of the mean of each resample of centred columns, (draws, S) each."""
     n, size = len(x), x.shape[1]
     there = np.isfinite(x).astype(float)
     centred = np.where(there > 0, x - np.nanmean(x, axis=0), 0.0)
     terms = np.hstack([there, centred, centred**2])
-    mean, variance = np.empty((DRAWS, size)), np.empty((DRAWS, size))
+    mean, variance = np.empty((draws, size)), np.empty((draws, size))
     step = max(1, _AT_ONCE // n)
-    for start in range(0, DRAWS, step):
-        rows = min(step, DRAWS - start)
+    for start in range(0, draws, step):
+        rows = min(step, draws - start)
         picked = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
         times = np.bincount(picked.ravel(), minlength=rows * n).reshape(rows, n).astype(float)
         count, total, squares = np.split(times @ terms, 3, axis=1)
@@ -129,6 +144,6 @@ def _tested(mean: Array, error: Array, drawn_mean: Array, drawn_error: Array, co
         mean=mean,
         low=mean - above * error,
         high=mean - below * error,
-        p_above=(1.0 + (drawn >= t - limit).sum(axis=0)) / (1.0 + DRAWS),
-        p_below=(1.0 + (drawn <= t + limit).sum(axis=0)) / (1.0 + DRAWS),
+        p_above=(1.0 + (drawn >= t - limit).sum(axis=0)) / (1.0 + len(drawn)),
+        p_below=(1.0 + (drawn <= t + limit).sum(axis=0)) / (1.0 + len(drawn)),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,12 +13,14 @@ from stridetwin.scenarios.gate.bootstrap import Tested, holm, paired, unpaired
 from stridetwin.scenarios.gate.judged import CLAIM, ERROR, OVERALL, Scale, scale_of
 from stridetwin.scenarios.gate.score_table import EVERY, ScoreTable
 from stridetwin.scenarios.scoring import Scores
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 LEAST_WALKS = 8
 """Fewer have too few different resamples for a probability of 1 % over sixty scores to come of them."""
 PAIRED, UNPAIRED, TOLERANCE = "paired", "unpaired", "tolerance"
 SAME, WORSE, BETTER, MISSING, NEW = "same", "worse", "better", "missing", "new"
+_MOST_DRAWS = 2_000_000
 _NO_SPREAD = 1e-9
 WALKS = "walks"
 """The line of an estimator that says on how many walks it gave anything to score."""
@@ -96,12 +99,34 @@ class Comparison:
         return [line for line in self.lines if line.regressed]
 
 
+def check_level(baseline: ScoreTable, rules: Rules) -> None:
+    """Whether a score of this baseline can be worse at all at this level, before anything is scored.
+
+    Raises:
+        ConfigError: Too many scores for it; with the smallest level that is valid.
+    """
+    scores = len(_columns(list(baseline.walks.values()), [], ()))
+    if len(baseline.walks) >= LEAST_WALKS and _draws(scores, rules.level) > _MOST_DRAWS:
+        least = math.ceil(1e6 * _draws(scores, 1.0) / _MOST_DRAWS) / 1e4
+        valid = f"{least:g} or more, with the {scores} scores of this baseline"
+        raise ConfigError("command line", "--false-alarms", float(f"{100.0 * rules.level:g}"), valid)
+
+
+def _draws(scores: int, level: float) -> int:
+    """Resamples with which so many scores can be as sure as twice the level asks for, after `_corrected`."""
+    return math.ceil(4.0 * scores / level)
+
+
 def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Comparison:
     """Every judged score of the baseline, and the composite of each estimator's errors, beside what they are now.
 
     Walks that both hold are compared pair by pair. Where there are fewer than `LEAST_WALKS` of these, the walks of
     one are compared with those of the other; with too few of them, means are, by the tolerance.
+
+    Raises:
+        ConfigError: As `check_level`.
     """
+    check_level(baseline, rules)
     shared = [key for key in baseline.walks if key in now.walks]
     few = min(len(baseline.walks), len(now.walks))
     if len(shared) >= LEAST_WALKS:
@@ -257,8 +282,9 @@ def _judged(columns: Sequence[_Column], method: str, rules: Rules) -> list[Line]
     if not moved:
         return lines
     before, now = (np.column_stack(side) for side in zip(*((columns[i].before, columns[i].now) for i in moved)))
-    tested = paired(now - before) if method == PAIRED else unpaired(before, now)
     composite = np.array([columns[i].metric == OVERALL for i in moved])
+    draws = _draws(int(max(composite.sum(), (~composite).sum())), rules.level)
+    tested = paired(now - before, draws) if method == PAIRED else unpaired(before, now, draws)
     worse, better = (_corrected(p, composite) for p in (tested.p_above, tested.p_below))
     for k, i in enumerate(moved):
         lines[i] = _verdict(lines[i], columns[i].scale, tested, k, (float(worse[k]), float(better[k])), rules)
@@ -314,8 +340,8 @@ def _tolerated(now: Mapping[str, Scores], baseline: Mapping[str, Scores], rules:
     lines = []
     for name, scores in baseline.items():
         for metric, value in scores.items():
-            scale = scale_of(metric)
-            if scale is None or scale.by_walks_only:
+            scale, current = scale_of(metric), now.get(name, {}).get(metric)
+            if scale is None or (scale.by_walks_only and current is not None):
                 continue
             higher = scale.higher_is_better
             allowance = abs(value) * rules.tolerance + scale.slack
@@ -324,9 +350,8 @@ def _tolerated(now: Mapping[str, Scores], baseline: Mapping[str, Scores], rules:
                 estimator=name, metric=metric, method=TOLERANCE, walks=0, baseline=value, limit=limit,
                 in_points=scale.in_points,
             )  # fmt: skip
-            current = now.get(name, {}).get(metric)
             if current is None:
-                lines.append(replace(line, verdict=MISSING))
+                lines.append(replace(line, verdict=MISSING, limit=None))
                 continue
             change = current - value if scale.in_points else 100.0 * (current / value - 1.0) if value else None
             worse = current < limit if higher else current > limit

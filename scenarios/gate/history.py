@@ -13,13 +13,13 @@ import numpy as np
 
 from stridetwin.scenarios.gate.compare import Comparison
 from stridetwin.scenarios.gate.judged import scale_of
-from stridetwin.scenarios.gate.telling import said
+from stridetwin.scenarios.gate.telling import failures, said
 from stridetwin.scenarios.report import page, section
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.svg import Plot, data_range
 from stridetwin.streams.errors import StrideTwinError
 
-PASSED, FAILED, ALONE = "passed", "worse", "no baseline"
+PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
 _LINE, _WORSE, _OTHER = "#0b6bcb", "#d9480f", "#b8c3d0"
 _NAMES = 6  # of versions below a plot
 
@@ -35,7 +35,12 @@ def history_line(
         means: Estimator to mean scores.
         comparison: With the baseline, if there was one.
     """
-    verdict = ALONE if comparison is None else FAILED if comparison.regressions else PASSED
+    if comparison is not None and comparison.regressions:
+        verdict = WORSE
+    elif failures(rows):
+        verdict = FAILED
+    else:
+        verdict = ALONE if comparison is None else PASSED
     digests = "\n".join(sorted(str(row["sha256"]) for row in rows))
     return {
         "label": label,
@@ -62,7 +67,11 @@ def read_history(file: Path) -> list[dict[str, Any]]:
         StrideTwinError: There is none, or one is not what `score --history` writes.
     """
     lines = []
-    for number, text in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        texts = file.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise StrideTwinError(f"{file}: is not text in UTF-8") from None
+    for number, text in enumerate(texts, 1):
         try:
             line = json.loads(text)
             complete = all(isinstance(scores, dict) for scores in line["estimators"].values())
@@ -83,7 +92,7 @@ def read_history(file: Path) -> list[dict[str, Any]]:
 def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:
     """The lines as a page: each estimator's scores from version to version, and the verdicts."""
     names = list(dict.fromkeys(name for line in lines for name in line["estimators"]))
-    worse = sum(line["verdict"] == FAILED for line in lines)
+    worse = sum(line["verdict"] == WORSE for line in lines)
     lead = "Means over the walks, from version to version; where the walks are others, the line is broken."
     sections = [section(name, lead, _plots(name, lines)) for name in names]
     chips = [f"{len(lines)} versions", f"{lines[-1]['walks']} walks", f"{worse} times worse than the baseline"]
@@ -122,10 +131,15 @@ def _labels(lines: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _verdicts(lines: Sequence[Mapping[str, Any]]) -> str:
-    head = "<tr><th>version</th><th>verdict</th><th class='n'>walks</th><th>what became worse</th></tr>"
+    head = "<tr><th>version</th><th>verdict</th><th class='n'>walks</th><th>what became worse, or failed</th></tr>"
     rows = "".join(
         f"<tr><td>{escape(str(x['label']))}</td><td>{escape(str(x['verdict']))}</td><td class='n'>{x['walks']}</td>"
-        f"<td>{'<br>'.join(escape(str(words)) for words in x['regressions'])}</td></tr>"
+        f"<td>{'<br>'.join(escape(str(words)) for words in _bad(x))}</td></tr>"
         for x in reversed(lines)
     )
     return f'<div class="scroll"><table>{head}{rows}</table></div>'
+
+
+def _bad(line: Mapping[str, Any]) -> list[str]:
+    failed = line.get("failed", 0)
+    return [*line["regressions"], *([f"an estimator failed on {failed} of {line['walks']} walks"] if failed else [])]

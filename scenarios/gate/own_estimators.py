@@ -16,6 +16,8 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -30,6 +32,8 @@ from stridetwin.streams.tum import read_tum
 
 TRUTH = "/truth/"
 _TAIL = 600  # characters of what a program said last
+_WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
+"""Of a shell whose stdin ends when this process does, whatever ends it."""
 
 
 class Pose(Protocol):
@@ -76,7 +80,7 @@ class PythonClass:
 
     Attributes:
         name: In the scores.
-        place: `module:Class`, to be found from the working folder on too.
+        place: `module:Class`, of what is installed, else from the working folder on.
         frame: Whose pose it tells, unless the class says so.
     """
 
@@ -95,7 +99,7 @@ class PythonClass:
             raise StrideTwinError(f"--estimator {self.name}: {self.place!r} is not valid; valid: module:Class")
         here = str(Path.cwd())
         if here not in sys.path:
-            sys.path.insert(0, here)
+            sys.path.append(here)  # what is installed is what was asked for, wherever this is run
         try:
             found: Any = importlib.import_module(module)
             for part in attribute.split("."):
@@ -164,7 +168,7 @@ class Program:
             for place, file_name in places.items():
                 words = [word.replace(place, file_name) for word in words]
             with said.open("wb") as file:
-                code = _finished(words, self.timeout_s, file.fileno())
+                code = _finished(words, self.timeout_s, file.fileno(), Path(folder))
             last = " ".join(said.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
             told = f"; it said: {last}" if last else "; it said nothing on stderr"
             if code is None:
@@ -206,16 +210,34 @@ def lead(estimator: Any, recording: Recording) -> Trajectory:
     )
 
 
-def _finished(words: list[str], timeout_s: float, said: int) -> int | None:
-    """Exit code of a program; None where it was stopped, with all that it has started."""
+def _finished(words: list[str], timeout_s: float, said: int, folder: Path) -> int | None:
+    """Exit code of a program; None where it was stopped, with all that it has started.
+
+    Where this process is killed, the program ends as well, and its folder goes.
+    """
     process = subprocess.Popen(
         words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True
     )
     try:
-        return process.wait(timeout_s)
+        with _watched(process, folder):
+            return process.wait(timeout_s)
     except subprocess.TimeoutExpired:
         return None
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+
+
+@contextmanager
+def _watched(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
+    """A shell watches over a program, in a session of its own, as a signal to this one's group must not end it."""
+    words = ["sh", "-c", _WATCH, "sh", str(process.pid), str(folder)]
+    watch = subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        yield
+    finally:
+        watch.kill()  # before its stdin ends
+        watch.communicate()

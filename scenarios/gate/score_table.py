@@ -54,6 +54,8 @@ def table_of(document: object, source: str) -> ScoreTable:
         key = str(entry.get("sha256") or f"recording {i}")
         walks[key] = entry["estimators"]
         failed[key] = entry.get("failed", {})
+        if not isinstance(failed[key], dict):
+            raise StrideTwinError(f"{source}: recordings[{i}].failed: is no baseline; valid: estimators, each with why")
     return ScoreTable(walks=walks, failed=failed, means=means)
 
 

@@ -22,7 +22,7 @@ _MOST_DOTS = 2000
 def value_map(problem: Problem, searched: Measured, losses: Array) -> str:
     """The first score that weighs over the first two numbers of a sweep, the other values at their best."""
     numbers = [knob for knob in problem.knobs if not knob.values]
-    if problem.search is not None or len(numbers) < 2:
+    if problem.search is not None or len(numbers) < 2 or not _scored(searched, losses):
         return ""
     (across, up), k = numbers[:2], _weighing(problem)
     xs, ys = np.array(across.grid), np.array(up.grid)
@@ -58,13 +58,18 @@ def value_map(problem: Problem, searched: Measured, losses: Array) -> str:
 
 def profiles(problem: Problem, searched: Measured, losses: Array) -> list[str]:
     """The first score that weighs over each value: every place a dot; of a choice the best place with its interval."""
-    return [_profile(knob, problem, searched, losses) for knob in problem.knobs]
+    return [_profile(knob, problem, searched, losses) for knob in problem.knobs if _scored(searched, losses)]
+
+
+def _scored(searched: Measured, losses: Array) -> list[int]:
+    """Numbers of the places with a score, without the one as it is."""
+    return [i for i, place in enumerate(searched.places) if place.values and np.isfinite(losses[i])]
 
 
 def _profile(knob: Knob, problem: Problem, searched: Measured, losses: Array) -> str:
     k = _weighing(problem)
     score = problem.scores[k]
-    there = [i for i, p in enumerate(searched.places) if p.values and np.isfinite(losses[i])]
+    there = _scored(searched, losses)
     means = searched.values[..., k].mean(axis=1)
     names = [told(value) for value in knob.values]
     if names:

@@ -15,7 +15,8 @@ from stridetwin.scenarios.placement.surface import SURFACES, on_surface
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import StrideTwinError
 
-_DIGITS = 3  # of millimetres and degrees
+_DIGITS = 6  # of a number that is chosen: of any unit and size
+_MM_DIGITS = 3  # after the point, of a position on a surface
 _MOST_STEPS = 1000
 _ANY = number(-1e6, 1e6)
 
@@ -53,14 +54,18 @@ class Knob:
         count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
         if count > _MOST_STEPS:
             raise self.at.error(self.step, f"steps of which there are {_MOST_STEPS} at most")
-        return [round(self.low + i * self.step, _DIGITS) for i in range(count)]
+        return [self._told(self.low + i * self.step) for i in range(count)]
 
     def at_share(self, u: float) -> float:
         """The number at a share of the way from low to high."""
         value = self.low + u * (self.high - self.low)
         if self.step is not None:
             value = self.low + self.step * round((value - self.low) / self.step)
-        return round(min(max(value, self.low), self.high), _DIGITS) + 0.0
+        return self._told(value)
+
+    def _told(self, value: float) -> float:
+        """A number of few digits that lies within; no -0, which would be another place than 0."""
+        return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high) + 0.0
 
     @property
     def ends(self) -> list[Any]:
@@ -110,7 +115,7 @@ class Free:
             )
         except StrideTwinError as error:
             raise self.at.error(place, f"a point on it ({error})") from error
-        return [round(float(x), _DIGITS) for x in 1e3 * p]
+        return [round(float(x), _MM_DIGITS) for x in 1e3 * p]
 
 
 def short(name: str) -> str:
@@ -140,7 +145,7 @@ def _number(name: str, node: Any, at: Where) -> Knob:
     found = mapping(
         {
             "between": Field(attribute="between", read=pair(_ANY), required=True),
-            "step": Field(attribute="step", read=number(1e-3, 1e6)),
+            "step": Field(attribute="step", read=number(1e-9, 1e6)),
         },
         dict,
     )(node, at)

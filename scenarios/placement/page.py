@@ -42,8 +42,9 @@ def placement_page(
         sections.append(section("On the body", picture.words, body))
     if drawn := value_map(problem, searched, losses):
         sections.append(section("Over two values", "The other values at their best.", drawn))
-    figures = "".join(f"<figure>{svg}</figure>" for svg in profiles(problem, searched, losses))
-    sections.append(section("Over each value", "Every place.", f'<div class="multiples">{figures}</div>'))
+    if drawn_over := profiles(problem, searched, losses):
+        figures = "".join(f"<figure>{svg}</figure>" for svg in drawn_over)
+        sections.append(section("Over each value", "Every place.", f'<div class="multiples">{figures}</div>'))
     if pairs := fronts(problem, searched, losses):
         figures = "".join(f"<figure>{svg}</figure>" for svg in pairs)
         lead = "On the front no place is better in one score without being worse in the other."

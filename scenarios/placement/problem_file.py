@@ -101,7 +101,7 @@ def find_problem(name: str) -> Path:
     if name in problems():
         return problems()[name]
     path = Path(name)
-    if path.suffix in _SUFFIXES or path.parent != Path("."):
+    if path.suffix.lower() in _SUFFIXES or path.parent != Path("."):
         return path
     raise StrideTwinError(f"there is no placement {name!r}; valid: {suggest(name, problems())}, or a .yaml file")
 
@@ -115,7 +115,7 @@ def read_problem(path: Path) -> Problem:
     """
     where = Where(source=str(path))
     found: dict[str, Any] = mapping(_FIELDS, dict)(read_plain(path), where)
-    files = NamedFiles(path, "placement")
+    files = NamedFiles(path, "the placement's folder")
     bases = tuple(files.base(item, where.key("scenarios").item(i)) for i, item in enumerate(found.pop("bases")))
     common = files.variables(found.pop("variables", {}), where.key("set"))
     for variable in (*common, *(v for base in bases for v in base.variables)):
@@ -127,7 +127,7 @@ def read_problem(path: Path) -> Problem:
         paths = tuple(field_path(part.strip(), at) for part in name.split(","))
         if names_files(paths):
             node = files.own_files(node, at)
-        free.append(free_field(name, paths, node, at))
+        free.append(free_field(", ".join(p.text for p in paths), paths, node, at))
     problem = Problem(path=path, bases=bases, variables=common, free=tuple(free), own=files.own, **found)
     names = [knob.name for knob in problem.knobs]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -137,7 +137,23 @@ def read_problem(path: Path) -> Problem:
             raise where.key("free").error(f"{count} places", f"up to {MOST_PLACES} places")
     elif all(knob.values for knob in problem.knobs):
         raise where.key("method").error("optimise", "sweep, as there is nothing but choices")
+    check_budget(problem, where.key("method").key("optimise").key("budget"))
     return problem
+
+
+def check_budget(problem: Problem, at: Where) -> None:
+    """Whether a search comes to every start, and to every combination of choices.
+
+    Raises:
+        ConfigError: Its budget is too small; with the smallest one that is valid.
+    """
+    if problem.search is None:
+        return
+    combinations = math.prod(len(knob.values) for knob in problem.knobs if knob.values)
+    least = max(combinations, problem.search.starts)
+    if problem.search.budget < least:
+        told = f"{combinations} combinations of choices, {problem.search.starts} starts"
+        raise at.error(problem.search.budget, f"{least} or more ({told})")
 
 
 def _paths(node: object, where: Where) -> dict[str, Any]:
@@ -161,11 +177,8 @@ def _method(node: object, where: Where) -> Optimise | None:
         return None
     if not isinstance(node, dict):
         raise where.error(node, "sweep, or {optimise: {budget: N}}")
-    found: Optimise = mapping({"optimise": Field(attribute="asked", read=_OPTIMISE, required=True)}, dict)(node, where)[
-        "asked"
-    ]
-    if found.budget < found.starts:
-        raise where.key("optimise").key("starts").error(found.starts, "no more than the budget")
+    asked = Field(attribute="asked", read=_OPTIMISE, required=True)
+    found: Optimise = mapping({"optimise": asked}, dict)(node, where)["asked"]
     return found
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from stridetwin.scenarios.campaign.own_scenario import FOLDER
 from stridetwin.scenarios.gate.walk_scores import Job, score_walk
+from stridetwin.scenarios.placement.rows import HIDDEN
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.runner import make_twin
 from stridetwin.scenarios.scenario_file import scenario_of
@@ -39,7 +40,7 @@ def recorded_scores(walk: Walk) -> dict[str, Any]:
         StrideTwinError: What is wrong with more than this walk: a full disk.
     """
     try:
-        with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=walk.folder) as name:
+        with tempfile.TemporaryDirectory(prefix=HIDDEN, dir=walk.folder) as name:
             scenario = scenario_of(walk.scenario, walk.folder / FOLDER / f"{walk.name}.yaml")
             path = Path(name) / "walk.mcap"
             record(make_twin(scenario, walk.seed), path, lambda *_: None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,8 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 
 NAME = "rows.jsonl"
+HIDDEN = ".unfinished-"
+"""How the folders of walks begin that are being recorded."""
 
 
 class Rows:
@@ -53,7 +56,7 @@ def key_of(*what: Any) -> str:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Makes a folder, for one placement at a time.
+    """Makes a folder, for one placement at a time; what killed ones left half done goes.
 
     Raises:
         StrideTwinError: Another one works there.
@@ -64,6 +67,8 @@ def held(folder: Path) -> Iterator[None]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StrideTwinError(f"{folder}: another placement works there; valid: a folder of its own") from None
+        for left in folder.glob(f"{HIDDEN}*"):
+            shutil.rmtree(left, ignore_errors=True)
         yield
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.placement.posed_walk import PosedWalk
 from stridetwin.scenarios.placement.projection import project
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array
+
+if TYPE_CHECKING:
+    from stridetwin.scenarios.placement.posed_walk import PosedWalk
 
 Flags = NDArray[np.bool_]
 _EVERY = 5  # of the instants, for what takes hundreds of lines of sight each

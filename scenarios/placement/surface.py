@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
-from stridetwin.sim.body import add_wearer, compile_model
 from stridetwin.sim.config import Person
-from stridetwin.sim.limbs import Shape, shapes
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
+
+if TYPE_CHECKING:
+    from stridetwin.sim.limbs import Shape
 
 SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
 _OUTSIDE_M = 0.6
@@ -44,6 +45,11 @@ def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off
 
 @cache
 def _shapes(surface: str, person: Person) -> list[Shape]:
+    import mujoco  # a placement's file is read without, to be listed
+
+    from stridetwin.sim.body import add_wearer, compile_model
+    from stridetwin.sim.limbs import shapes
+
     spec = mujoco.MjSpec()
     add_wearer(spec, person, None)
     model = compile_model(spec)

@@ -68,3 +68,24 @@ def test_an_estimator_runs_on_a_recording(name, estimates):
             end = [float(v) for v in rows[-1][1:4]]
             assert 0.3 < (end[0] ** 2 + end[1] ** 2) ** 0.5 < 1.5  # half a metre of way, and its last step
             assert abs(end[2]) < 0.1
+
+
+def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tmp_path):
+    commands = [["list"], ["place", "shoe_sight", "-o", "x"], ["experiment", "assistance", "-o", "x"]]
+    script = (
+        "import json, sys; from tools.without_extras import Nothing; sys.meta_path.insert(0, Nothing());"
+        "from stridetwin.scenarios.cli import main;"
+        "print('', [main(words) for words in json.loads(sys.argv[1])])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, json.dumps(commands)], cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'typing'}"}, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == " [0, 2, 2]"
+    assert "  shoe_sight " in done.stdout
+    lines = done.stderr.splitlines()
+    assert [line.partition(" is not installed; ")[2] for line in lines] == [
+        f"{what} need the simulator: pip install 'stridetwin[twin]'" for what in ("placements", "experiments")
+    ]
+    assert list(tmp_path.iterdir()) == []

@@ -62,6 +62,11 @@ def refused(path) -> str:
             "mass_kg: 60\n    bmi:",
             "people[0].bmi: {'normal': [24, 3], 'within': [19, 30]} is not valid; valid: ",
         ),
+        (
+            "gait.speed_mps",
+            "'light,texture': 1\n  'light , texture': 2\n  gait.speed_mps",
+            "set.light , texture: 'light , texture' is not valid; valid: every place once",
+        ),
         ("  gait.speed_mps", "  person.height_m", "set.person.height_m: 'person.height_m' is not valid; valid: no per"),
         ("seed: 3", "splits: {shares: {train: 0.7}}", "splits.shares: {'train': 0.7} is not valid; valid: shares"),
         ("seed: 3", "splits: {shares: {../x: 1}}", "splits.shares: '../x' is not valid; valid: names of small letters"),
@@ -141,22 +146,22 @@ def test_an_exoskeleton_and_a_mesh_come_with_all_that_they_name(tmp_path, model)
         '<robot name="r"><link name="a"><visual><geometry><mesh filename="shapes/a.stl"/></geometry></visual></link>'
         "</robot>"
     )
-    for name in ("shapes/a.stl", "ground.stl"):
+    for name in ("shapes/a.stl", "ground.STL"):
         (mine / name).write_text(STL)
     (mine / "rig.yaml").write_text(
         "imus:\n  shank_l: {link: bar, part: own.yaml}\n  shank_r: {link: bar, part: MPU-9250}\n"
     )
     (mine / "own.yaml").write_text("kind: imu\ndescription: mine\nrate_hz: 100\n")
     (mine / "walk.yaml").write_text(
-        f"description: mine\nterrain: {{mesh: ground.stl}}\nexo: {{model: {model}, rig: rig.yaml}}\n"
+        f"description: mine\nterrain: {{mesh: ground.STL}}\nexo: {{model: {model}, rig: rig.yaml}}\n"
     )
     path = write(tmp_path, "campaign: mine\nwalks: 2\nscenarios: [mine/walk.yaml]\n")
     campaign = read_campaign(path)
-    names = {f"mine/{model}", "mine/shapes/a.stl", "mine/rig.yaml", "mine/own.yaml", "mine/ground.stl"}
+    names = {f"mine/{model}", "mine/shapes/a.stl", "mine/rig.yaml", "mine/own.yaml", "mine/ground.STL"}
     assert campaign.own == {name: tmp_path / name for name in names}
     for walk in plan(campaign, Extra()):
         assert walk.scenario["exo"] == {"model": f"../files/mine/{model}", "rig": "../files/mine/rig.yaml"}
-        assert walk.scenario["terrain"] == {"mesh": "../files/mine/ground.stl"}
+        assert walk.scenario["terrain"] == {"mesh": "../files/mine/ground.STL"}
     lay_files(tmp_path / "out", campaign.own)
     for name in names:
         assert (tmp_path / "out" / "files" / name).read_bytes() == (tmp_path / name).read_bytes()

@@ -10,7 +10,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from small_campaign import SHORT, SMALL, write
@@ -20,11 +19,13 @@ from stridetwin.scenarios.campaign import engines
 from stridetwin.scenarios.campaign import walk as campaign_walk
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
 from stridetwin.scenarios.campaign.generate import Asked, generate
+from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.campaign.walk import Job
 from stridetwin.scenarios.check import check_recording
 from stridetwin.scenarios.cli import main
 from stridetwin.sim import parts
 from stridetwin.sim.parts.library import part
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording import Recording
 
 pytest.importorskip("mujoco")
@@ -140,33 +141,94 @@ def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campa
     assert told(tmp_path / "cluster") == told(one)
 
 
-def test_workers_of_another_version_or_that_die_again_and_again_stop_it(campaign, tmp_path, monkeypatch):
+def jobs_of(campaign, folder: Path) -> list[Job]:
+    """The walks of a campaign, to be made in a folder that is there."""
+    for name in ("scenarios", "rows", "recordings", "rejected", ".unfinished"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    made_by = campaign_walk.versions()
+    return [
+        Job(walk=walk, folder=folder, quality=campaign.quality, key="key", versions=made_by)
+        for walk in plan(campaign, Extra())
+    ]
+
+
+def test_a_walk_that_failed_tells_of_person_and_terrain_as_it_will_when_it_succeeds(
+    one, campaign, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(campaign_walk, "record", lambda *_: 1 / 0)
+    row = campaign_walk.make(jobs_of(campaign, tmp_path)[1])
+    assert (row["status"], row["reasons"]) == ("failed", ["error: ZeroDivisionError: division by zero"])
+    walk = json.loads((one / "manifest.json").read_text())["walks"][1]
+    assert {key: row[key] for key in ("person", "terrain")} == {key: walk[key] for key in ("person", "terrain")}
+
+
+def test_a_reason_does_not_say_where_this_machine_has_the_campaign(campaign, tmp_path, monkeypatch):
+    def refuse(path):
+        raise ConfigError(path.parent / "../files/my/part.yaml", "rate_hz", 0, f"a rate, as in {path}")
+
+    (job, *_) = jobs_of(campaign, tmp_path)
+    monkeypatch.setattr(campaign_walk, "read_scenario", refuse)
+    words = "files/my/part.yaml: rate_hz: 0 is not valid; valid: a rate, as in walk_00000"
+    assert campaign_walk.make(job)["reasons"] == [f"refused: {words}"]
+    failed = campaign_walk.failed(job, f"{tmp_path}/scenarios/../files/a.stl and {tmp_path}/recordings/b")
+    assert failed["reasons"] == ["error: files/a.stl and recordings/b"]
+
+
+def test_workers_of_another_version_stop_it(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(campaign_walk, "versions", lambda: {"sources": "here"})
     with pytest.raises(StrideTwinError, match="other versions than asked for: sources here"):
         generate(campaign, Asked(folder=tmp_path), quiet)
-    monkeypatch.setattr(engines, "make", os._exit)
-    jobs = [SimpleNamespace(walk=SimpleNamespace(name="walk_00000"))]
-    monkeypatch.setattr(processes, "ProcessPoolExecutor", DyingPool)
-    with pytest.raises(StrideTwinError, match="a worker died 3 times before its walk was done"):
-        list(engines.rows(jobs, 2, None))
-    assert DyingPool.started == 3
 
 
-class DyingPool:
-    """Processes that die at once."""
+class FrailPool:
+    """Two processes of which one dies of some walks, and takes what the other one was at with it."""
 
-    started = 0
+    deadly: tuple[str, ...] = ()
+    sizes: list[int] = []  # noqa: RUF012
 
-    def __init__(self, *_: object, **__: object) -> None:
-        DyingPool.started += 1
+    def __init__(self, workers: int, **_: object) -> None:
+        self._dead = False
+        FrailPool.sizes.append(workers)
 
-    def submit(self, *_: object) -> Future:
+    def submit(self, act: object, job: Job) -> Future:
+        self._dead |= job.walk.name in FrailPool.deadly
         future: Future = Future()
-        future.set_exception(BrokenProcessPool())
+        if self._dead:
+            future.set_exception(BrokenProcessPool())
+        else:
+            future.set_result({"walk": job.walk.name, "status": "accepted"})
         return future
 
     def shutdown(self, **_: object) -> None:
         pass
+
+
+@pytest.fixture
+def frail(monkeypatch):
+    monkeypatch.setattr(processes, "ProcessPoolExecutor", FrailPool)
+    monkeypatch.setattr(FrailPool, "sizes", [])
+    return lambda *names: monkeypatch.setattr(FrailPool, "deadly", names)
+
+
+def test_a_walk_of_which_every_worker_dies_has_failed_and_the_others_are_made(campaign, tmp_path, frail, capsys):
+    jobs = jobs_of(replace(campaign, walks=6), tmp_path)
+    frail("walk_00002")
+    rows = {row["walk"]: row for row in engines.rows(jobs, 2, None)}
+    assert {name for name, row in rows.items() if row["status"] == "accepted"} == {
+        f"walk_{i:05d}" for i in (0, 1, 3, 4, 5)
+    }
+    assert rows["walk_00002"]["status"] == "failed"
+    assert rows["walk_00002"]["reasons"] == ["error: a worker died of it; does memory suffice?"]
+    assert rows["walk_00002"]["person"]
+    assert FrailPool.sizes[0] == FrailPool.sizes[-1] == 2
+    assert "a worker died; made anew, each by itself: walk_00002" in capsys.readouterr().err
+
+
+def test_workers_that_die_of_every_walk_stop_it(campaign, tmp_path, frail):
+    jobs = jobs_of(replace(campaign, walks=6), tmp_path)
+    frail(*(f"walk_{i:05d}" for i in range(6)))
+    with pytest.raises(StrideTwinError, match="a worker alone died 3 times, of walk_00000, walk_00001, walk_00002; do"):
+        list(engines.rows(jobs, 2, None))
 
 
 def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):

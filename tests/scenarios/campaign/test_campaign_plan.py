@@ -7,6 +7,8 @@ import pytest
 from small_campaign import write
 
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
+from stridetwin.scenarios.campaign.card import card
+from stridetwin.scenarios.campaign.manifest import manifest, ranges
 from stridetwin.scenarios.campaign.plan import Extra, people, plan
 from stridetwin.scenarios.campaign.sampling import cube
 from stridetwin.scenarios.campaign.splits import split
@@ -68,6 +70,109 @@ def test_the_few_walks_of_one_scenario_fill_its_own_ranges(sampling):
     assert len(treads) == pytest.approx(9, abs=1)
     assert set(treads) == {260, 280, 300, 320, 340}
     assert np.mean(treads) == pytest.approx(300, abs=12)
+
+
+TWO = """
+campaign: Two scenarios, each with values of its own
+walks: 128
+scenarios:
+  - scenario: stair_up_down
+    set:
+      "terrain[1].stairs.riser_mm, terrain[3].stairs.riser_mm": {uniform: [130, 190]}
+      "terrain[1].stairs.tread_mm, terrain[3].stairs.tread_mm": {uniform: [260, 340]}
+  - level_20m
+people:
+  - count: 16
+    height_m: {uniform: [1.55, 1.9]}
+    bmi: {normal: [24, 3], within: [19, 30]}
+set:
+  gait.speed_mps: {uniform: [0.7, 1.3]}
+  light: {uniform: [0.4, 1.3]}
+"""
+
+
+@pytest.mark.parametrize(("sampling", "most"), [("sobol", 0.12), ("latin_hypercube", 0.3)])
+def test_height_and_all_that_varies_within_a_scenario_have_nothing_to_do_with_each_other(tmp_path, sampling, most):
+    campaign = replace(read_campaign(write(tmp_path, TWO)), sampling=sampling)
+    for seed in range(4):
+        found = [w for w in plan(replace(campaign, seed=seed), Extra()) if w.base == "stair_up_down"]
+        values = np.array([[w.scenario["person"]["height_m"], *w.values.values()] for w in found])
+        assert values.shape == (64, 5)
+        assert np.abs(np.corrcoef(values.T) - np.eye(5)).max() < most
+        if sampling == "sobol":  # every field of four by four over two of them has some walks
+            fields = [np.searchsorted(np.quantile(x, [0.25, 0.5, 0.75]), x) for x in values.T]
+            for a, b in ((0, 1), (0, 3), (3, 4), (2, 4)):
+                counts = np.bincount(4 * fields[a] + fields[b], minlength=16)
+                assert counts.min() >= 2
+                assert counts.max() <= 7
+
+
+def test_the_people_of_a_group_stand_by_the_first_of_their_values(tmp_path):
+    heights = [p["height_m"] for p in people(read_campaign(write(tmp_path, TWO)))]
+    assert heights == sorted(heights)
+    assert np.diff(heights).max() < 0.05
+
+
+TWICE = """
+campaign: One scenario twice
+walks: 8
+scenarios:
+  - {scenario: short.yaml, set: {gait.speed_mps: {uniform: [0.5, 0.6]}}}
+  - {scenario: short.yaml, set: {gait.speed_mps: {uniform: [1.1, 1.2]}}}
+  - {scenario: more/short.yaml, set: {gait.speed_mps: 0.9}}
+set:
+  light: {uniform: [0.4, 1.3]}
+  gait.speed_mps: {uniform: [0.7, 0.8]}
+splits: {terrain_by: scenario}
+"""
+
+
+def test_a_scenario_that_is_listed_twice_counts_as_two(tmp_path):
+    path = write(tmp_path, TWICE)
+    write(tmp_path / "more")
+    campaign = read_campaign(path)
+    assert [base.name for base in campaign.bases] == ["short", "short_2", "short_3"]
+    assert ranges(campaign) == {
+        "light": "uniform 0.4 to 1.3",
+        "gait.speed_mps": "uniform 0.7 to 0.8",
+        "short: gait.speed_mps": "uniform 0.5 to 0.6",
+        "short_2: gait.speed_mps": "uniform 1.1 to 1.2",
+    }
+    rows = [{"person": "p", "terrain": "t", "scenario": w.base} for w in plan(campaign, Extra())]
+    assert set(split(rows, campaign.splits, 0)["terrain"]) == {"short", "short_2", "short_3"}
+
+
+def test_the_values_that_are_told_are_those_that_the_walk_has(tmp_path):
+    path = write(tmp_path, TWICE)
+    write(tmp_path / "more")
+    campaign = read_campaign(path)
+    walks = plan(campaign, Extra())
+    for walk in walks:
+        assert walk.values.get("gait.speed_mps", 0.9) == walk.scenario["gait"]["speed_mps"]
+        assert ("gait.speed_mps" in walk.values) == (walk.base != "short_3")
+        assert walk.values["light"] == walk.scenario["light"]
+    rows = [
+        {"walk": w.name, "status": "accepted", "scenario": w.base, "values": w.values, "person": "p", "body": {},
+         "terrain": "t", "duration_s": 1.0, "bytes": 1, "reasons": []}
+        for w in walks
+    ]  # fmt: skip
+    lines = card(manifest(campaign, rows, {}, {})).splitlines()
+    (common,) = [line for line in lines if line.startswith("| gait.speed_mps |")]
+    assert common == "| gait.speed_mps | uniform 0.7 to 0.8 |  |  |"
+
+
+def test_a_line_below_a_later_one_is_not_told_and_one_with_a_place_left_is(tmp_path):
+    text = TWO.replace("  - level_20m", "  - {scenario: level_20m, set: {gait: {fixed: {speed_mps: 1}}}}")
+    text += "  'texture, gait.gaze': {choice: [plain, rich]}\n  physics: {choice: [kinematic, dynamic]}\n"
+    text += "  sensors.head_camera.part: {choice: [D455, L515]}\n"
+    campaign = read_campaign(write(tmp_path, text))
+    for walk in plan(campaign, Extra()):
+        assert ("gait.speed_mps" in walk.values) == (walk.base == "stair_up_down")
+        assert {"texture, gait.gaze", "physics", "sensors.head_camera.part"} < walk.values.keys()
+    asked = plan(campaign, Extra(physics="kinematic", cameras=False))
+    for walk, one in zip(asked, plan(campaign, Extra())):
+        assert one.values.keys() - walk.values.keys() == {"physics", "sensors.head_camera.part"}
+        assert walk.values.items() <= one.values.items()
 
 
 def test_nobody_is_in_two_parts_and_shares_hold():

@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 
 from stridetwin.scenarios.gate import bootstrap
-from stridetwin.scenarios.gate.bootstrap import distinct_resamples, holm, paired, unpaired
+from stridetwin.scenarios.gate.bootstrap import holm, paired, unpaired
 
 RNG = np.random.default_rng(4)
 
@@ -60,5 +60,12 @@ def test_among_scores_that_have_not_changed_it_seldom_finds_one(monkeypatch, kin
     assert found < 10
 
 
-def test_eight_walks_have_enough_resamples():
-    assert distinct_resamples(8) == 6435
+def test_more_resamples_than_memory_holds_are_drawn_by_columns_and_change_nothing(monkeypatch):
+    x, y = RNG.normal(0.2, 1.0, (12, 7)), RNG.normal(0.0, 1.0, (9, 7))
+    x[3, 2] = np.nan
+    whole = paired(x, 9000), unpaired(y, x, 9000)
+    assert paired(np.full((10, 1), 0.1), 9000).p_above[0] == pytest.approx(1.0 / 9001)
+    monkeypatch.setattr(bootstrap, "_HELD", 30_000)
+    for one, other in zip(whole, (paired(x, 9000), unpaired(y, x, 9000))):
+        for name in ("count", "mean", "low", "high", "p_above", "p_below"):
+            assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-9, atol=0.0)

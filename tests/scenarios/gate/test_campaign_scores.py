@@ -62,6 +62,18 @@ def test_an_estimator_that_fails_on_a_walk_is_told_and_the_others_go_on(campaign
     assert "FAILED walk_00000: mine: false: exit code 1" in capsys.readouterr().out
 
 
+def test_one_that_fails_beside_a_baseline_that_it_is_not_in_is_told_in_every_file(campaign, tmp_path, capsys):
+    (tmp_path / "base.json").write_text('{"estimators": {}, "recordings": []}')
+    out = {name: tmp_path / name for name in ("gate.xml", "gate.md", "gate.jsonl")}
+    words = ["--baseline", str(tmp_path / "base.json"), "--junit", str(out["gate.xml"]), "--label", "v1"]
+    words += ["--markdown", str(out["gate.md"]), "--history", str(out["gate.jsonl"])]
+    assert main(["score", str(campaign), *OWN, *words]) == 1
+    assert "none of 0 scores is worse, but 2 failed" in capsys.readouterr().out
+    assert 'errors="2"' in out["gate.xml"].read_text()
+    assert "**nothing worse**, but **2 failed**" in out["gate.md"].read_text()
+    assert json.loads(out["gate.jsonl"].read_text())["verdict"] == "failed"
+
+
 def test_a_folder_that_is_not_as_its_manifest_says_is_refused(campaign):
     asked = {"lenient": False, "alignment": "start", "own": ()}
     assert [job.strict for job in jobs_of([campaign], **asked)] == [False, False]

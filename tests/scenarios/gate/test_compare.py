@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from score_tables import of_rows, table, walk
+from score_tables import SPREADS, of_rows, table, walk
 
 from stridetwin.scenarios.gate.compare import (
     BETTER,
@@ -71,6 +71,26 @@ def test_a_sure_change_below_the_least_is_none():
     assert lines(table(1, 30, factor=1.012), table(1, 30))["mine", OVERALL].verdict == WORSE
 
 
+def test_many_scores_and_a_low_level_get_the_resamples_that_they_need():
+    names = tuple(f"e{i}" for i in range(20))
+    found = lines(table(1, 12, 1.5, 0.02, names), table(1, 12, names=names))  # eighty have changed
+    assert {x.verdict for (_, metric), x in found.items() if metric in SPREADS} == {WORSE}
+    found = lines(table(1, 12, 1.5, 0.02), table(1, 12), Rules(level=1e-4))
+    assert {x.verdict for (_, metric), x in found.items() if metric in SPREADS} == {WORSE}
+
+
+def test_a_level_that_asks_for_too_many_resamples_is_refused_with_the_smallest_valid_one():
+    names = tuple(f"e{i}" for i in range(20))
+    baseline = table(1, 12, names=names)  # six scores each
+    with pytest.raises(
+        StrideTwinError, match=r"--false-alarms: 0\.01 is not valid; valid: 0\.024 or more, with the 120"
+    ):
+        compare_scores(baseline, baseline, Rules(level=1e-4))
+    assert compare_scores(baseline, baseline, Rules(level=2.4e-4)).regressions == []
+    few = table(1, 3, names=names)
+    assert compare_scores(few, few, Rules(level=1e-4)).regressions == []  # by the tolerance
+
+
 def test_two_feet_of_one_estimator_are_judged_together_and_one_of_them_alone_is_too():
     names = ("foot_l", "foot_r", "lone_l")
     found = lines(table(1, 12, 1.1, 0.02, names), table(1, 12, names=names))
@@ -130,6 +150,15 @@ def test_a_score_that_has_disappeared_closes_the_gate():
     ]
 
 
+@pytest.mark.parametrize("metric", ["nis_standing", "nees_position_mean", "end_height_error_m"])
+@pytest.mark.parametrize("walks", [3, 12])
+def test_one_that_means_do_not_judge_does_so_too(metric, walks):
+    baseline = changed(table(1, walks), lambda i, name, s: s | {metric: 1.0 + i})
+    now = changed(baseline, lambda i, name, s: {m: v for m, v in s.items() if m != metric})
+    assert [(x.metric, x.verdict) for x in compare_scores(now, baseline, RULES).regressions] == [(metric, MISSING)]
+    assert compare_scores(baseline, baseline, RULES).regressions == []
+
+
 def test_a_filter_that_errs_more_for_what_it_claims_is_worse_and_one_that_errs_less_is_not():
     baseline = table(1, 12)
     bold = changed(baseline, lambda i, name, s: s | {"nis_standing": 2.0 + 0.1 * (i % 3)})
@@ -167,7 +196,8 @@ def test_a_walk_without_one_of_the_scores_leaves_the_others_theirs():
 @pytest.mark.parametrize(
     "bad",
     [[], {}, {"estimators": 3}, {"estimators": {"a": {"ape_rmse_m": "x"}}}, {"estimators": {}, "recordings": 3},
-     {"estimators": {}, "recordings": [{"estimators": {"a": {"b": None}}}]}],
+     {"estimators": {}, "recordings": [{"estimators": {"a": {"b": None}}}]},
+     {"estimators": {}, "recordings": [{"estimators": {}, "failed": ["a"]}]}],
 )  # fmt: skip
 def test_other_files_are_no_baseline(bad):
     with pytest.raises(StrideTwinError, match=r"base\.json"):

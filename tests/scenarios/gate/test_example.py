@@ -30,3 +30,19 @@ def test_the_workflow_caches_its_baseline_and_asks_what_the_command_line_knows()
         asked = parser().parse_args(words)
         kinds.append((asked.command, bool(getattr(asked, "baseline", None))))
     assert kinds == [("generate", False), ("score", False), ("score", True)]
+
+
+def test_the_baseline_is_made_where_the_code_of_the_pull_request_does_not_lie():
+    (job,) = yaml.safe_load(FILE.read_text())["jobs"].values()
+    (script,) = [step["run"] for step in job["steps"] if "> " in step.get("run", "") and "score" in step["run"]]
+    lines = script.splitlines()
+    place = lines.index("cd ../base")
+    (score,) = [i for i, line in enumerate(lines) if line.startswith("stridetwin score")]
+    assert place < score
+    assert '"$GITHUB_WORKSPACE/gate/walks"' in lines[score]
+    assert lines[score].endswith('> "$GITHUB_WORKSPACE/gate/baseline.json"')
+
+
+def test_nothing_is_installed_from_an_index_that_does_not_have_it():
+    assert 'pip install "stridetwin[twin] @ git+https://' in FILE.read_text()
+    assert "pip install 'stridetwin" not in (FILE.parents[1] / "campaigns.md").read_text()

@@ -1,9 +1,13 @@
 """Estimators of others on a walk of the fake twin: a Python class, a program, and what goes wrong with them."""
 
 import json
+import multiprocessing
+import os
 import sys
+import tempfile
 import textwrap
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -99,6 +103,16 @@ def test_a_class_gets_the_scores_of_the_filter_inside(walk, place, capsys):
         assert found[name]["ape_rmse_m"] == pytest.approx(built_in[twin]["ape_rmse_m"], abs=2e-3)
 
 
+def test_what_is_installed_is_found_before_what_lies_in_the_working_folder(place, monkeypatch):
+    installed = place / "site-packages"
+    installed.mkdir()
+    (installed / "own_filters.py").write_text(CLASSES.replace("nothing = 3", "Left.version = 'installed'"))
+    monkeypatch.setattr(sys, "path", [p for p in sys.path if p != str(place)] + [str(installed)])
+    kind = PythonClass(name="mine", place="own_filters:Left", frame="foot_l/imu").load()
+    assert kind.version == "installed"
+    assert sys.path[-1] == str(place)
+
+
 def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(walk, place, capsys):
     base = ["score", str(walk / "recording.mcap"), "--program"]
     good = f"mine={sys.executable} program.py {{recording}} {{output}}"
@@ -180,6 +194,48 @@ def test_a_program_that_hangs_is_stopped_with_its_children(recording, tmp_path):
     assert not mark.exists()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
+def test_where_this_process_is_killed_the_program_ends_with_its_children_and_its_folder_goes(
+    recording, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    text = f"""
+        import os, subprocess, sys, time
+        child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+        with open({str(tmp_path / "new")!r}, "w") as file:
+            file.write(f"{{os.getpid()}} {{child.pid}}")
+        os.rename({str(tmp_path / "new")!r}, {str(tmp_path / "pids")!r})
+        time.sleep(60)
+    """
+    run = multiprocessing.get_context("fork").Process(target=program(script(tmp_path, text)).path, args=(recording,))
+    run.start()
+    wait_for((tmp_path / "pids").exists)
+    assert list(tmp_path.glob("stridetwin-*"))
+    run.kill()
+    run.join()
+    for pid in (tmp_path / "pids").read_text().split():
+        wait_for(lambda pid=pid: ended(int(pid)))
+    wait_for(lambda: not list(tmp_path.glob("stridetwin-*")))
+
+
+def wait_for(what):
+    end = time.monotonic() + 20.0
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def ended(pid):
+    """Whether a process is no more, or a corpse that nobody has fetched."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    with suppress(OSError), open(f"/proc/{pid}/stat") as file:
+        return file.read().rpartition(")")[2].split()[0] == "Z"
+    return False
+
+
 def test_words_of_a_command_are_no_shells(recording, tmp_path):
     mark = tmp_path / "mark"
     with pytest.raises(StrideTwinError, match="exit code"):
@@ -203,3 +259,12 @@ def test_words_of_a_command_are_no_shells(recording, tmp_path):
 def test_what_is_asked_wrongly_is_told_in_one_line_before_anything_is_scored(walk, capsys, words, said):
     assert main(["score", str(walk / "recording.mcap"), *words]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_level_that_a_baseline_is_too_large_for_is_told_before_anything_is_scored(tmp_path, capsys):
+    scores = {f"e{i}": {f"score_{k}_m": 1.0 for k in range(6)} for i in range(20)}
+    rows = [{"name": f"w{i}", "sha256": str(i), "estimators": scores} for i in range(12)]
+    (tmp_path / "base.json").write_text(json.dumps({"estimators": scores, "recordings": rows}))
+    words = ["score", "no-such.mcap", "--baseline", str(tmp_path / "base.json"), "--false-alarms", "0.01"]
+    assert main(words) == 2
+    assert "--false-alarms: 0.01 is not valid; valid: 0.024 or more, with the 120" in capsys.readouterr().err

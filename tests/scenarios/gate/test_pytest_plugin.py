@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import tomllib
+from importlib.resources import files
 from pathlib import Path
 
 import stridetwin.estimators.foot_ins
@@ -11,6 +12,7 @@ import stridetwin.scenarios.gate.own_estimators
 import stridetwin.scenarios.record
 import stridetwin.scenarios.runner
 import stridetwin.scenarios.scenario_file  # noqa: F401
+from stridetwin.sim import parts
 
 PLUGIN = "stridetwin.scenarios.pytest_plugin"
 TEST = """
@@ -44,7 +46,7 @@ def test_a_walk_is_made_once(stridetwin_scenario):
 
 
 def test_a_walk_may_be_told_in_other_ways(stridetwin_scenario):
-    level = {"terrain": [{"level": {"length_m": 6}}]}
+    level = {"terrain": [{"level": {"length_m": 6}}], "sensors": {"foot_imu": "my_imu.yaml"}}
     assert stridetwin_scenario(level).metadata["scenario"] == "scenario"
     config = TwinConfig(name="mine", route=Route(segments=(Level(length_m=5.0),)))
     assert stridetwin_scenario(config).metadata["scenario"] == "mine"
@@ -54,6 +56,7 @@ def test_a_walk_may_be_told_in_other_ways(stridetwin_scenario):
 def test_five_lines_test_an_estimator(pytester, monkeypatch, simulator):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # an installed package brings it, too
     pytester.makepyfile(TEST)
+    (pytester.path / "my_imu.yaml").write_bytes((Path(str(files(parts))) / "MPU-9250.yaml").read_bytes())
     pytester.runpytest_inprocess("-p", PLUGIN, "-p", "no:cacheprovider").assert_outcomes(passed=3)
 
 

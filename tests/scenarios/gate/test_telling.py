@@ -11,7 +11,7 @@ from score_tables import table
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.gate.compare import Line, Rules, compare_scores
 from stridetwin.scenarios.gate.history import append_history, history_line, history_page, read_history
-from stridetwin.scenarios.gate.telling import junit, markdown, said, table_lines
+from stridetwin.scenarios.gate.telling import failures, junit, markdown, said, table_lines
 from stridetwin.streams.errors import StrideTwinError
 
 
@@ -59,6 +59,30 @@ def test_the_table_names_what_is_worse_first(worse, fine):
     assert table_lines(fine)[-1] == f"none of {len(fine.lines)} scores is worse"
 
 
+def test_an_estimator_that_failed_beside_the_comparison_is_told_wherever_the_verdict_is(fine, worse):
+    why = "no <map>\x01 | at\nall"
+    rows = [{"name": "w_1", "sha256": "1", "failed": {"mine": why, "new_one": why}}, {"name": "w_2", "sha256": "2"}]
+    failed = failures(rows)
+    top = ElementTree.fromstring(junit(fine, failed))
+    assert (top.get("errors"), top.get("failures")) == ("2", "0")
+    assert int(top.get("tests")) == len(fine.lines) + 2 == len(top.findall("testsuite/testcase"))
+    cases = [case for case in top.findall("testsuite/testcase") if case.find("error") is not None]
+    assert [(case.get("classname"), case.get("name")) for case in cases] == [
+        ("stridetwin.mine", "w_1"),
+        ("stridetwin.new_one", "w_1"),
+    ]
+    assert cases[0].find("error").get("message").startswith("no <map>?")
+    text = markdown(fine, failed)
+    assert "**nothing worse**, but **2 failed**" in text
+    assert r"| w\_1 | new\_one | no <map>" in text
+    assert table_lines(fine, failed)[-1].endswith("scores is worse, but 2 failed")
+    assert f"**{len(worse.regressions)} worse** and **2 failed**" in markdown(worse, failed)
+    for comparison, verdict in ((fine, "failed"), (None, "failed"), (worse, "worse")):
+        line = history_line("v1", rows, {"mine": {}}, comparison)
+        assert line["verdict"] == verdict
+        assert "an estimator failed on 1 of 2 walks" in history_page([line], "One")
+
+
 def test_what_is_missing_is_said_in_one_sentence():
     line = Line(estimator="mine", metric="walks", method="paired", walks=5, verdict="missing", baseline=5.0, now=3.0)
     assert said(line) == "mine: nothing to score on 5 walks but 3"
@@ -103,3 +127,6 @@ def test_one_line_is_history_enough_and_others_are_none(fine, tmp_path):
         file.write_text(text)
         with pytest.raises(StrideTwinError, match=words):
             read_history(file)
+    file.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(StrideTwinError, match=r"h\.jsonl: is not text in UTF-8"):
+        read_history(file)

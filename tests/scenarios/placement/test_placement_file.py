@@ -1,6 +1,9 @@
 import pytest
 import yaml
 
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.fields import Where
+from stridetwin.scenarios.placement.free import Knob
 from stridetwin.scenarios.placement.places import Place, check_ends, scenario_at
 from stridetwin.scenarios.placement.problem_file import problems, read_problem
 from stridetwin.sim.standard_rig import outfit
@@ -12,6 +15,10 @@ GOOD = {
     "free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}},
     "scores": ["weight_g"],
 }
+
+
+NUMBER = {"gait.speed_mps": {"between": [0.8, 1.2]}}
+CHOICES = {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}, "sensors.sonar": {"choice": [True, False]}}
 
 
 def written(tmp_path, **changes):
@@ -41,7 +48,15 @@ def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_pat
         ({"scenarios": ["../level.yaml"]}, "a file in the placement's folder"),
         ({"set": {"gait.speed_mps": {"uniform": [1, 2]}}}, r"set\.gait\.speed_mps.*what is to be chosen"),
         ({"method": {"optimise": {"budget": 10}}}, "sweep, as there is nothing but choices"),
-        ({"method": {"optimise": {"budget": 1, "starts": 2}}}, "no more than the budget"),
+        (
+            {"method": {"optimise": {"budget": 1, "starts": 2}}, "free": NUMBER},
+            r"method\.optimise\.budget: 1 is not valid; valid: 2 or more",
+        ),
+        (
+            {"method": {"optimise": {"budget": 3}}, "free": NUMBER | CHOICES},
+            r"budget: 3 is not valid; valid: 4 or more \(4 combinations of choices, 3 starts\)",
+        ),
+        ({"free": {"light,texture": {"choice": [1, 2]}, "light, texture": {"choice": [1, 2]}}}, "every field once"),
         ({"seeds": [1, 1]}, "every seed once"),
         ({"output": "/tmp"}, "'output'.*keys placement"),
     ],
@@ -78,3 +93,34 @@ def test_a_point_on_the_shoe_is_outside_of_it_by_what_is_asked(tmp_path):
         found[angle] = 1e3 * outfit(config).rig.imus["/foot_l/imu"].mount.T_body_sensor[:3, 3]
     assert found[180.0] == pytest.approx([-52.0, 0.0, 50.0], abs=0.5)  # heel of 42 mm
     assert found[90.0] == pytest.approx([0.0, 44.0, 50.0], abs=3.0)  # outer side, 34 mm
+
+
+def test_a_chosen_number_has_six_digits_and_lies_within_its_bounds_however_small_they_are():
+    at = Where(source="test")
+    small = Knob(name="x", low=0.0002, high=0.0006, step=0.0002, at=at)
+    assert small.grid == [0.0002, 0.0004, 0.0006]
+    assert small.middle == 0.0004
+    free = Knob(name="x", low=0.00021234567, high=0.00061234567, at=at)
+    assert [free.at_share(u) for u in (0.0, 0.5, 1.0)] == [0.000212346, 0.000412346, 0.00061234567]
+    assert str(Knob(name="x", low=-1.0, high=1.0, at=at).at_share(0.5)) == "0.0"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "message"),
+    [
+        ({}, ["--budget", "3"], "--budget: 3 is not valid; valid: optimise to go with it; problem sweeps"),
+        (
+            {"method": {"optimise": {"budget": 9}}, "free": NUMBER | CHOICES},
+            ["--budget", "3"],
+            "command line: --budget: 3 is not valid; valid: 4 or more",
+        ),
+        ({}, ["--scenario", "../mine.yaml"], "--scenario: '../mine.yaml' is not valid; valid: a file in the working f"),
+    ],
+)
+def test_what_the_command_line_says_in_its_place_is_checked_too(tmp_path, monkeypatch, capsys, changes, words, message):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "mine.yaml").write_text("description: mine")
+    monkeypatch.chdir(tmp_path / "here")
+    assert main(["place", str(written(tmp_path, **changes)), *words, "-o", "out"]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "here" / "out").exists()

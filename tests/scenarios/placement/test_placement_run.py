@@ -1,4 +1,6 @@
 import json
+from importlib.resources import files
+from pathlib import Path
 
 import pytest
 import yaml
@@ -6,9 +8,10 @@ import yaml
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.placement import measure as measuring
 from stridetwin.scenarios.placement.problem_file import read_problem
-from stridetwin.scenarios.placement.rows import NAME
+from stridetwin.scenarios.placement.rows import NAME, held
 from stridetwin.scenarios.placement.run import Asked, run_placement
 from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
 
 STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1.5}}], "gait": {"stand_s": 0.5}}
@@ -108,3 +111,63 @@ def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
     node = SIGHT | {"set": {"sensors": ["foot_imu"]}, "free": PARTS["free"]}
     with pytest.raises(StrideTwinError, match="visibility_pct needs foot_camera, which is off"):
         run_placement(read_problem(problem(tmp_path, node | {"seeds": 1})), Asked(folder=tmp_path / "out"), silent)
+
+
+def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_path):
+    twice = ["steps.yaml", {"scenario": "steps.yaml", "set": {"sensors.insole": False}}]
+    node = PARTS | {"scenarios": twice, "seeds": 1}
+    told = run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+    assert told["walks"] == ["steps, seed 0", "steps_2, seed 0"]
+    rows = [json.loads(line) for line in (tmp_path / "out" / NAME).read_text().splitlines()]
+    weights = {}
+    for row in rows:
+        weights.setdefault(row["walk"], set()).add(row["scores"]["weight_g"])
+    assert len(weights) == 2
+    assert weights["steps, seed 0"].isdisjoint(weights["steps_2, seed 0"])
+    for name, there in (("best_steps.yaml", True), ("best_steps_2.yaml", False)):
+        config = load_scenario(str(tmp_path / "out" / "scenarios" / name)).config
+        assert ("insole" in config.sensors) is there
+
+
+def test_a_scenario_with_parts_of_its_own_takes_the_place_of_the_files_own(tmp_path, monkeypatch, capsys):
+    path = problem(tmp_path, PARTS | {"seeds": 1})
+    here = tmp_path / "here"
+    (here / "my").mkdir(parents=True)
+    part = (Path(str(files(parts))) / "MPU-9250.yaml").read_text()
+    (here / "my" / "imu.yaml").write_text(part)
+    (here / "mine.yaml").write_text(yaml.safe_dump(STEPS | {"sensors": {"exo_imu": False, "foot_imu": "my/imu.yaml"}}))
+    monkeypatch.chdir(here)
+    assert main(["place", str(path), "--scenario", "mine.yaml", "-o", "out", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["walks"] == ["mine, seed 0"]
+    assert (here / "out" / "files" / "my" / "imu.yaml").read_text() == part
+    (tmp_path / "my").mkdir()
+    (tmp_path / "my" / "imu.yaml").write_text(part)
+    other = {"sensors.foot_imu.part": {"choice": ["my/imu.yaml", "MPU-9250"]}}
+    path.write_text(yaml.safe_dump(PARTS | {"seeds": 1, "free": other}))
+    assert main(["place", str(path), "--scenario", "mine.yaml", "-o", "out"]) == 2
+    assert "valid: a scenario whose my/imu.yaml is the placement's, or has another name" in capsys.readouterr().err
+
+
+def test_what_killed_walks_have_left_goes_when_the_folder_is_taken(tmp_path):
+    left = tmp_path / ".unfinished-abc"
+    left.mkdir()
+    (left / "walk.mcap").write_bytes(b"half")
+    with held(tmp_path):
+        assert not left.exists()
+
+
+def test_where_only_the_place_as_it_is_has_a_score_its_page_is_made_without_figures_of_the_others(tmp_path):
+    text = (Path(str(files(parts))) / "MPU-9250.yaml").read_text()
+    assert "\nmass_g:" in text
+    for name in ("a.yaml", "b.yaml"):  # of which nobody knows the weight
+        (tmp_path / name).write_text("\n".join(line for line in text.splitlines() if not line.startswith("mass_g:")))
+    free = {
+        "sensors.foot_imu.part": {"choice": ["a.yaml", "b.yaml"]},
+        "sensors.foot_imu.position_mm[0]": {"between": [-40, -20], "step": 20},
+        "sensors.foot_imu.position_mm[2]": {"between": [40, 60], "step": 20},
+    }
+    node = PARTS | {"free": free, "seeds": 1, "set": {"sensors.foot_imu.position_mm": [-30, 42, 60]}}
+    told = run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+    assert [row["label"] for row in told["table"]] == ["as it is"]
+    assert told["failed"] == told["tried"] == 8
+    assert "Over each value" not in (tmp_path / "out" / "placement.html").read_text()
