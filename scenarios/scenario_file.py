@@ -193,7 +193,7 @@ _DYNAMICS = mapping(
         "assist": Field(attribute="assist", read=flag),
         "mass_error": Field(attribute="mass_error", read=number(-0.2, 0.2)),
         "torque_noise": Field(attribute="torque_noise", read=number(0, 0.5)),
-        "floor_offset_mm": Field(attribute="floor_offset_m", read=number(-20, 20, scale=_MM)),
+        "floor_offset_mm": Field(attribute="floor_offset_m", read=number(-14, 6, scale=_MM)),
         "friction": Field(attribute="friction", read=number(0.2, 1.5)),
         "pushes": Field(
             attribute="pushes",

@@ -18,16 +18,15 @@ from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_par
 
 _FILE_SUFFIXES = (".yaml", ".yml")
 _CAMERAS = ("foot_camera", "head_camera")
-_CLOCK = mapping(
-    {
-        "offset_s": Field(attribute="offset_s", read=number(-1, 1)),
-        "drift_ppm": Field(attribute="drift_ppm", read=number(-1000, 1000)),
-        "jitter_s": Field(attribute="jitter_s", read=number(0, 0.1)),
-        "latency_s": Field(attribute="latency_s", read=number(0, 1)),
-        "told": Field(attribute="told", read=flag),
-    },
-    Clock,
-)
+_CLOCK = {
+    "offset_s": Field(attribute="offset_s", read=number(-1, 1)),
+    "drift_ppm": Field(attribute="drift_ppm", read=number(-1000, 1000)),
+    "jitter_s": Field(attribute="jitter_s", read=number(0, 0.1)),
+    "latency_s": Field(attribute="latency_s", read=number(0, 1)),
+}
+_TOLD = {"told": Field(attribute="told", read=flag)}
+_SHIFTED = ("foot_camera", "foot_imu", "head_camera", "head_imu")
+"""Groups whose clock a calibration can tell of: cameras against the IMUs beside them."""
 _CALIBRATION = mapping(
     {
         "rotation_deg": Field(attribute="rotation_rad", read=number(0, 5, scale=math.pi / 180)),
@@ -104,7 +103,7 @@ def _options(group: str) -> dict[str, Field]:
         "part": Field(attribute="fitting", read=partial(_of_part, group)),
         "ideal": Field(attribute="ideal", read=flag),
         "rate_hz": Field(attribute="rate_hz", read=number(1, 2000)),
-        "clock": Field(attribute="clock", read=_CLOCK),
+        "clock": Field(attribute="clock", read=mapping(_CLOCK | (_TOLD if group in _SHIFTED else {}), Clock)),
     }
     if group in _CAMERAS:
         options["light"] = Field(attribute="light", read=number(0.001, 10))

@@ -26,7 +26,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Sample
 
 LATENCY_S = 0.008
-"""From an instant to what sensors tell of it, besides the time of a picture."""
+"""From an instant to what sensors tell of it, besides the time of a picture; more with an IMU of narrow bandwidth."""
 _WINDOW_S = 0.1
 
 
@@ -57,6 +57,7 @@ class LiveTwin:
         self._twin, self.simulation = twin, twin.simulation(law)
         self._suite = SensorSuite(twin.outfit, twin.terrain, twin.crowd, twin.seed)
         self._cameras = CameraProcesses(twin.model, twin.outfit, twin.crowd, twin.seed, processes=1)
+        self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
         self._open = ExitStack()
         self._told_ns = -1
@@ -78,7 +79,7 @@ class LiveTwin:
         """
         while self.simulation.time_s < until_s and not self.simulation.over:
             self.simulation.step()
-        until_ns = math.floor((self.simulation.time_s - LATENCY_S) * 1e9)
+        until_ns = math.floor((self.simulation.time_s - self._latency_s) * 1e9)
         if until_ns <= self._told_ns:
             return []
         after_ns, self._told_ns = self._told_ns, until_ns
@@ -86,7 +87,7 @@ class LiveTwin:
 
     def _sensed(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
         window_s = max(_WINDOW_S, (until_ns - after_ns) * 1e-9 + _WINDOW_S)
-        player = Replay(self._twin.model, simulation.recent(window_s + LATENCY_S + MARGIN_S))
+        player = Replay(self._twin.model, simulation.recent(window_s + self._latency_s + MARGIN_S))
         t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in self._rates]))
         loads_ns = instants(truth.RATE_HZ, after_ns, until_ns)
         if not len(t_ns):

@@ -67,6 +67,11 @@ class SensorSuite:
         """Sample rates at which the whole body's motion is wanted, Hz."""
         return {s.told.rate_hz for s, _, _ in self._models if not isinstance(s.told, ImuCalibration)}
 
+    @property
+    def latency_s(self) -> float:
+        """How long after an instant the motion that an inertial sensor's filter tells of it goes on, at most, s."""
+        return max((m.delay_s for s, m, _ in self._models if isinstance(s.told, ImuCalibration)), default=0.0)
+
     def read(self, player: Player, motion: Motion, loads: Loads, after_ns: int, until_ns: int) -> Iterator[Block[Any]]:
         """One block a topic, with the samples after `after_ns` and up to `until_ns`.
 
@@ -86,8 +91,9 @@ class SensorSuite:
                 carrier = player.track(sensor.told.mount.body, ends)
                 block = model.read(self._straps.carried(sensor.told.topic, carrier), t_ns)
             elif isinstance(sensor.told, OtherSensor):
-                carrier = motion.carrier(sensor.told.mount.body)[motion.rows(t_ns)]
-                carrier = self._straps.carried(sensor.told.topic, carrier)
+                body = sensor.told.mount.body  # an insole lies under the foot, whatever the shoe's upper does
+                carrier = motion.tracks[body] if sensor.told.kind == "insole" else motion.carrier(body)
+                carrier = self._straps.carried(sensor.told.topic, carrier[motion.rows(t_ns)])
                 block = _read(sensor.told, model, carrier, motion, loads, t_ns)
             yield stamps.on(block)
 

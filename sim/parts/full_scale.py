@@ -25,6 +25,9 @@ def full_scales(text: str) -> Mapping[str, float]:
 
 
 def _told_by(text: str) -> Part | None:
+    """The part with this description, else the one whose name in the text says most."""
     plain = text.replace("-", " ")
     parts = [part(name) for name in library()]
-    return next((p for p in parts if text == p.description or p.name.replace("-", " ") in plain), None)
+    named = [p for p in parts if p.name.replace("-", " ") in plain]
+    same = [p for p in parts if p.description == text]
+    return next(iter(same), max(named, key=lambda p: len(p.name), default=None))

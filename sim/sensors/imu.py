@@ -95,9 +95,12 @@ class _LowPass:
     """Second-order Butterworth filter that goes on from piece to piece; it starts in a steady state."""
 
     def __init__(self, cut_hz: float, rate_hz: float) -> None:
-        self._sos = butter(2, cut_hz, fs=rate_hz, output="sos") if cut_hz < 0.45 * rate_hz else None
+        self._sos, self.delay_s = None, 0.0
         self._state: Array | None = None
-        self.delay_s = 0.0 if self._sos is None else math.sqrt(2) / (2 * math.pi * cut_hz)
+        if cut_hz < 0.45 * rate_hz:
+            self._sos = butter(2, cut_hz, fs=rate_hz, output="sos")
+            # that of slow motion, which the bilinear transform makes less than the analogue filter's
+            self.delay_s = math.sqrt(2) / (2.0 * rate_hz * math.tan(math.pi * cut_hz / rate_hz))
 
     def __call__(self, x: Array) -> Array:
         if self._sos is None:

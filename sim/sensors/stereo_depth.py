@@ -149,7 +149,8 @@ def _told(
                     continue
                 weight = min(-luck[j] / np.float32(2), np.float32(1))  # a flying pixel
                 count = back[i // 2, j // 2] + weight * (front[i // 2, j // 2] - back[i // 2, j // 2])
-            told[i, j] = depth_of_count[min(max(int(np.rint(count + error[j])), 0), last)]
+            at = max(int(np.rint(count + error[j])), 0)
+            told[i, j] = depth_of_count[at] if at <= last else np.float32(0.0)  # nearer than can be told
     return told
 
 

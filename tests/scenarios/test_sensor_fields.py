@@ -102,6 +102,7 @@ def test_a_trigger_offset_is_in_the_calibration_where_it_is_told(told):
         ({"foot_imu": {"rate": 100}}, ["sensors.foot_imu: 'rate'", "did you mean 'rate_hz'?"]),
         ({"foot_imu": {"rate_hz": 0}}, ["sensors.foot_imu.rate_hz: 0", "1-2000"]),
         ({"foot_imu": {"clock": {"offset_s": 3}}}, ["sensors.foot_imu.clock.offset_s: 3", "-1 to 1"]),
+        ({"sonar": {"clock": {"told": True}}}, ["sensors.sonar.clock: 'told'", "offset_s"]),
         ({"foot_imu": {"position_mm": [1, 2]}}, ["sensors.foot_imu.position_mm: [1, 2]", "three items"]),
         ({"foot_imu": {"light": 1}}, ["sensors.foot_imu: 'light'"]),
         ({"foot_camera": {"frames": "half"}}, ["sensors.foot_camera.frames: 'half'", "board, full"]),

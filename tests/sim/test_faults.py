@@ -12,6 +12,9 @@ from hypothesis import strategies as st
 
 from stridetwin.sim.fault_plan import check_faults, plan_faults
 from stridetwin.sim.faults import LooseStrap, arrivals
+from stridetwin.sim.parts.full_scale import full_scales
+from stridetwin.sim.parts.kinds import ImuPart
+from stridetwin.sim.parts.library import part
 from stridetwin.sim.picture_faults import LensDirt, Occlusion
 from stridetwin.sim.sample_faults import ClockJump, DeadCell, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
 from stridetwin.streams.errors import ConfigError, RecordingError
@@ -145,6 +148,14 @@ def test_saturation_clips_at_its_share_of_the_parts_full_scale() -> None:
     _, _, columns = spoiled(imu_block(), Saturation(topic=LEFT, at_s=0, fraction=0.5))
     assert abs(columns["angular_rate"]).max() == pytest.approx(np.radians(225))
     assert abs(columns["specific_force"]).max() == pytest.approx(2.5 * 9.80665)
+
+
+@pytest.mark.parametrize("name", ["MW-AHRSv1-imu", "3DM-GX4-25-imu", "MPU-9250"])
+def test_a_part_has_its_own_full_scale_and_not_that_of_a_shorter_name(name: str) -> None:
+    worn = part(name)
+    assert isinstance(worn, ImuPart)
+    own = {"angular_rate": worn.gyroscope.range, "specific_force": worn.accelerometer.range}
+    assert full_scales(worn.description) == full_scales(f"an {name} of ours") == own
 
 
 @pytest.mark.parametrize("stuck", [False, True])

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
+from stridetwin.sim.fitting import Fitting
 from stridetwin.sim.live import LATENCY_S, LiveTwin
+from stridetwin.sim.parts.kinds import ImuPart
+from stridetwin.sim.parts.library import part
 from stridetwin.sim.sample_faults import Dropout
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
@@ -40,6 +43,29 @@ def test_what_arrives_live_is_what_a_recording_holds() -> None:
                 told += 1
         assert live.advance(at) == []
     assert told > 0.98 * len(recorded)
+
+
+def test_an_imu_of_narrow_bandwidth_waits_for_the_motion_that_it_needs() -> None:
+    standard = part("ADIS16485")
+    assert isinstance(standard, ImuPart)
+    slow = replace(
+        standard, gyroscope=replace(standard.gyroscope, bandwidth_hz=20.0),
+        accelerometer=replace(standard.accelerometer, bandwidth_hz=20.0),
+    )  # fmt: skip
+    walk = replace(WALK, sensors=("foot_imu",), exo=None, fittings={"foot_imu": Fitting(part=slow)})
+    held = {
+        (sample.topic, sample.t_ns): sample
+        for blocks in Twin(walk, 3).blocks()
+        for block in blocks if isinstance(block, Block) and block.topic == "/foot_l/imu"
+        for sample in block
+    }  # fmt: skip
+    with LiveTwin(Twin(walk, 3)) as live:
+        told = [s for k in range(1, 50) for s in live.advance(0.05 * k) if s.topic == "/foot_l/imu"]
+    assert len(told) > 200
+    for sample in told:
+        same = held[sample.topic, sample.t_ns]
+        np.testing.assert_allclose(sample.specific_force, same.specific_force, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(sample.angular_rate, same.angular_rate, rtol=0, atol=1e-6)
 
 
 def test_motors_follow_a_law_and_their_sensors_tell_of_it() -> None:

@@ -20,7 +20,7 @@ from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.sim.shock import SHOE, ring
 from stridetwin.sim.track import Track
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import Array, Block
 
 CONFIG = TwinConfig(
     name="shock", route=Route(segments=(Level(length_m=6.0),)), gait=Gait(speed_mps=1.3), sensors=("foot_imu",)
@@ -149,6 +149,18 @@ def test_camera_and_board_ride_on_the_same_upper(twin: Twin) -> None:
     np.testing.assert_allclose(data.body("upper_l").xpos, upper.p_body_in_world[i], atol=1e-9)
     np.testing.assert_allclose(data.body("upper_l").xmat.reshape(3, 3), upper.rotation[i].as_matrix(), atol=1e-9)
     assert np.linalg.norm(upper.p_body_in_world[i] - foot.p_body_in_world[i]) > 1e-4
+
+
+def test_insoles_lie_under_the_foot_and_not_on_the_upper() -> None:
+    walk = TwinConfig(
+        name="loads", route=Route(segments=(Level(length_m=1.2),)), sensors=("insole",), exo=None
+    )  # fmt: skip
+    forces = [
+        np.concatenate([b.columns["force"] for blocks in Twin(replace(walk, shock=shock), 3).blocks() for b in blocks
+                        if isinstance(b, Block) and b.topic == "/foot_l/insole"])
+        for shock in (True, False)
+    ]  # fmt: skip
+    np.testing.assert_array_equal(*forces)
 
 
 def test_a_seed_fixes_it(twin: Twin) -> None:
