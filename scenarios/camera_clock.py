@@ -7,6 +7,9 @@ essential matrix (Nistér, PAMI 26(6), 2004). The offset is the one that leaves 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -23,6 +26,7 @@ from stridetwin.streams.samples import Array, Depth, Image
 STRETCHES = 4
 PICTURES = 45
 LARGEST_SHIFT_S = 0.15
+MOUNT_OFF_DEG = 5.0
 _STEP_S = 0.0025
 _WIDTH = 400
 _FEATURES = 150
@@ -30,10 +34,22 @@ _FEWEST_TRACKS = 20
 _STILL_PX, _TURN_PX, _INLIER_PX = 0.1, 0.15, 0.7
 _FEWEST_PAIRS = 30
 _SURE = 0.7
+_BETTER = 1.5
+_ROUNDS, _TOLD = 3, 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """The shift at which the felt rate lies best over the seen one; s, and the rates' correlation."""
+
+    shift_s: float
+    sd_s: float
+    cost: float
+    correlation: float
 
 
 def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, Any] | None:
-    """The offset of one camera.
+    """The offset of one camera, and how far its mount is off.
 
     Args:
         recording: Holds the camera's pictures and its IMU.
@@ -41,7 +57,8 @@ def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, A
 
     Returns:
         `shift_s` (t_imu = t_cam + shift), its standard deviation `sd_s`, `told_s` by the calibration, the
-        difference `unexplained_s`, `correlation` of the two rates, `imu`; None where the pictures do not show
+        difference `unexplained_s`, `correlation` of the two rates, `imu`; `mount_off_deg`, by how much the mount
+        has to be turned for them to correlate so, 0 where it is as told; None where the pictures do not show
         the turn well enough (little texture, or a scene that moves along).
     """
     imu = recording.rig.imu(camera.imu_topic)
@@ -61,26 +78,65 @@ def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, A
     angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
     told = camera.timeshift_cam_imu_s
     shifts: Array = told + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
-    cost = np.array([_cost(_felt(spans + s, t, angle), seen) for s in shifts])
+
+    def felt_at(shift_s: float) -> Array:
+        return _felt(spans + shift_s, t, angle)
+
+    fit, off_deg = _fit(shifts, felt_at, seen), 0.0
+    # two rates may have little to do with each other as the mounts are told, and much when one of them is turned
+    turn = min((_turn_between(felt_at(s), seen) for s in shifts.tolist()), key=lambda found: found[1])[0]
+    if (off := math.degrees(turn.magnitude())) > MOUNT_OFF_DEG:
+        turned = _fit(shifts, lambda s: np.asarray(turn.apply(felt_at(s)), float), seen)
+        better = turned is not None and (fit is None or turned.cost * _BETTER < fit.cost)
+        if turned is not None and better and turned.correlation >= _SURE:
+            fit, off_deg = turned, off
+    if fit is None or fit.correlation < _SURE:
+        return None
+    return {
+        "imu": camera.imu_topic,
+        "shift_s": fit.shift_s,
+        "told_s": told,
+        "unexplained_s": fit.shift_s - told,
+        "sd_s": fit.sd_s,
+        "correlation": fit.correlation,
+        "mount_off_deg": off_deg,
+        "pairs": len(pairs),
+    }
+
+
+def _fit(shifts: Array, felt_at: Callable[[float], Array], seen: Array) -> _Fit | None:
+    """The best of the shifts; None where it is the first or the last, or no least cost at all."""
+    cost = np.array([_cost(felt_at(float(s)), seen) for s in shifts])
     best = int(np.argmin(cost))
     if best in (0, len(shifts) - 1):
         return None
     before, here, after = cost[best - 1 : best + 2]
     curvature = (before - 2 * here + after) / _STEP_S**2
-    shift = float(shifts[best] + 0.5 * _STEP_S * (before - after) / (before - 2 * here + after))
-    felt = _felt(spans + shift, t, angle)
-    correlation = _correlation(felt, seen)
-    if correlation < _SURE or curvature <= 0:
+    if curvature <= 0:
         return None
-    return {
-        "imu": camera.imu_topic,
-        "shift_s": shift,
-        "told_s": told,
-        "unexplained_s": shift - told,
-        "sd_s": float(np.sqrt(2 * here / curvature / (3 * len(pairs)))),
-        "correlation": correlation,
-        "pairs": len(pairs),
-    }
+    shift = float(shifts[best] + 0.5 * _STEP_S * (before - after) / (before - 2 * here + after))
+    return _Fit(
+        shift_s=shift,
+        sd_s=float(np.sqrt(2 * here / curvature / (3 * len(seen)))),
+        cost=float(here),
+        correlation=_correlation(felt_at(shift), seen),
+    )
+
+
+def _turn_between(felt: Array, seen: Array) -> tuple[Rotation, float]:
+    """The rotation that takes felt rates best into seen ones (Kabsch), without the gyro's bias; and what `_cost` is so.
+
+    About axes of which the rates tell nothing it stays with the mount that is told: that weighs a little, too.
+    """
+    a, b = felt - np.median(felt, axis=0), seen - np.median(seen, axis=0)
+    kept = np.ones(len(a), bool)
+    for _ in range(_ROUNDS):
+        told = _TOLD * float(np.sum(np.linalg.norm(a[kept], axis=1) * np.linalg.norm(b[kept], axis=1))) + 1e-12
+        axes = np.sqrt(told) * np.eye(3)
+        R = Rotation.align_vectors(np.vstack((b[kept], axes)), np.vstack((a[kept], axes)))[0]
+        off = np.sum((R.apply(a) - b) ** 2, axis=1)
+        kept = off <= 5 * np.median(off)
+    return R, _cost(R.apply(felt), seen)
 
 
 def _liveliest(pictures: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:

@@ -13,6 +13,7 @@ from stridetwin.scenarios.camera_clock import camera_clock
 from stridetwin.scenarios.ranges import range_hits
 from stridetwin.streams.plausible import IMU_RATES_HZ, force_at_rest, rate_doubts, unit_doubts
 from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu
 
 GAP_PERIODS = 5.0
@@ -73,8 +74,18 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         progress(i / len(recording.topics))
         topics[topic], found = _check_topic(recording, topic)
         findings += found
-    clocks = _clocks(recording)
+    clocks, unsure = _clocks(recording)
+    for camera in unsure:
+        what = f"its clock and mount could not be checked by its pictures and the gyro of {camera.imu_topic}"
+        findings.append(Finding(topic=camera.topic, what=what, spoils=False))
     for topic, clock in clocks.items():
+        if clock["mount_off_deg"]:
+            what = (
+                f"its mount is {clock['mount_off_deg']:.0f}° off what the calibration says of it and {clock['imu']}: "
+                f"the turns that they see and feel agree only so (correlation {clock['correlation']:.2f}); "
+                "T_cam_imu may be inverted, or its axes exchanged"
+            )
+            findings.append(Finding(topic=topic, what=what, spoils=True))
         if abs(clock["unexplained_s"]) > max(CLOCK_OFFSET_S, 3 * clock["sd_s"]):
             what = (
                 f"its clock is {clock['shift_s'] * 1e3:+.1f} ms off that of {clock['imu']}, where the calibration "
@@ -138,12 +149,13 @@ def _read_pictures(recording: Recording) -> None:
             pass
 
 
-def _clocks(recording: Recording) -> dict[str, dict[str, Any]]:
-    """What can be said of the clock of each camera that has an IMU beside it."""
+def _clocks(recording: Recording) -> tuple[dict[str, dict[str, Any]], list[CameraCalibration]]:
+    """What can be said of clock and mount of each camera that has an IMU beside it; and those where nothing can be."""
     cameras = recording.rig.cameras.values() if recording.has_rig else ()
     with_imu = [c for c in cameras if c.topic in recording.topics and c.imu_topic in recording.topics]
     found = {c.topic: camera_clock(recording, c) for c in with_imu}
-    return {topic: clock for topic, clock in found.items() if clock is not None}
+    known = {topic: clock for topic, clock in found.items() if clock is not None}
+    return known, [c for c in with_imu if c.topic not in known]
 
 
 def _check_topic(recording: Recording, topic: str) -> tuple[dict[str, Any], list[Finding]]:

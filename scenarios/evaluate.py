@@ -7,12 +7,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from stridetwin.scenarios.alignment import Rigid
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.samples import Array, Block, Odometry
 from stridetwin.streams.trajectory import Trajectory
 
 
@@ -49,15 +52,40 @@ class Result:
 
 
 def true_path(recording: Recording, frame: str) -> TruePath:
-    """The true path of a frame.
+    """The true path of a frame: told, or that of another sensor of its body, carried over by their mounts.
 
     Raises:
         RecordingError: The recording has no truth of it; the message lists the frames it has.
     """
     frames = true_frames(recording.topics)
-    if frame not in frames:
-        raise RecordingError(f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}")
-    return TruePath.of(recording.block(f"/truth/{frame}/odometry"))
+    if frame in frames:
+        return TruePath.of(recording.block(f"/truth/{frame}/odometry"))
+    mounts = _mounts(recording.rig) if recording.has_rig else {}
+    for other in mounts if frame in mounts else ():
+        if other in frames and mounts[other].body == mounts[frame].body:
+            T_other_frame = np.linalg.inv(mounts[other].T_body_sensor) @ mounts[frame].T_body_sensor
+            return _carried(recording.block(f"/truth/{other}/odometry"), T_other_frame)
+    raise RecordingError(f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}")
+
+
+def _mounts(rig: Rig) -> dict[str, Mount]:
+    """Where IMUs and cameras sit, by their frames."""
+    mounts = {topic: imu.mount for topic, imu in rig.imus.items()}
+    mounts |= {topic: camera.mount for topic, camera in rig.cameras.items()}
+    return {topic.removeprefix("/"): mount for topic, mount in mounts.items()}
+
+
+def _carried(told: Block[Odometry], T_told_frame: Array) -> TruePath:
+    """The path of a frame that sits rigidly in the one whose path is told, (4, 4) m."""
+    path, arm = TruePath.of(told), T_told_frame[:3, 3]
+    attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
+    turning = np.cross(told.columns["angular_rate"], arm)  # m/s in the axes of the told frame
+    return TruePath(
+        t_ns=path.t_ns,
+        p_frame_in_world=path.p_frame_in_world + attitude.apply(arm),
+        v_frame_in_world=path.v_frame_in_world + attitude.apply(turning),
+        q_world_frame=(attitude * Rotation.from_matrix(T_told_frame[:3, :3])).as_quat(scalar_first=True),
+    )
 
 
 def true_frames(topics: Iterable[str]) -> list[str]:

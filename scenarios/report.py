@@ -119,10 +119,9 @@ class Story:
 def render_report(story: Story) -> str:
     """The report as HTML text."""
     config = story.config
-    travelled = max((r.scores["distance_m"] for r in story.results), default=0.0)
     chips = [
         f"{story.duration_s:.1f} s of walking",
-        *([f"{travelled:.1f} m travelled by a foot"] if story.results else []),
+        *travelled(story.results),
         f"seed {story.seed}",
         f"{config.physics} physics",
         f"{config.person.height_m:.2f} m, {config.person.mass_kg:.0f} kg",
@@ -150,6 +149,14 @@ def render_report(story: Story) -> str:
     name = config.name.replace("_", " ")
     footer = "Everything on this page comes from one recording; truth and estimates never met before the scores."
     return page(name[:1].upper() + name[1:], story.description, chips, sections, footer)
+
+
+def travelled(results: Sequence[Result]) -> list[str]:
+    """Words for the longest way of a foot, else of the camera; none where there are no paths."""
+    on_feet = [r for r in results if part_of(r.estimate.name) in FEET]
+    whose = "a foot" if on_feet else "the camera"
+    ways = [r.scores["distance_m"] for r in on_feet or results]
+    return [f"{max(ways):.1f} m travelled by {whose}"] if ways else []
 
 
 def page(title: str, description: str, chips: Sequence[str], sections: Sequence[str], footer: str) -> str:

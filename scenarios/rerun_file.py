@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,18 @@ def rerun_installed() -> bool:
     return importlib.util.find_spec("rerun") is not None
 
 
+def recording_id(recording: Recording) -> str:
+    """What the viewer knows a recording by, the same each time: it lays those of one name over each other.
+
+    The digest tells walks apart that differ in more than seed and physics, and imported ones, which have neither.
+    """
+    metadata = recording.metadata
+    spans = {topic: (i.count, i.first_ns, i.last_ns) for topic, i in recording.topics.items()}
+    digest = hashlib.sha256(json.dumps([dict(metadata), spans], sort_keys=True).encode()).hexdigest()
+    told = (metadata.get("scenario", "walk"), metadata.get("seed", ""), metadata.get("physics", ""))
+    return "-".join(["stridetwin", *filter(None, told), digest[:12]])
+
+
 def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahead: Ahead | None = None) -> None:
     """Writes the file.
 
@@ -41,7 +55,7 @@ def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahe
 
     from stridetwin.scenarios.rerun_ahead import write_ahead
 
-    stream = rr.RecordingStream("stridetwin", recording_id=f"stridetwin-{recording.metadata.get('scenario', 'walk')}")
+    stream = rr.RecordingStream("stridetwin", recording_id=recording_id(recording))
     stream.save(path, default_blueprint=_blueprint(recording, results, ahead))
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _terrain(rr, stream, from_metadata(recording.metadata))

@@ -2,37 +2,40 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from mcap import records
-from mcap.opcode import Opcode
+import numpy as np
 
-from stridetwin.streams import schema_version
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.bag import Bag, read_bag
 from stridetwin.streams.formats.bag_mcap import McapBag
 from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
-from stridetwin.streams.formats.calibrations import body_of, completed
+from stridetwin.streams.formats.calibrations import completed
+from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, streams_of, told_what_is_left
+from stridetwin.streams.formats.ours import is_ours, read_told
 from stridetwin.streams.imported import ImportedContents, Notes, Source, unreadable
 from stridetwin.streams.imu_table import read_imu_table
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.mcap_scan import DamagedError, parse, top_records
 from stridetwin.streams.mcap_writer import MAGIC
 from stridetwin.streams.plausible import IMU_RATES_HZ, PICTURE_RATES_HZ, rate_doubts, unit_doubts
-from stridetwin.streams.recorder import METADATA_NAME, RIG_NAME
+from stridetwin.streams.recorder import RIG_NAME
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.recording_index import Problem
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Accelerometer, Block, Footprint, Imu, Point
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
 from stridetwin.streams.topic_reader import finite, increasing
 from stridetwin.streams.yaml_node import read_yaml
 
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 TABLE_TOPIC = "/foot_l/imu"
+_BAGS = ("mcap", "rosbag1", "rosbag2")
+_REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
+_REGISTERED = re.compile(r"aligned|registered")  # as drivers call depth pictures that are
 _SQLITE = b"SQLite format 3\0"
 _EVENTS = (Footprint, Point)  # come only now and then
 _SHORT = 0.05  # of the longest stream may be missing from another without a word
@@ -104,25 +107,34 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     if options.kind is not None and options.kind not in KINDS:
         raise ConfigError("import", "--as", options.kind, ", ".join(KINDS))
     kind = options.kind or recognise(path)
-    if kind in ("mcap", "rosbag2") and not options.names and options.rig is None:
-        files = _files_of_bag(path) if path.is_dir() else [path]
-        if len(files) == 1 and files[0].suffix != ".db3" and _is_ours(files[0]):
-            return Recording(files[0], lenient)
+    is_plain = not options.names and options.rig is None
+    own = _own_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
+    if own is not None and is_plain:
+        return Recording(own, lenient)
     notes = Notes(path, lenient)
+    metadata = {"imported_from": kind, "source": path.name}
     try:
+        if own is not None:
+            rig, metadata = read_told(own, notes)  # first: a newer release's is refused
         source = _read(path, kind, options, notes)
     except OSError as error:
         raise unreadable(Path(error.filename or path), error) from error
-    source = _renamed(source, options.names)
-    better = _better_rig(path, options, notes)
-    rig = completed(_merged(source.rig, better), source.blocks, source.pictures, notes)
+    if own is not None:
+        source = replace(source, rig=rig, names={}, assumed={})
+    topics = _topics(source, options.names)
+    streams = streams_of(source, topics, numbered=kind not in _BAGS)
+    registered = _registered(source, topics)
+    source = _renamed(source, topics, bodies_are_told=own is not None)
+    better = _better_rig(path, source.rig, options, streams, notes)
+    rig = completed(_merged(source.rig, better), source.blocks, source.pictures, notes, registered)
     for topic, words in source.assumed.items():
         if topic in rig.cameras and topic not in better.cameras:
             notes.warn(f"{topic}: {words}")
-    _check_plausible(source, notes)
-    metadata = {"imported_from": kind, "source": path.name}
+    if own is None:  # ours are read as they are without options, where nobody asks for this
+        _check_plausible(source, notes)
     contents = ImportedContents(source.blocks, source.pictures, rig, metadata, source.unread, notes)
-    _check_overlap(contents, notes)
+    if own is None:
+        _check_overlap(contents, notes)
     return Recording(path, lenient, contents)
 
 
@@ -149,6 +161,15 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
     if kind == "7scenes":
         return seven_scenes.read_seven_scenes(path, notes, options.depth_scale or seven_scenes.PER_METRE)
     return read_bag(_bag(path, kind, notes), kind, notes)
+
+
+def _own_file(path: Path, is_plain: bool) -> Path | None:
+    """The one MCAP file of ours that a path is or holds, None where it is anything else.
+
+    Where nothing else is told of it, a damaged one counts, too: `Recording` says best what is wrong.
+    """
+    files = _files_of_bag(path) if path.is_dir() else [path]
+    return files[0] if len(files) == 1 and files[0].suffix != ".db3" and is_ours(files[0], is_plain) else None
 
 
 def _bag(path: Path, kind: str, notes: Notes) -> Bag:
@@ -191,26 +212,8 @@ def _files_of_bag(path: Path) -> list[Path]:
     return files
 
 
-def _is_ours(path: Path) -> bool:
-    """Whether an MCAP file begins as our recorder writes it, with its calibration and its metadata."""
-    try:
-        for opcode, _, body in top_records(path):
-            if opcode == Opcode.ATTACHMENT and parse(records.Attachment, body).name == RIG_NAME:
-                return True
-            if opcode == Opcode.METADATA and parse(records.Metadata, body).name in (
-                METADATA_NAME,
-                schema_version.RECORD,
-            ):
-                return True
-            if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
-                return False
-    except (DamagedError, OSError):
-        return True  # `Recording` says best what is wrong
-    return False
-
-
-def _renamed(source: Source, given: Mapping[str, str]) -> Source:
-    """The source under our topics."""
+def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
+    """Our topic of every stream of a source, by its name there."""
     there = [*source.blocks, *source.pictures]
     defaults = {name: source.names.get(name, name) for name in there}
     for old, new in given.items():
@@ -223,33 +226,48 @@ def _renamed(source: Source, given: Mapping[str, str]) -> Source:
     if twice is not None:
         same = " and ".join(n for n, t in topics.items() if t == twice)
         raise ConfigError("import", "--map", twice, f"a topic of its own for each of {same}")
+    return topics
 
-    def moved(item: Any) -> Any:
-        topic = topics.get(item.topic, item.topic)
-        changes: dict[str, Any] = {"topic": topic, "mount": replace(item.mount, body=body_of(topic))}
-        for link in ("depth_topic", "imu_topic"):
-            if hasattr(item, link):
-                changes[link] = topics.get(getattr(item, link), getattr(item, link))
-        return replace(item, **changes)
 
-    cameras = [moved(c) for c in source.rig.cameras.values()]
-    imus = [moved(i) for i in source.rig.imus.values()]
-    rig = Rig(imus={i.topic: i for i in imus}, cameras={c.topic: c for c in cameras})
+def _renamed(source: Source, topics: Mapping[str, str], bodies_are_told: bool) -> Source:
+    """The source under our topics."""
     blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
     pictures = {topics[n]: p for n, p in source.pictures.items()}
     assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
+    rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_told)
     return replace(source, blocks=blocks, pictures=pictures, rig=rig, assumed=assumed)
 
 
-def _better_rig(path: Path, options: ImportOptions, notes: Notes) -> Rig:
+def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
+    """Our topics of the depth streams that are registered to colour by layout, name or intrinsics."""
+    cameras = source.rig.cameras
+    colour = [cameras[n] for n, p in source.pictures.items() if p.kind is Image and n in cameras]
+    found: set[str] = set()
+    for name, pictures in source.pictures.items():
+        by_name = source.kind in _REGISTERED_KINDS or bool(_REGISTERED.search(name.lower()))
+        own = cameras.get(name)
+        if pictures.kind is Depth and (
+            by_name or (own is not None and any(np.allclose(own.intrinsics, c.intrinsics) for c in colour))
+        ):
+            found.add(topics[name])
+    return found
+
+
+def _better_rig(path: Path, source: Rig, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
     """Calibrations that go before those of the source: of `--rig`, and of a `rig.yaml` in the folder."""
-    rig = Rig()
+    better = Rig()
     if (beside := path / RIG_NAME).is_file():
         try:
-            rig = read_rig(beside)
+            # it tells of the source: its topics are the source's, also where others were given
+            better, _ = given_rig(read_rig(beside), source, streams, as_read=False)
         except StrideTwinError as error:
             notes.invalid(error)
-    return rig if options.rig is None else _merged(rig, read_rig(options.rig))
+    if options.rig is not None:
+        told = read_rig(options.rig)
+        given, left = given_rig(told, _merged(source, better), streams)
+        told_what_is_left(options.rig, told, left, streams, notes)
+        better = _merged(better, given)
+    return better
 
 
 def _merged(rig: Rig, better: Rig) -> Rig:

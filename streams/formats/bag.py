@@ -16,7 +16,7 @@ from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS,
 from stridetwin.streams.formats.bag_names import bag_names
 from stridetwin.streams.formats.bag_poses import POSES, pose_of
 from stridetwin.streams.formats.poses import odometry
-from stridetwin.streams.formats.split_imu import joined
+from stridetwin.streams.formats.split_imu import joined, joined_name
 from stridetwin.streams.imported import Notes, Pictures, Source
 from stridetwin.streams.mcap_scan import Messages
 from stridetwin.streams.recording_index import Problem
@@ -110,6 +110,8 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
             notes.problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = joined(blocks, notes)
     frames = {t: _frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
+    # an IMU that was joined turns with its gyro
+    frames |= {joined_name(t): f for t, f in frames.items() if t not in blocks and joined_name(t) in blocks}
     return Source(
         kind=kind,
         blocks=blocks,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os.path
+import re
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any
@@ -10,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.streams.formats.calibrations import BODY
+from stridetwin.streams.formats.calibrations import BODY, GIVE
+from stridetwin.streams.formats.radtan_fit import MOST_TERMS, fitted_radtan
 from stridetwin.streams.imported import Notes, Pictures
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
@@ -20,6 +22,11 @@ CALIBRATIONS = frozenset(["sensor_msgs/msg/CameraInfo"])
 TRANSFORMS = frozenset(["tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"])
 _MODELS = {"plumb_bob": "radtan", "rational_polynomial": "radtan", "": "radtan", "equidistant": "equidistant"}
 _MODELS |= {"fisheye": "equidistant", "radtan": "radtan", "none": "radtan"}
+# what RealSense's own .bag files call them; the ROS driver publishes all but the last as plumb_bob
+_MODELS |= {f"{kind}brown conrady": "radtan" for kind in ("", "modified ", "inverse ")}
+_MODELS |= {"kannala brandt4": "equidistant"}
+_RECTIFIED = re.compile(r"(?<![a-z])rect(?:ified)?(?![a-z])")  # of image_rect, image_rect_color, rectified/image
+_BEYOND = 1e-6  # a coefficient after the fourth below this is none
 
 
 class BagCalibration:
@@ -42,7 +49,8 @@ class BagCalibration:
         """Takes a CameraInfo; without a focal length it is the driver's word for "not calibrated"."""
         K = np.asarray(message.k if hasattr(message, "k") else message.K, float)
         if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
-            self._infos[topic.removesuffix("/camera_info")] = message
+            # RealSense's own files: .../Color_0/info/camera_info beside .../Color_0/image/data
+            self._infos[topic.removesuffix("/camera_info").removesuffix("/info")] = message
         else:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
 
@@ -74,7 +82,7 @@ class BagCalibration:
             imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
             T = self._between(frames.get(imu, ""), frames.get(topic, "")) if imu else None
             if imu and T is None:
-                self.assumed[topic] = "no mount in /tf_static; taken to sit at the IMU without a turn between them"
+                self._assume(topic, "no mount in /tf_static; taken to sit at the IMU without a turn between them")
             cameras[topic] = self._camera(topic, stream, info, np.eye(4) if T is None else T, imu)
         return Rig(cameras=cameras)
 
@@ -82,18 +90,18 @@ class BagCalibration:
         near = [base for base in self._infos if topic == base or topic.startswith(base + "/")]
         return self._infos[max(near, key=len)] if near else None
 
+    def _assume(self, topic: str, words: str) -> None:
+        self.assumed[topic] = f"{self.assumed[topic]}; {words}" if topic in self.assumed else words
+
     def _camera(self, topic: str, stream: Pictures, info: Any, T: Array, imu: str) -> CameraCalibration:
-        K, d = (
-            np.asarray(getattr(info, n) if hasattr(info, n) else getattr(info, n.upper()), float) for n in ("k", "d")
-        )
-        model = _MODELS.get(info.distortion_model)
-        if model is None or np.any(np.abs(d[4:]) > 1e-6) or not np.isfinite(d).all():
-            self._notes.warn(
-                f"{topic}: distortion {info.distortion_model!r} with {len(d)} coefficients has no form here; its "
-                "first four are kept as radtan"
-            )
-        four = np.zeros(4)
-        four[: len(d[:4])] = np.nan_to_num(d[:4], posinf=0.0, neginf=0.0)
+        K, d = _numbers(info, "k"), _numbers(info, "d")
+        intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
+        model = _MODELS.get(info.distortion_model.lower())
+        if _RECTIFIED.search(topic.lower()):
+            intrinsics, model, four = self._rectified(topic, info, intrinsics), "radtan", np.zeros(4)
+        else:
+            size = int(info.width), int(info.height)
+            model, four = self._distortion(topic, info.distortion_model, model, d, intrinsics, size)
         return CameraCalibration(
             topic=topic,
             part="",
@@ -101,11 +109,43 @@ class BagCalibration:
             mount=Mount(body=BODY, T_body_sensor=T),
             width=int(info.width),
             height=int(info.height),
-            intrinsics=(float(K[0]), float(K[4]), float(K[2]), float(K[5])),
-            distortion_model=model or "radtan",
+            intrinsics=intrinsics,
+            distortion_model=model,
             distortion=tuple(float(v) for v in four),  # type: ignore[arg-type]
             imu_topic=imu,
         )
+
+    def _rectified(self, topic: str, info: Any, raw: tuple[float, float, float, float]) -> Any:
+        """Intrinsics (fu, fv, pu, pv) in pixels of rectified pictures: those of P, whose lens has no distortion."""
+        P = _numbers(info, "p")
+        if len(P) == 12 and np.isfinite(P).all() and P[0] > 0 and P[5] > 0:
+            return float(P[0]), float(P[5]), float(P[2]), float(P[6])
+        self._assume(topic, f"its CameraInfo has no P for rectified pictures; K is taken without distortion; {GIVE}")
+        return raw
+
+    def _distortion(
+        self,
+        topic: str,
+        told: str,
+        model: str | None,
+        d: Array,
+        intrinsics: tuple[float, float, float, float],
+        size: tuple[int, int],
+    ) -> tuple[str, Array]:
+        """Model and (4,) coefficients; what has more terms is fitted, what has no form here told."""
+        sound = np.nan_to_num(d, posinf=0.0, neginf=0.0)
+        four = np.zeros(4)
+        four[: len(d[:4])] = sound[:4]
+        what = f"distortion {told!r} with {len(d)} coefficients"
+        is_more = bool(np.any(np.abs(sound[4:]) > _BEYOND))
+        if model == "radtan" and is_more and np.isfinite(d).all() and not np.any(sound[MOST_TERMS:]):
+            fitted, worst = fitted_radtan(intrinsics, sound[:MOST_TERMS], size)
+            if np.isfinite(worst):
+                self._assume(topic, f"{what} is fitted as radtan, up to {worst:.2g} px off; {GIVE}")
+                return model, fitted
+        if (model is None and np.any(d)) or is_more or not np.isfinite(d).all():
+            self._assume(topic, f"{what} has no form here; its first four are kept as {model or 'radtan'}; {GIVE}")
+        return model or "radtan", four
 
     def _between(self, target: str, source: str) -> Array | None:
         """T_target_source along the tree of static transforms, None if they do not hang together."""
@@ -126,3 +166,8 @@ class BagCalibration:
                 return None
             seen.add(frame)
         return frame, T
+
+
+def _numbers(info: Any, name: str) -> Array:
+    """A field of a CameraInfo, which ROS 1 writes in capitals."""
+    return np.asarray(getattr(info, name) if hasattr(info, name) else getattr(info, name.upper(), ()), float)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 
 BODY = "head"
-_GIVE = "give one with --rig FILE (Kalibr YAML)"
+GIVE = "give one with --rig FILE (Kalibr YAML)"
 # Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that wander by their in-run
 # instability (10 °/h, 40 µg) in 100 s
 _GYRO_NOISE = math.radians(0.014)
@@ -27,7 +27,13 @@ _ACCEL_WALK = 40e-6 * 9.80665 / 10
 _FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, which RGB-D sets without a calibration mean
 
 
-def completed(rig: Rig, blocks: Mapping[str, Block[Any]], pictures: Mapping[str, Pictures], notes: Notes) -> Rig:
+def completed(
+    rig: Rig,
+    blocks: Mapping[str, Block[Any]],
+    pictures: Mapping[str, Pictures],
+    notes: Notes,
+    registered: Collection[str] = (),
+) -> Rig:
     """A rig with a calibration for every IMU and every camera there is, and for nothing else.
 
     Args:
@@ -35,6 +41,7 @@ def completed(rig: Rig, blocks: Mapping[str, Block[Any]], pictures: Mapping[str,
         blocks: Small streams by topic.
         pictures: Picture streams by topic.
         notes: Told what had to be assumed.
+        registered: Depth streams that the source says are registered to a colour picture.
     """
     imus = {
         t: rig.imus[t] if t in rig.imus else _assumed_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
@@ -44,7 +51,7 @@ def completed(rig: Rig, blocks: Mapping[str, Block[Any]], pictures: Mapping[str,
     cameras = {t: _camera(rig, t, pictures[t], notes) for t in colour}
     for topic in depth:
         if not any(c.depth_topic == topic for c in cameras.values()):
-            _add_depth(rig, cameras, topic, pictures, notes)
+            _add_depth(rig, cameras, topic, pictures, notes, topic in registered)
     cameras = {t: _of_there(c, imus, pictures) for t, c in cameras.items()}
     for camera in cameras.values():
         _check_intrinsics(camera, notes)
@@ -72,7 +79,7 @@ def picture_size(pictures: Pictures) -> tuple[int, int] | None:
 def _assumed_imu(topic: str, t_ns: NDArray[np.int64], notes: Notes) -> ImuCalibration:
     notes.warn(
         f"{topic}: no calibration; assumed the noise of a consumer IMU ({math.degrees(_GYRO_NOISE):.3g} °/s/√Hz, "
-        f"{_ACCEL_NOISE:.2g} m/s²/√Hz) at the origin of {body_of(topic)}; {_GIVE}"
+        f"{_ACCEL_NOISE:.2g} m/s²/√Hz) at the origin of {body_of(topic)}; {GIVE}"
     )
     return ImuCalibration(
         topic=topic,
@@ -100,7 +107,7 @@ def _camera(rig: Rig, topic: str, pictures: Pictures, notes: Notes) -> CameraCal
 def _assumed_camera(topic: str, pictures: Pictures, size: tuple[int, int], notes: Notes) -> CameraCalibration:
     width, height = size
     focal = _FOCAL_PER_WIDTH * width
-    notes.warn(f"{topic}: no calibration; assumed a pinhole of focal length {focal:.0f} px, {_GIVE}")
+    notes.warn(f"{topic}: no calibration; assumed a pinhole of focal length {focal:.0f} px, {GIVE}")
     return CameraCalibration(
         topic=topic,
         part="",
@@ -121,14 +128,25 @@ def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
 
 
 def _add_depth(
-    rig: Rig, cameras: dict[str, CameraCalibration], topic: str, pictures: Mapping[str, Pictures], notes: Notes
+    rig: Rig,
+    cameras: dict[str, CameraCalibration],
+    topic: str,
+    pictures: Mapping[str, Pictures],
+    notes: Notes,
+    is_registered: bool,
 ) -> None:
     """Registers a depth stream to the colour camera of its size beside it, or makes it a camera of its own."""
+    told = next((c for c in rig.cameras.values() if c.depth_topic == topic), None)
+    if told is not None:  # of a camera whose colour was not recorded
+        cameras[told.topic] = _camera(rig, told.topic, pictures[topic], notes)
+        return
     size = picture_size(pictures[topic])
     own = rig.cameras.get(topic)
     for name, camera in cameras.items():
-        same = own is None or np.allclose(own.intrinsics, camera.intrinsics)
+        same = is_registered or own is None or np.allclose(own.intrinsics, camera.intrinsics)
         if not camera.depth_topic and size == (camera.width, camera.height) and same:
+            if own is None and not is_registered:
+                notes.warn(f"{topic}: taken as registered to {name} for its size alone; {GIVE}")
             cameras[name] = replace(camera, depth_topic=topic)
             return
     if cameras:

@@ -39,7 +39,7 @@ NOISE = (
     "accelerometer_noise_density",
     "accelerometer_random_walk",
 )
-_NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
+NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
 
 
@@ -74,7 +74,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     cameras: dict[str, CameraCalibration] = {}
     folders = sorted(p for p in root.iterdir() if p.is_dir())
     for folder in folders:
-        topic = _NAMES.get(folder.name, f"/{folder.name}")
+        topic = NAMES.get(folder.name, f"/{folder.name}")
         if re.fullmatch(r"imu\d+", folder.name):
             blocks[topic] = _read_imu(folder, topic, notes)
             if (imu := _imu_calibration(folder, topic)) is not None:

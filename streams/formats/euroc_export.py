@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.camera_choice import chosen_camera
-from stridetwin.streams.formats.euroc import IMU_COLUMNS, IMU_UNITS, POSE_COLUMNS, VELOCITY_COLUMNS
+from stridetwin.streams.formats.euroc import IMU_COLUMNS, IMU_UNITS, NAMES, POSE_COLUMNS, VELOCITY_COLUMNS
 from stridetwin.streams.formats.picture_files import write_image
 from stridetwin.streams.formats.virtual_right import right_camera, right_view
 from stridetwin.streams.kalibr import write_rig
@@ -61,7 +62,7 @@ def write_euroc(
     truth = f"/truth{imu.topic}/odometry"
     if truth in recording.topics:
         counts["state_groundtruth_estimate0"] = _write_truth(recording, truth, root / "state_groundtruth_estimate0")
-    write_rig(_with_only(recording.rig, imu, cameras), folder / RIG_NAME)
+    write_rig(_both_names(recording.rig, imu, cameras), folder / RIG_NAME)
     return counts
 
 
@@ -152,8 +153,14 @@ def _write_csv(folder: Path, header: list[str], t_ns: Any, *columns: Array) -> N
             file.write(f"{t},{','.join(map(repr, row))}\n")
 
 
-def _with_only(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
-    return Rig(imus={imu.topic: imu}, cameras={c.topic: c for c in cameras}, boards=rig.boards)
+def _both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
+    """IMU and cameras under their own topics, and under those that a folder of this layout is read as."""
+    read_as = [replace(c, topic=NAMES[f"cam{i}"], imu_topic=NAMES["imu0"]) for i, c in enumerate(cameras)]
+    imus = [imu, replace(imu, topic=NAMES["imu0"])]
+    # the layout's names go last: they are those that count when it is read
+    return Rig(
+        imus={i.topic: i for i in imus}, cameras={c.topic: c for c in (*cameras, *read_as)}, boards=rig.boards
+    )  # fmt: skip
 
 
 def _transform(T: Array) -> str:

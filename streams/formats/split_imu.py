@@ -30,11 +30,16 @@ def joined(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]
             continue
         if gyro.columns["specific_force"].any() or accel.columns["angular_rate"].any() or len(accel) < 2:
             continue
-        name = _GYRO.sub(_JOINED, topic)
+        name = joined_name(topic)
         del result[topic], result[other]
         result[name] = joined_at_rates(name, gyro, accel)
         notes.warn(f"{topic} and {other} are joined as {name}, the force interpolated to the stamps of the rate")
     return result
+
+
+def joined_name(topic: str) -> str:
+    """Topic of the IMU that a gyro's stream is a part of."""
+    return _GYRO.sub(_JOINED, topic)
 
 
 def joined_at_rates(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu]:

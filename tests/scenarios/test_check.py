@@ -100,20 +100,59 @@ def rendered(shift_s, with_depth):
     return gyro, pictures
 
 
-@pytest.mark.parametrize("with_depth", [False, True])
-@pytest.mark.parametrize(("shift", "told", "fit"), [(0.0, 0.0, True), (0.03, 0.0, False), (0.03, 0.03, True)])
-def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, told, fit):
-    gyro, pictures = rendered(shift, with_depth)
+def seen_and_felt(tmp_path, gyro, pictures, *, with_depth=True, told=0.0, turned=None):
+    """Check of a camera whose mount is told turned by a rotation from the true one."""
+    T = np.eye(4)
+    T[:3, :3] = np.eye(3) if turned is None else turned.as_matrix()
     camera = CameraCalibration(
-        topic="/head/color", part="", rate_hz=200 / 7, mount=Mount(body="head"), width=160, height=120,
+        topic="/head/color", part="", rate_hz=200 / 7, mount=Mount(body="head", T_body_sensor=T), width=160, height=120,
         intrinsics=(200.0, 200.0, 79.5, 59.5), depth_topic="/head/depth" if with_depth else "", imu_topic="/head/imu",
         timeshift_cam_imu_s=told,
     )  # fmt: skip
     rig = Rig(imus={"/head/imu": imu_calibration()}, cameras={camera.topic: camera})
-    check = checked(tmp_path / "a.mcap", rig, inertial(gyro), *pictures, jpeg_quality=None)
+    return checked(tmp_path / "a.mcap", rig, inertial(gyro), *pictures, jpeg_quality=None)
+
+
+@pytest.mark.parametrize("with_depth", [False, True])
+@pytest.mark.parametrize(("shift", "told", "fit"), [(0.0, 0.0, True), (0.03, 0.0, False), (0.03, 0.03, True)])
+def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, told, fit):
+    check = seen_and_felt(tmp_path, *rendered(shift, with_depth), with_depth=with_depth, told=told)
     assert check.data["camera_clocks"]["/head/color"]["shift_s"] == pytest.approx(shift, abs=0.002)
+    assert check.data["camera_clocks"]["/head/color"]["mount_off_deg"] == 0.0
     assert (not spoils(check)) is fit
     assert fit or any("ms off that of /head/imu, where the calibration says +0.0 ms" in w for w in spoils(check))
+
+
+@pytest.mark.parametrize("with_depth", [False, True])
+@pytest.mark.parametrize(("axis", "degrees"), [((0, 0, 1), 90), ((0, 0, 1), -20), ((0, 1, 0), 180), ((1, 1, 1), 120)])
+def test_a_camera_whose_mount_is_told_wrong_is_not_fit(tmp_path, with_depth, axis, degrees):
+    turned = Rotation.from_rotvec(np.radians(degrees) * np.array(axis) / np.linalg.norm(axis))
+    check = seen_and_felt(tmp_path, *rendered(0.01, with_depth), with_depth=with_depth, turned=turned)
+    clock = check.data["camera_clocks"]["/head/color"]
+    assert clock["mount_off_deg"] == pytest.approx(abs(degrees), abs=3.0)
+    assert clock["shift_s"] == pytest.approx(0.01, abs=0.004)
+    assert clock["correlation"] > 0.9
+    assert [w for w in spoils(check) if "off what the calibration says" in w]
+    assert check_table(check)[-1] == "not fit for use: see SPOILS"
+
+
+def test_a_camera_turned_by_less_than_can_be_told_is_fit(tmp_path):
+    check = seen_and_felt(tmp_path, *rendered(0.0, True), turned=Rotation.from_euler("z", 2, degrees=True))
+    assert spoils(check) == []
+
+
+def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
+    gyro, pictures = rendered(0.0, False)
+    blank = [Image(topic=p.topic, t_ns=p.t_ns, pixels=np.full_like(p.pixels, 128)) for p in pictures]
+    still = seen_and_felt(tmp_path, gyro, blank, with_depth=False)
+    other = seen_and_felt(tmp_path, np.random.default_rng(5).permutation(gyro), pictures, with_depth=False)
+    for check in (still, other):
+        assert check.data["camera_clocks"] == {}
+        assert spoils(check) == []
+        assert any(
+            f.what == "its clock and mount could not be checked by its pictures and the gyro of /head/imu"
+            for f in check.findings
+        )
 
 
 def test_the_command_line_tells_in_a_table_and_by_its_exit_code(tmp_path, capsys):

@@ -1,4 +1,5 @@
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,11 @@ from stridetwin.scenarios.evaluate import evaluate
 from stridetwin.scenarios.figures_gait import level_strides
 from stridetwin.scenarios.norms import level_norm, reference, speed_group
 from stridetwin.scenarios.pictures import colour_of_depth
-from stridetwin.scenarios.rerun_file import write_rerun
-from stridetwin.streams.recording import Recording
+from stridetwin.scenarios.report import travelled
+from stridetwin.scenarios.rerun_file import recording_id, write_rerun
+from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Block, Imu
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
@@ -71,3 +75,38 @@ def test_the_rerun_file_is_small_and_whole(walk, tmp_path):
     write_rerun(path, recording, evaluate(recording, estimates(recording)))
     assert path.read_bytes()[:4] == b"RRF2"
     assert path.stat().st_size < 3_000_000
+
+
+def test_viewers_keep_seeds_kinds_of_physics_and_imported_walks_apart(tmp_path):
+    def named(file, stamps=(0, 10_000_000), **metadata):
+        n = len(stamps)
+        columns = {"angular_rate": np.zeros((n, 3)), "specific_force": np.tile((0.0, 0.0, 9.81), (n, 1))}
+        with RecordingWriter(tmp_path / file, Rig(), metadata) as writer:
+            writer.write(Block(topic="/head/imu", kind=Imu, t_ns=np.array(stamps), columns=columns))
+        return recording_id(Recording(tmp_path / file))
+
+    walk = {"scenario": "level_20m", "seed": "3", "physics": "kinematic"}
+    same = named("a.mcap", **walk)
+    assert same.startswith("stridetwin-level_20m-3-kinematic-")
+    assert named("b.mcap", **walk) == same
+    others = [
+        named("c.mcap", **walk | {"seed": "4"}),
+        named("d.mcap", **walk | {"physics": "dynamic"}),
+        named("e.mcap", source="walk", imported_from="table"),
+        named("f.mcap", (5, 10_000_005), source="walk", imported_from="table"),
+    ]
+    assert len({same, *others}) == 5
+    rerun = pytest.importorskip("rerun")
+    assert rerun
+    write_rerun(tmp_path / "a.rrd", Recording(tmp_path / "a.mcap"), [])
+    assert same.encode() in (tmp_path / "a.rrd").read_bytes()
+
+
+def test_who_travelled_is_said():
+    def result(name, distance_m):
+        return SimpleNamespace(estimate=SimpleNamespace(name=name), scores={"distance_m": distance_m})
+
+    camera, feet = result("dvio", 21.5), [result("foot_ins_l", 20.1), result("foot_to_foot_r", 20.3)]
+    assert travelled([]) == []
+    assert travelled([camera]) == ["21.5 m travelled by the camera"]
+    assert travelled([*feet, camera]) == ["20.3 m travelled by a foot"]

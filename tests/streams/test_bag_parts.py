@@ -1,5 +1,6 @@
 """What bags hold beside plain samples: compressed depth, CameraInfo, static transforms."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace as Message
 
@@ -9,7 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.bag_calibration import BagCalibration
+from stridetwin.streams.formats.calibrations import completed
 from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.ros_pictures import COMPRESSED, picture_kind, read_picture
 from stridetwin.streams.ros_types import serialise, typestore
 from stridetwin.streams.samples import Block, Depth, Image, Imu
@@ -56,10 +59,11 @@ def transform(parent, child, rotvec, p):
     )
 
 
-def info(d=(), model="plumb_bob", focal=400.0):
+def info(d=(), model="plumb_bob", focal=400.0, p=()):
     return Message(
         k=np.array([focal, 0, 320, 0, focal, 240, 0, 0, 1]),
         d=np.array(d),
+        p=np.array(p),
         distortion_model=model,
         width=640,
         height=480,
@@ -107,20 +111,90 @@ def test_a_loop_or_a_gap_in_the_tree_is_no_mount():
     assert "no mount in /tf_static" in calibration.assumed["/cam/color/image_raw"]
 
 
-def test_distortions_that_have_no_form_are_told():
-    for d, model, told in (
-        ((0.1, 0.2, 0.001, 0.002, 0.0), "plumb_bob", False),
-        ((0.1, 0.2, 0.001, 0.002, 0.3), "plumb_bob", True),
-        ((0.1, 0.2, 0.3, 0.4), "equidistant", False),
-        ((0.1,), "omni", True),
-    ):
+@pytest.mark.parametrize(
+    ("d", "model", "told"),
+    [
+        ((0.1, 0.2, 0.001, 0.002, 0.0), "plumb_bob", ""),
+        ((0.1, 0.2, 0.3, 0.4), "equidistant", ""),
+        ((0.1, 0.2, 0.3, 0.4), "Kannala Brandt4", ""),
+        ((0.1,), "omni", "'omni' with 1 coefficients has no form here; .*--rig"),
+        ((0.1, 0.2, 0.0, 0.0, 40.0), "plumb_bob", "has no form here"),
+    ],
+)
+def test_distortions_that_have_no_form_are_told(d, model, told):
+    calibration = BagCalibration(Notes(Path("a"), False))
+    calibration.camera_info("/cam/color/camera_info", info(d, model))
+    camera = rig_of(calibration).cameras["/cam/color/image_raw"]
+    assert camera.distortion[0] == 0.1
+    words = calibration.assumed["/cam/color/image_raw"].partition("between them")[2]
+    assert re.search(told, words) if told else not words
+    assert camera.distortion_model == ("radtan" if model in ("plumb_bob", "omni") else "equidistant")
+
+
+AZURE = (0.5237, -2.2886, 0.0007, -0.0002, 1.3255, 0.4035, -2.1325, 1.2605)
+
+
+@pytest.mark.parametrize(
+    ("d", "model"), [(AZURE, "rational_polynomial"), ((-0.056, 0.066, 5e-4, 3e-4, -0.021), "plumb_bob")]
+)
+def test_lenses_of_more_terms_are_fitted_and_the_rest_told(d, model):
+    calibration = BagCalibration(Notes(Path("a"), False))
+    calibration.camera_info("/cam/color/camera_info", info(d, model))
+    camera = rig_of(calibration).cameras["/cam/color/image_raw"]
+    u, v = np.meshgrid(np.linspace(-0.7, 0.7, 15), np.linspace(-0.5, 0.5, 11))
+    rays, zero = np.column_stack((u.ravel(), v.ravel(), np.ones(u.size))), np.zeros(3)
+    full, ours = (cv2.projectPoints(rays, zero, zero, camera.K, np.array(c))[0][:, 0] for c in (d, camera.distortion))
+    off = np.linalg.norm(full - ours, axis=1)[(full >= 0).all(axis=1) & (full < (640, 480)).all(axis=1)]
+    assert len(off) > 100
+    told = float(re.search(r"fitted as radtan, up to (\S+) px off", calibration.assumed["/cam/color/image_raw"])[1])
+    assert off.max() <= 1.1 * told < 2.0
+
+
+@pytest.mark.parametrize(
+    "topic", ["/cam/color/image_rect_color", "/cam/color/image_rect", "/cam/color/rectified/image"]
+)
+def test_rectified_pictures_go_with_p_and_no_distortion(topic):
+    calibration = BagCalibration(Notes(Path("a"), False))
+    P = (380.0, 0, 310, -20, 0, 381, 235, 0, 0, 0, 1, 0)
+    calibration.camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=P))
+    blocks, pictures = streams()
+    raw = pictures["/cam/color/image_raw"]
+    cameras = calibration.rig(blocks, {topic: raw, "/cam/color/image_raw": raw}, {}).cameras
+    assert cameras[topic].intrinsics == (380.0, 381.0, 310.0, 235.0)
+    assert not any(cameras[topic].distortion)
+    assert cameras["/cam/color/image_raw"].intrinsics == (400.0, 400.0, 320.0, 240.0)
+    assert cameras["/cam/color/image_raw"].distortion[0] == -0.3
+    calibration.camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=np.zeros(12)))
+    camera = calibration.rig(blocks, {topic: raw}, {}).cameras[topic]
+    assert (camera.intrinsics[0], any(camera.distortion)) == (400.0, False)
+    assert "has no P for rectified pictures" in calibration.assumed[topic]
+
+
+def test_realsense_files_keep_calibrations_apart_from_pictures():
+    calibration = BagCalibration(Notes(Path("a"), False))
+    for sensor, focal in (("Color_0", 610.0), ("Depth_0", 420.0)):
+        calibration.camera_info(f"/device_0/sensor_1/{sensor}/info/camera_info", info(focal=focal))
+    blocks, pictures = streams()
+    topics = [f"/device_0/sensor_1/{sensor}/image/data" for sensor in ("Color_0", "Depth_0")]
+    cameras = calibration.rig(blocks, dict.fromkeys(topics, pictures["/cam/color/image_raw"]), {}).cameras
+    assert [cameras[t].intrinsics[0] for t in topics] == [610.0, 420.0]
+
+
+def test_depth_of_the_size_of_colour_is_taken_as_registered_with_a_warning():
+    def load(topic, i):
+        blank = np.zeros((480, 640))
+        return Depth(topic=topic, t_ns=0, depth=blank) if "depth" in topic else Image(topic=topic, t_ns=0, pixels=blank)
+
+    t = np.arange(5) * 33_333_333
+    pictures = {
+        "/head/color": Pictures(kind=Image, t_ns=t, load=lambda topic, i: load("color", i)),
+        "/head/depth": Pictures(kind=Depth, t_ns=t, load=lambda topic, i: load("depth", i)),
+    }
+    for registered in ((), ("/head/depth",)):
         notes = Notes(Path("a"), False)
-        calibration = BagCalibration(notes)
-        calibration.camera_info("/cam/color/camera_info", info(d, model))
-        camera = rig_of(calibration).cameras["/cam/color/image_raw"]
-        assert camera.distortion[0] == 0.1
-        assert bool(notes.warnings) is told
-        assert camera.distortion_model == ("equidistant" if model == "equidistant" else "radtan")
+        rig = completed(Rig(), {}, pictures, notes, registered)
+        assert rig.cameras["/head/color"].depth_topic == "/head/depth"
+        assert any("for its size alone" in w for w in notes.warnings) is not bool(registered)
 
 
 def test_a_camera_info_without_a_focal_length_is_none():

@@ -94,20 +94,56 @@ def same_mounts(a, b):
     np.testing.assert_allclose(between(a), between(b), atol=1e-12)
 
 
-def test_euroc_comes_back(recording, tmp_path):
-    counts = write_euroc(recording, tmp_path)
+def worn_at(place, recording, file):
+    """The same walk with camera and IMU at another place, whose calibration tells all that one can."""
+    told = rig()
+    body = {"chest": "torso"}.get(place, place)
+    mounts = {t: replace(i.mount, body=body) for t, i in {**told.imus, **told.cameras}.items()}
+    imu = replace(
+        told.imu("/head/imu"), topic=f"/{place}/imu", mount=mounts["/head/imu"], gyroscope_bias_sd=0.01,
+        accelerometer_bias_sd=0.2, gyroscope_range=8.7, accelerometer_range=39.2,
+    )  # fmt: skip
+    camera = replace(
+        told.cameras["/head/color"], topic=f"/{place}/color", depth_topic=f"/{place}/depth", imu_topic=imu.topic,
+        mount=mounts["/head/color"], distortion=(-0.3, 0.1, 1e-3, -2e-3), timeshift_cam_imu_s=0.008,
+    )  # fmt: skip
+    with RecordingWriter(file, Rig(imus={imu.topic: imu}, cameras={camera.topic: camera}), {},
+                         depth_encoding="32FC1", jpeg_quality=None) as writer:  # fmt: skip
+        for sample in recording.samples(["/head/imu", "/head/color", "/head/depth", "/truth/head/imu/odometry"]):
+            writer.write(replace(sample, topic=sample.topic.replace("head", place)))
+    return Recording(file)
+
+
+def same_calibration(a, b, but=()):
+    for name in (n for n in a.__dataclass_fields__ if n not in ("topic", "mount", "imu_topic", *but)):
+        assert getattr(a, name) == getattr(b, name), name
+    assert a.mount.body == b.mount.body
+    np.testing.assert_allclose(a.mount.T_body_sensor, b.mount.T_body_sensor, atol=1e-12)
+
+
+@pytest.mark.parametrize("place", ["head", "chest"])
+def test_euroc_comes_back(recording, tmp_path, place):
+    recording = worn_at(place, recording, tmp_path / "worn.mcap")
+    (folder := tmp_path / "out").mkdir()
+    counts = write_euroc(recording, folder)
     assert counts == {"imu0": N, "cam0": PICTURES, "state_groundtruth_estimate0": N}
-    back = open_any(tmp_path)
-    same_block(recording, back, "/head/imu")
-    np.testing.assert_array_equal(
-        back.block("/head/imu").columns["angular_rate"], recording.block("/head/imu").columns["angular_rate"]
-    )
-    same_block(recording, back, "/truth/head/imu/odometry", 1e-12)
-    for a, b in zip(recording.images("/head/color"), back.images("/head/color"), strict=True):
+    back = open_any(folder)
+    for name in ("imu", "imu/odometry"):
+        mine, read = (f"{'/truth' * ('odometry' in name)}/{p}/{name}" for p in (place, "head"))
+        x, y = recording.block(mine), back.block(read)
+        np.testing.assert_array_equal(x.t_ns, y.t_ns)
+        for column in x.columns.keys() - ({"angular_rate"} if "odometry" in name else set()):
+            np.testing.assert_allclose(x.columns[column], y.columns[column], rtol=0, atol=1e-12)
+    for a, b in zip(recording.images(f"/{place}/color"), back.images("/head/color"), strict=True):
         np.testing.assert_array_equal(a.pixels, b.pixels)
-    same_mounts(recording, back)
-    (tmp_path / "rig.yaml").unlink()
-    same_mounts(recording, open_any(tmp_path))  # its sensor.yaml alone says as much
+    same_calibration(recording.rig.imu(f"/{place}/imu"), back.rig.imu("/head/imu"))
+    camera = recording.rig.cameras[f"/{place}/color"], back.rig.cameras["/head/color"]
+    same_calibration(*camera, but=["depth_topic"])  # the layout has no depth
+    assert camera[1].imu_topic == "/head/imu"
+    assert not back.warnings
+    (folder / "rig.yaml").unlink()
+    T_imu_cam = np.linalg.inv(T_HEAD_IMU) @ T_HEAD_CAMERA  # its sensor.yaml alone says as much
+    np.testing.assert_allclose(open_any(folder).rig.cameras["/head/color"].mount.T_body_sensor, T_imu_cam, atol=1e-12)
 
 
 def test_euroc_is_laid_out_as_published(recording, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 from mcap.writer import CompressionType
 from scipy.spatial.transform import Rotation
 
+from benchmarks import foreign_files
 from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, Walk, write_foreign_mcap
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.bag_names import bag_names
@@ -16,7 +17,7 @@ from stridetwin.streams.formats.split_imu import joined
 from stridetwin.streams.imported import Notes
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.opening import KINDS, ImportOptions, open_any, recognise
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording import Recording, RecordingWriter
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry
 
@@ -223,6 +224,160 @@ def test_streams_can_be_given_other_topics_and_calibrations(sources, tmp_path):
             open_any(sources["rosbag1"], options=ImportOptions(names=names))
     with pytest.raises(StrideTwinError, match=r"--as: 'zip' .*valid: mcap, rosbag1"):
         open_any(sources["rosbag1"], options=ImportOptions(kind="zip"))
+
+
+T_CAM_IMU = np.eye(4)
+T_CAM_IMU[:3, :3] = Rotation.from_rotvec([0.3, -1.2, 0.8]).as_matrix()
+T_CAM_IMU[:3, 3] = 0.02, -0.01, 0.05
+
+
+def camchain(file, rostopic, imu="", focal=27.25):
+    """A camera's calibration as Kalibr writes it, and of an IMU (its own second file, put behind)."""
+    section = f"""cam0:
+  T_cam_imu: {T_CAM_IMU.tolist()}
+  camera_model: pinhole
+  distortion_coeffs: [-0.2, 0.05, 0.001, 0.0]
+  distortion_model: radtan
+  intrinsics: [{focal}, {focal}, 15.0, 11.0]
+  resolution: [{WIDTH}, {HEIGHT}]
+  rostopic: {rostopic}
+  timeshift_cam_imu: -0.007
+"""
+    noise = "".join(
+        f"  {s}_{w}: 2.0e-3\n" for s in ("gyroscope", "accelerometer") for w in ("noise_density", "random_walk")
+    )
+    file.write_text(section + (f"imu0:\n  rostopic: {imu}\n  update_rate: {IMU_HZ}\n{noise}" if imu else ""))
+    return ImportOptions(rig=file)
+
+
+@pytest.mark.parametrize(
+    ("name", "rostopic", "imu"),
+    [
+        ("euroc", "/cam0/image_raw", "/imu0"),
+        ("euroc", "/cam0/image_raw", ""),
+        ("euroc", "/head/color", ""),
+        ("euroc", "/camera/color/image_raw", "/camera/imu"),  # of another record; cam0 is cam0
+        ("rosbag1", "/camera/color/image_raw", "/camera/imu"),
+        ("rosbag1", "camera/color/image_raw/compressed", ""),
+        ("tum", "/cam0/image_raw", ""),
+    ],
+)
+def test_a_kalibr_file_goes_before_all(sources, tmp_path, name, rostopic, imu):
+    recording = open_any(sources[name], options=camchain(tmp_path / "camchain-imucam.yaml", rostopic, imu))
+    camera = recording.rig.cameras["/head/color"]
+    assert camera.intrinsics == (27.25, 27.25, 15.0, 11.0)
+    assert camera.timeshift_cam_imu_s == -0.007
+    assert camera.mount.body == "head"
+    np.testing.assert_allclose(np.linalg.inv(camera.mount.T_body_sensor), T_CAM_IMU, atol=1e-12)
+    assert camera.depth_topic == ("" if name == "euroc" else "/head/depth")  # Kalibr has no word for it
+    assert recording.topics["/head/color"].rate_hz == pytest.approx(camera.rate_hz)  # nor for that
+    if name != "tum":
+        assert camera.imu_topic == "/head/imu"
+        assert recording.rig.imu("/head/imu").mount.body == "head"
+        assert (recording.rig.imu("/head/imu").gyroscope_noise_density == 2e-3) is bool(imu)
+    assert not any("not used" in w or "no mount" in w or "size alone" in w for w in recording.warnings)
+
+
+def test_a_kalibr_file_follows_its_stream_to_another_topic(sources, tmp_path):
+    given = camchain(tmp_path / "a.yaml", "/camera/color/image_raw", "/camera/imu")
+    names = {"/camera/imu": "/foot_r/imu", "/camera/color/image_raw": "/foot_r/camera"}
+    rig = open_any(sources["rosbag1"], options=ImportOptions(rig=given.rig, names=names)).rig
+    camera = rig.cameras["/foot_r/camera"]
+    assert (camera.imu_topic, camera.mount.body, rig.imu("/foot_r/imu").mount.body) == ("/foot_r/imu", *["foot_r"] * 2)
+    assert camera.intrinsics[0] == 27.25
+    table = open_any(sources["table_csv"], options=camchain(tmp_path / "b.yaml", "/cam0", "/imu0")).rig
+    assert table.imu("/foot_l/imu").gyroscope_noise_density == 2e-3
+    assert table.imu("/foot_l/imu").mount.body == "foot_l"
+
+
+def test_a_calibration_without_a_stream_is_told(sources, tmp_path):
+    file = tmp_path / "camchain.yaml"
+    with pytest.raises(StrideTwinError, match=r"camchain\.yaml: rostopic: '/cam7/image_raw' .*/camera/color/image_raw"):
+        open_any(sources["rosbag1"], options=camchain(file, "/cam7/image_raw"))
+    assert open_any(sources["rosbag1"], True, camchain(file, "/cam7/image_raw")).problems
+    recording = open_any(sources["rosbag1"], options=camchain(file, "/cam7/image_raw", "/camera/imu"))
+    assert recording.rig.imu("/head/imu").gyroscope_noise_density == 2e-3
+    assert any("/cam7/image_raw: no stream of this name" in w for w in recording.warnings)
+
+
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_our_own_recording_keeps_what_it_tells(recorded, tmp_path, is_folder):
+    plain = Recording(recorded)
+    path = recorded
+    if is_folder:
+        (path := tmp_path / "bag").mkdir()
+        shutil.copy(recorded, path)
+    back = open_any(path, options=ImportOptions(names={"/head/imu": "/chest/imu"}))
+    assert back.metadata == plain.metadata == {"seed": "7"}
+    assert back.topics.keys() - plain.topics.keys() == {"/chest/imu"}
+    assert {t for t in back.topics if t in plain.topics} == plain.topics.keys() - {"/head/imu"}
+    a, b = plain.rig.cameras["/head/color"], back.rig.cameras["/head/color"]
+    for name in ("part", "rate_hz", "intrinsics", "distortion", "depth_topic", "timeshift_cam_imu_s"):
+        assert getattr(a, name) == getattr(b, name)
+    np.testing.assert_array_equal(a.mount.T_body_sensor, b.mount.T_body_sensor)
+    imu = back.rig.imu("/chest/imu")
+    assert (imu.part, imu.gyroscope_bias_sd, imu.mount.body) == ("BMI055", 0.01, "torso")
+    assert back.rig.boards.keys() == {"foot_l"}
+    assert back.rig.others["/foot_l/sonar"].part == "SRF08"
+
+
+def test_depth_without_its_colour_keeps_its_camera(tmp_path, recorded):
+    plain = Recording(recorded)
+    with RecordingWriter(tmp_path / "depth.mcap", plain.rig) as writer:
+        for sample in plain.samples(["/head/imu", "/head/depth"]):
+            writer.write(sample)
+    back = open_any(tmp_path / "depth.mcap", options=ImportOptions(names={"/head/imu": "/head/other"}))
+    camera = back.rig.cameras["/head/color"]
+    assert (camera.depth_topic, camera.intrinsics) == ("/head/depth", plain.rig.cameras["/head/color"].intrinsics)
+    assert not back.warnings
+
+
+def test_our_own_recording_takes_a_kalibr_file(recorded, tmp_path):
+    known = Recording(recorded).rig
+    rig = open_any(recorded, options=camchain(tmp_path / "camchain.yaml", "/head/color")).rig
+    camera = rig.cameras["/head/color"]
+    assert (camera.intrinsics[0], camera.timeshift_cam_imu_s) == (27.25, -0.007)
+    assert (camera.part, camera.depth_topic, camera.rate_hz) == ("D455", "/head/depth", 30.0)
+    T_imu = known.imu("/head/imu").mount.T_body_sensor
+    np.testing.assert_allclose(np.linalg.inv(camera.mount.T_body_sensor) @ T_imu, T_CAM_IMU, atol=1e-9)
+    np.testing.assert_array_equal(rig.imu("/head/imu").mount.T_body_sensor, T_imu)
+
+
+def test_an_imu_that_is_joined_sits_where_its_gyro_does(tmp_path, walk):
+    store = foreign_files.get_typestore(foreign_files.Stores.ROS2_HUMBLE)
+    path, types = tmp_path / "realsense.mcap", store.types
+    none = np.zeros((len(walk.t), 3))
+    with path.open("wb") as file:
+        writer = foreign_files.Writer(file)
+        writer.start("ros2", "someone")
+        feed = foreign_files._McapFeed(writer)
+
+        def put(topic, name, messages):
+            channel = feed.add_connection(topic, name, typestore=store)
+            for t, message in messages:
+                feed.write(channel, t, store.serialize_cdr(message, name))
+
+        for sort, rates, forces in (("gyro", walk.gyro, none), ("accel", none, walk.accel)):
+            imus = [
+                (t, foreign_files._imu(store, t, w, f)) for t, w, f in zip(walk.t.tolist(), rates, forces, strict=True)
+            ]
+            put(f"/camera/{sort}/sample", "sensor_msgs/msg/Imu", imus)
+        t = walk.t_pictures.tolist()
+        shots = [(s, foreign_files._image(store, s, "rgb8", c)) for s, c in zip(t, walk.colour, strict=True)]
+        put("/camera/color/image_raw", "sensor_msgs/msg/Image", shots)
+        infos = [(t[0], foreign_files._info(store, t[0], False))]
+        put("/camera/color/camera_info", "sensor_msgs/msg/CameraInfo", infos)
+        vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+        mount = types["geometry_msgs/msg/Transform"](vector(0.03, 0.02, 0.01), quaternion(0.0, 0.0, 0.0, 1.0))
+        stamped = types["geometry_msgs/msg/TransformStamped"](
+            foreign_files._header(store, t[0], "camera_imu"), "camera_color", mount
+        )
+        put("/tf_static", "tf2_msgs/msg/TFMessage", [(t[0], types["tf2_msgs/msg/TFMessage"]([stamped]))])
+        writer.finish()
+    recording = open_any(path)
+    mount = recording.rig.cameras["/head/color"].mount
+    np.testing.assert_allclose(mount.T_body_sensor[:3, 3], (0.03, 0.02, 0.01), atol=1e-12)
+    assert not any("no mount" in w for w in recording.warnings)
 
 
 def test_names_of_common_drivers():

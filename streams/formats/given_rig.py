@@ -1,0 +1,207 @@
+"""Calibrations under our topics: a rig that follows its streams to their new names, and one that is given beside them.
+
+A rig that is given names its sensors as the source does (`rostopic`), as we do, or as Kalibr numbers them (`cam0`,
+`imu0`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.formats.calibrations import body_of
+from stridetwin.streams.formats.euroc import NAMES
+from stridetwin.streams.imported import Notes, Source
+from stridetwin.streams.kalibr import PLAIN_BODY
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.samples import Array, Image, Imu
+
+_TRANSPORT = re.compile(r"/(compressed|compressedDepth|image/data|imu/data)$")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Streams:
+    """Which streams of a source have become which of ours.
+
+    Attributes:
+        topics: Our topic by the source's name.
+        names: The topic that the source's names would get unless told otherwise.
+        imus: Our topics of its IMUs.
+        cameras: Our topics of its colour cameras.
+        numbered: Whether the source has sensors without topics, so that Kalibr's `cam0` is its first camera.
+    """
+
+    topics: Mapping[str, str]
+    names: Mapping[str, str] = field(default_factory=dict)
+    imus: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
+    numbered: bool = False
+
+    def find(self, rostopic: str, as_read: bool, number: str = "") -> str | None:
+        """Our topic of the stream that a calibration is about, None if there is none.
+
+        Args:
+            rostopic: What the calibration calls it.
+            as_read: Whether our topics go before the source's names, where one is both.
+            number: Kalibr's name of the section, such as `cam0`, where it may decide.
+        """
+        name = "/" + rostopic.strip("/")
+        ours = {t: t for t in self.topics.values()}
+        defaults = {default: self.topics[n] for n, default in self.names.items()}
+        told = defaults | dict(self.topics)
+        for table in (ours, told) if as_read else (told, ours):
+            if name in table:
+                return table[name]
+        bare = {_TRANSPORT.sub("", n): t for n, t in self.topics.items()}
+        if (found := bare.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
+            return found
+        for section in (name.split("/")[1], number):
+            if (target := NAMES.get(section, f"/{section}")) in told:
+                return told[target]
+            alone = {"imu0": self.imus, "cam0": self.cameras}.get(section, ())
+            if len(alone) == 1:
+                return alone[0]
+        return None
+
+
+def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Streams:
+    """How the streams of a source are called here, by the topics that its names become."""
+    return Streams(
+        topics=topics,
+        names={n: source.names.get(n, n) for n in topics},
+        imus=tuple(topics[n] for n, b in source.blocks.items() if b.kind is Imu),
+        cameras=tuple(topics[n] for n, p in source.pictures.items() if p.kind is Image),
+        numbered=numbered,
+    )
+
+
+def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_told: bool) -> Rig:
+    """A rig whose sensors have other topics, and sit on the bodies that these say.
+
+    Args:
+        rig: The rig.
+        topic_of: New topic by the old one.
+        bodies_are_told: The rig knows which body carries a sensor: it stays there unless the new topic says another
+            one than the old topic did.
+    """
+
+    def moved(item: Any) -> Any:
+        topic, body = topic_of(item.topic), item.mount.body
+        if not bodies_are_told or body_of(topic) != body_of(item.topic):
+            body = body_of(topic)
+        changes: dict[str, Any] = {"topic": topic, "mount": replace(item.mount, body=body)}
+        for link in ("depth_topic", "imu_topic"):
+            if getattr(item, link, ""):
+                changes[link] = topic_of(getattr(item, link))
+        return replace(item, **changes)
+
+    def table(items: Mapping[str, Any]) -> dict[str, Any]:
+        return {new.topic: new for new in map(moved, items.values())}
+
+    return Rig(imus=table(rig.imus), cameras=table(rig.cameras), boards=rig.boards, others=table(rig.others))
+
+
+def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> tuple[Rig, list[str]]:
+    """A rig that is given for a source, under our topics.
+
+    What a plain Kalibr file does not tell (where on the body its IMU sits, rates, the depth beside a camera) stays as
+    it is known.
+
+    Args:
+        rig: As the file says.
+        known: What is known of the source's sensors, under our topics.
+        streams: Names of the source's streams.
+        as_read: Whether our topics go before the source's names.
+
+    Returns:
+        The rig, and the sensors in it that no stream belongs to, in the file's words; these are left out.
+    """
+    imus, cameras, others = (_by_number(t) for t in (rig.imus, rig.cameras, rig.others))
+    found: dict[str, str] = {}
+    for stem, items in (("imu", imus), ("cam", cameras), ("", others)):
+        for i, item in items:
+            number = f"{stem}{i}" if item.mount.body == PLAIN_BODY else ""
+            target = streams.find(item.topic, as_read, number)
+            depth = getattr(item, "depth_topic", "")
+            if target is None and depth and streams.find(depth, as_read) is not None:
+                target = item.topic  # of a camera whose depth alone is there
+            if target is not None and target not in found.values():
+                found[item.topic] = target
+    links = {c.depth_topic for _, c in cameras} - {""} - found.keys()
+    linked = {link: streams.find(link, as_read) or link for link in links}
+    there = Rig(
+        imus={t: i for t, i in rig.imus.items() if t in found},
+        cameras={t: c for t, c in rig.cameras.items() if t in found},
+        boards=rig.boards,
+        others={t: o for t, o in rig.others.items() if t in found},
+    )
+    moved = renamed_rig(there, lambda t: found.get(t) or linked.get(t, t), bodies_are_told=True)
+    plain = {found[t] for t, i in there.imus.items() if i.mount.body == PLAIN_BODY}
+    plain |= {found[t] for t, c in there.cameras.items() if c.mount.body == PLAIN_BODY}
+    placed = {t: _placed_imu(i, known.imus.get(t)) if t in plain else i for t, i in moved.imus.items()}
+    mounts = {t: i.mount for t, i in {**known.imus, **placed}.items()}
+    seen = {
+        t: _placed_camera(c, known.cameras.get(t), mounts, streams.imus) if t in plain else c
+        for t, c in moved.cameras.items()
+    }
+    left = [item.topic for _, item in (*cameras, *imus, *others) if item.topic not in found]
+    return Rig(imus=placed, cameras=seen, boards=moved.boards, others=moved.others), left
+
+
+def told_what_is_left(file: Path, rig: Rig, left: Iterable[str], streams: Streams, notes: Notes) -> None:
+    """Says which calibrations of a file no stream belongs to; a file that does nothing at all is refused.
+
+    Raises:
+        ConfigError: No stream belongs to any of them, unless lenient.
+    """
+    left = list(left)
+    names = sorted({*streams.topics, *streams.names.values(), *streams.topics.values()})
+    if streams.numbered:
+        names += ["/cam0, /imu0, ..."]
+    valid = f"a stream that is there: {', '.join(names)}"
+    if left and len(left) == len(rig.imus) + len(rig.cameras) + len(rig.others):
+        notes.invalid(ConfigError(file, "rostopic", ", ".join(left), valid))
+    elif left:
+        notes.warn(f"{file}: {', '.join(left)}: no stream of this name, so that its calibration is not used")
+
+
+def _by_number(items: Mapping[str, Any]) -> list[tuple[int, Any]]:
+    return list(enumerate(items.values()))
+
+
+def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:
+    """A plain calibration, whose body is the IMU itself, where the IMU is known to sit."""
+    if known is None:
+        return replace(imu, mount=Mount(body=body_of(imu.topic)))
+    return replace(imu, mount=known.mount, part=imu.part or known.part)
+
+
+def _placed_camera(
+    camera: CameraCalibration, known: CameraCalibration | None, mounts: Mapping[str, Mount], imus: tuple[str, ...]
+) -> CameraCalibration:
+    """A plain calibration, mounted in its IMU's frame, where that IMU is known to sit."""
+    told = [camera.imu_topic, known.imu_topic if known else "", *(t for t in imus if body_of(t) == camera.mount.body)]
+    imu = next((t for t in told if t in imus or t in mounts), "")
+    T: Array = camera.mount.T_body_sensor
+    mount = mounts.get(imu, Mount(body=body_of(camera.topic)))
+    mount = Mount(body=mount.body, T_body_sensor=mount.T_body_sensor @ T)
+    shift = camera.timeshift_cam_imu_s
+    if known is None:
+        return replace(camera, imu_topic=imu, mount=mount)
+    if np.array_equal(T, np.eye(4)):  # a file without T_cam_imu: the lens alone
+        mount, shift = known.mount, shift or known.timeshift_cam_imu_s
+    return replace(
+        camera,
+        imu_topic=imu,
+        mount=mount,
+        timeshift_cam_imu_s=shift,
+        part=camera.part or known.part,
+        rate_hz=camera.rate_hz or known.rate_hz,
+        depth_topic=camera.depth_topic or known.depth_topic,
+    )

@@ -1,0 +1,83 @@
+"""What our own recordings tell beside their messages: calibration and metadata, when they are read as a bag."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+from mcap import records
+from mcap.opcode import Opcode
+
+from stridetwin.streams import schema_version
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.imported import Notes
+from stridetwin.streams.kalibr import rig_from_yaml
+from stridetwin.streams.mcap_scan import DamagedError, parse, top_records
+from stridetwin.streams.recorder import METADATA_NAME, RIG_NAME
+from stridetwin.streams.recording_index import Problem
+from stridetwin.streams.rig import Rig
+
+
+def is_ours(path: Path, if_damaged: bool) -> bool:
+    """Whether an MCAP file begins as our recorder writes it, with its calibration and its metadata.
+
+    Args:
+        path: The file.
+        if_damaged: The answer for one that cannot be read that far.
+    """
+    try:
+        for opcode, _, body in top_records(path):
+            if opcode == Opcode.ATTACHMENT and parse(records.Attachment, body).name == RIG_NAME:
+                return True
+            if opcode == Opcode.METADATA and parse(records.Metadata, body).name in (
+                METADATA_NAME,
+                schema_version.RECORD,
+            ):
+                return True
+            if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
+                return False
+    except (DamagedError, OSError):
+        return if_damaged
+    return False
+
+
+def read_told(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
+    """The calibration and the metadata that stand at the beginning of one of our recordings.
+
+    Args:
+        path: The file.
+        notes: Where damage goes.
+
+    Raises:
+        StrideTwinError: It was made by a newer release, or (unless lenient) one of them is damaged.
+    """
+    rig, metadata = Rig(), dict[str, str]()
+    try:
+        for opcode, _, body in top_records(path):
+            if opcode == Opcode.ATTACHMENT:
+                attachment = parse(records.Attachment, body)
+                if attachment.name != RIG_NAME:
+                    continue
+                if int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
+                    notes.problem(Problem("", None, f"CRC mismatch of the attachment {RIG_NAME}"))
+                else:
+                    rig = _rig(attachment.data, notes)
+            elif opcode == Opcode.METADATA:
+                told = parse(records.Metadata, body)
+                if told.name == schema_version.RECORD:
+                    schema_version.read(told.metadata, path)
+                elif told.name == METADATA_NAME:
+                    metadata.update(told.metadata)
+            elif opcode != Opcode.HEADER:
+                break  # the recorder writes them before all messages
+    except DamagedError:
+        pass  # told when the messages are read
+    return rig, metadata
+
+
+def _rig(data: bytes, notes: Notes) -> Rig:
+    try:
+        return rig_from_yaml(data.decode(), RIG_NAME)
+    except (UnicodeDecodeError, StrideTwinError) as error:
+        notes.problem(Problem("", None, f"its calibration is not valid: {error}"))
+        return Rig()
