@@ -13,7 +13,7 @@ from stridetwin.scenarios.estimates import estimate_steps
 from stridetwin.scenarios.exo_geometry import of_recording, tells_geometry
 from stridetwin.scenarios.footprints import FOOTPRINTS
 from stridetwin.scenarios.scoring import Scores
-from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps
+from stridetwin.scenarios.steps import ScoredStep, displacement_errors, false_steps, score_steps
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
 
@@ -25,7 +25,7 @@ class StepResult:
     Attributes:
         estimates: What was told, one a step.
         steps: Beside the truth.
-        scores: See `step_scores`.
+        scores: See `step_scores`; and `false_pct`, of all steps that were told, those that are none.
     """
 
     estimates: list[StepEstimate]
@@ -47,10 +47,12 @@ def evaluate_steps(recording: Recording) -> StepResult:
         RecordingError: Not one of its steps is a step of the truth.
     """
     made = estimate_steps(recording)
-    steps = score_steps(list(recording.block(FOOTPRINTS)), made)
+    footprints = list(recording.block(FOOTPRINTS))
+    steps = score_steps(footprints, made)
     if not any(s.seen for s in steps):
         raise RecordingError(f"{recording.path}: contact_terrain tells of none of the {len(steps)} true steps")
-    return StepResult(estimates=made, steps=steps, scores=step_scores(steps))
+    false_pct = 100.0 * false_steps(footprints, made) / len(made)
+    return StepResult(estimates=made, steps=steps, scores={**step_scores(steps), "false_pct": false_pct})
 
 
 def step_scores(steps: Sequence[ScoredStep]) -> Scores:

@@ -17,6 +17,7 @@ from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Footprint
 
 _EARLY_NS = 100_000_000
+_STANDING = 2  # the first footprints are those of the feet that stand at the start
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +27,7 @@ class ScoredStep:
     Attributes:
         mode: True mode.
         slope: True slope of the ground in the foot's direction, rad.
-        elevation: True height over the footprint before, m.
+        elevation: True height over the other foot's footprint before, m.
         place: True place of the footprint, m.
         told_mode: As told; "" where the step was missed.
         told_slope: rad.
@@ -78,14 +79,39 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
     """
     told = list(estimates)
     made = []
-    for i, print_ in enumerate(footprints[2:], start=2):
-        if any(p.foot == print_.foot for p in (*footprints[i - 1 : i], *footprints[i + 1 : i + 2])):
+    for i in range(_STANDING, len(footprints)):
+        print_ = footprints[i]
+        # whichever foot stands second in the list may be the first to step: that is no gap
+        beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
+        before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
+        if before is None or any(p.foot == print_.foot for p in beside):
             continue
-        again = (p.t_ns for p in footprints[i + 1 :] if p.foot == print_.foot)
-        until, since = next(again, np.inf), print_.t_ns - _EARLY_NS
-        own = [e for e in told if e.foot == print_.foot and since < e.t_ns < until]
-        made.append(_scored(print_, footprints[i - 1], own[0] if own else None))
+        made.append(_scored(print_, before, next(iter(_told_of(footprints, i, told)), None)))
     return made
+
+
+def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
+    """How many steps were told that are none: beyond the first of each footprint, or of no footprint at all.
+
+    Args:
+        footprints: As of `score_steps`; a footprint that the truth lacks between two of the other foot may be told of.
+        estimates: One a step, in order.
+    """
+    told, right = list(estimates), set[int]()
+    for i, print_ in enumerate(footprints):
+        later = footprints[max(i + 1, _STANDING) :]
+        others = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
+        true = (i >= _STANDING) + max(others - 1, 0)
+        right.update([id(e) for e in _told_of(footprints, i, told) if id(e) not in right][:true])
+    return len(told) - len(right)
+
+
+def _told_of(footprints: Sequence[Footprint], i: int, told: Iterable[StepEstimate]) -> list[StepEstimate]:
+    """What was told of a footprint's foot from shortly before it until the foot's next one."""
+    foot = footprints[i].foot
+    since = footprints[i].t_ns - _EARLY_NS
+    until = next((p.t_ns for p in footprints[i + 1 :] if p.foot == foot), np.inf)
+    return [e for e in told if e.foot == foot and since < e.t_ns < until]
 
 
 def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:

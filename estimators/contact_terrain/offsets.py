@@ -156,4 +156,4 @@ def _update(
     share = prior * density / (prior * density + (1.0 - prior) / spread)
     move = gain @ innovation
     P = P - share * gain @ PH.T + share * (1.0 - share) * np.outer(move, move)
-    return z + share * move, P, share
+    return z + share * move, 0.5 * (P + P.T), share  # rounding that is not symmetric would grow from step to step

@@ -3,7 +3,7 @@
 A tick is whole when every stream has brought its sample; the first sample of a later instant closes one that is not. A
 stream that is late is carried on: an attitude by its last angular rate, an angle and forces as they were, for up to
 `HOLD_S`. A sample that is not finite, that no such sensor gives, or that is not later than the stream's last one counts
-as lost.
+as lost. A cell whose zero is low tells a few newtons less than none in the air: that is none.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Gather:
                 i, sign = self._encoder[sample.topic]
                 self._knee[i] = sign * sample.angle
             case Insole():
-                self._force[self._insole[sample.topic]] = sample.force
+                self._force[self._insole[sample.topic]] = np.maximum(sample.force, 0.0)
         self._last[sample.topic] = sample.t_ns
         self._open.add(sample.topic)
 
@@ -130,7 +130,7 @@ def _sane(sample: Sample) -> bool:
         case Encoder():
             return abs(sample.angle) < 2 * math.pi
         case Insole():
-            return bool(sample.force.min() >= 0.0 and sample.force.max() < _FORCE_MAX)
+            return bool(np.abs(sample.force).max() < _FORCE_MAX)
     return False
 
 

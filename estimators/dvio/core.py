@@ -85,6 +85,8 @@ class Core:
         self._work = blank_work(self._frames, slots, planes)
         self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s, planes)
         self.live: Live = blank_live()
+        # `live` at the newest frame, or later, as far back as the IMU's samples stay: where a late picture begins anew
+        self._behind: Live = blank_live()
         self._room = blank_increment()
         self._alive = np.zeros(slots, np.uint8)
         self._pixels = np.zeros((slots, 2), np.float32)
@@ -129,6 +131,7 @@ class Core:
         own = slice(w.shared, w.shared + FRAME)
         w.prior.H[own, own] = np.linalg.inv(covariance)
         self.live.covariance[:] = covariance
+        self._leave_behind()
         self.tracker.forget()
         self.tracker.take(picture.grey)
         self._find(picture, 0)
@@ -199,27 +202,50 @@ class Core:
         s = int(f.count[0]) - 1
         self.live.t_ns[0] = f.t_ns[s]
         self.live.R[:], self.live.p[:], self.live.v[:], self.live.bias[:] = f.R[s], f.p[s], f.v[s], f.bias[s]
+        self._leave_behind()
 
     def carry(self, until_ns: int) -> None:
         """Propagates `live` to a time that the IMU has reached."""
-        x = self.inertial
-        if until_ns > self.live.t_ns[0]:
-            kernel.carry(
-                self.live,
-                self._room,
-                x.t_ns,
-                x.samples,
-                x.doubt,
-                x.count,
-                until_ns,
-                self.noise,
-                self.parameters.gravity,
-            )
+        self._carry(self.live, until_ns)
+        # What no sample reaches back to could not be carried any more.
+        self._carry(self._behind, self.inertial.staying_ns)
+
+    def go_back(self, t_ns: int) -> bool:
+        """Sets `live` to what the IMU leads to at a time since the newest frame; False where that is too long ago."""
+        if t_ns < self._behind.t_ns[0]:
+            return False
+        for a, b in zip(self.live, self._behind, strict=True):
+            a[:] = b
+        self._carry(self.live, t_ns)
+        return True
+
+    @property
+    def newest_ns(self) -> int:
+        """Time of the newest frame, on the IMU's clock."""
+        f = self.window.frames
+        return int(f.t_ns[f.count[0] - 1])
+
+    @property
+    def joined(self) -> bool:
+        """Whether the IMU's samples cover all since the frame that the next picture's is joined to."""
+        f = self.window.frames
+        return self.inertial.reaches_back(int(f.t_ns[f.count[0] - (1 if self._newest_is_key else 2)]))
 
     @property
     def sound(self) -> bool:
         """Whether the newest state can be one of a person."""
         return bool(kernel.sound(self.live))
+
+    def _carry(self, state: Live, until_ns: int) -> None:
+        x = self.inertial
+        if until_ns > state.t_ns[0]:
+            kernel.carry(
+                state, self._room, x.t_ns, x.samples, x.doubt, x.count, until_ns, self.noise, self.parameters.gravity
+            )
+
+    def _leave_behind(self) -> None:
+        for a, b in zip(self._behind, self.live, strict=True):
+            a[:] = b
 
     def _place(self, slot: int, t_ns: int, state: Live) -> None:
         f = self.window.frames
@@ -252,11 +278,11 @@ class Core:
             prior.b[at] = weight * (v[i] - f.v[slot, i])
 
     def _foreseen(self, before: int, t_ns: int) -> Live:
-        f, x = self.window.frames, self.inertial
+        f = self.window.frames
         state = blank_live()
         state.t_ns[0] = f.t_ns[before]
         state.R[:], state.p[:], state.v[:], state.bias[:] = f.R[before], f.p[before], f.v[before], f.bias[before]
-        kernel.carry(state, self._room, x.t_ns, x.samples, x.doubt, x.count, t_ns, self.noise, self.parameters.gravity)
+        self._carry(state, t_ns)
         return state
 
     def _follow(self, picture: Picture, foreseen: Live, before: int, slot: int) -> float:

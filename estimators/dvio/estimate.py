@@ -24,9 +24,9 @@ class DvioEstimate:
         covariance: (6, 6) of position (m) and of rotation about the world's axes (rad).
         gyro_bias: (3,) rad/s.
         accel_bias: (3,) m/s².
-        health: `tracking`; `coasting`, where the IMU alone tells the motion, for want of points; or `lost`, from a
-            failure on until all is found again: the pose then holds its place, and the covariance says how little that
-            means.
+        health: `tracking`; `coasting`, where the IMU alone tells the motion, for want of points or of pictures; or
+            `lost`, from a failure on until all is found again: the pose then holds its place, and the covariance says
+            how little that means.
     """
 
     t_ns: int

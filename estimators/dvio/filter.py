@@ -22,8 +22,9 @@ MOUNTS = ("head", "chest")
 HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
 _SAME_S = 0.012  # colour and depth this near are of one moment
 _BLIND_S = 3.0  # without a picture; the window then begins anew at what the IMU leads to
+_ALONE_S, _ALONE_PICTURES = 0.3, 2.0  # s, or that many pictures of a slow camera; without one the IMU is alone
 _SLOW = 0.5  # m/s; who starts without standing moves about so fast
-_LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)  # of position, attitude, velocity and biases
+_LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)  # of position and attitude, beside what was unknown; of velocity and biases
 _LOST_WALK = 1.0  # m/√s; how the wearer goes on meanwhile
 _MOVING_TILT, _RESTING_TILT = 0.15, 0.03  # rad
 _START_SD = 1e-4  # m, rad; the world begins at the first place and heading
@@ -34,8 +35,8 @@ class Dvio:
 
     After Zhao et al. 2023, §II-C, and beyond it, see `DvioParameters`. It starts at once where the sensor rests, and
     in motion as soon as vision and IMU align (`starter`), after about half a second. A picture is used once the IMU has
-    reached its time and its depth is there, or does not come. A sample that is not finite, of another size than told,
-    or not later than the last one of its topic is ignored.
+    reached its time and its depth is there, or does not come; 6 s late it is of no use. A sample that is not finite, of
+    another size than told, or not later than the last one of its topic is ignored.
 
     Args:
         rig: Calibration.
@@ -69,6 +70,7 @@ class Dvio:
             if exoskeleton is None:
                 raise ConfigError("Dvio", "feet", True, "false, or give the exoskeleton whose legs tell the speed")
             self._feet = Feet.of(exoskeleton)
+        self._alone_s = max(_ALONE_S, _ALONE_PICTURES / camera.rate_hz)
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
@@ -78,7 +80,7 @@ class Dvio:
         self._last_ns: dict[str, int] = {}
         self._begun_ns: int | None = None
         self._health = ""
-        self._sound_p, self._sound_R = np.zeros(3), np.eye(3)
+        self._sound_p, self._sound_R, self._sound_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
 
     def update(self, sample: Sample) -> DvioEstimate | None:
         """Takes one sample; returns the new estimate after one of the IMU.
@@ -138,6 +140,9 @@ class Dvio:
             core.carry(sample.t_ns)
             if core.sound:
                 self._sound_p[:], self._sound_R[:] = core.live.p, core.live.R
+                self._sound_covariance[:] = core.live.covariance[:6, :6]
+                if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._alone_s:
+                    self._health = COASTING
             else:
                 self._lose()
                 core.live.t_ns[0] = sample.t_ns
@@ -164,14 +169,15 @@ class Dvio:
         return Picture(t_ns=image.t_ns, grey=np.ascontiguousarray(grey), depth=depth)
 
     def _see(self, picture: Picture) -> None:
-        core, frames = self._core, self._core.window.frames
-        t_ns, before = core.imu_time(picture.t_ns), int(frames.t_ns[frames.count[0] - 1])
+        core = self._core
+        t_ns, before = core.imu_time(picture.t_ns), core.newest_ns
         if t_ns <= before:
             return
-        if (t_ns - before) * 1e-9 > _BLIND_S:
-            if core.live.t_ns[0] <= t_ns:
-                core.carry(t_ns)
+        if (t_ns - before) * 1e-9 > _BLIND_S or not core.joined:
+            # `live` may be ahead of the picture, which comes after later samples of the IMU.
+            if core.go_back(t_ns):
                 core.start(picture, core.live.covariance.copy())
+                self._health = TRACKING if core.seen >= FEW_SIGHTINGS else COASTING
             return
         feet = self._feet
         footing = feet.at(t_ns) if feet is not None else None
@@ -235,14 +241,18 @@ class Dvio:
 
     def _lose(self) -> None:
         """Holds the last sound pose, little known, until a new start."""
-        live = self._core.live
+        live, already = self._core.live, self._health == LOST
         self._health, self._begun_ns = LOST, None
         if self._feet is not None:
             self._feet.forget()
         self._pictures.clear()
         self._starter.forget()
+        if already:
+            # Since then the place has become less known, not more.
+            return
         live.p[:], live.R[:], live.v[:], live.bias[:] = self._sound_p, self._sound_R, 0.0, 0.0
         live.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
+        live.covariance[:6, :6] += self._sound_covariance
 
 
 def _upright(force: Array, before: Array | None) -> Array:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
 
-_CAPACITY = 2048  # 10 s at 200 Hz; no interval between keyframes comes near
+_HELD_S = 6.0  # at least; longer than a start in motion takes, or blind times with a late picture after them
 _SATURATED = 0.995
 _MOST = np.repeat([100.0, 1000.0], 3)  # rad/s, m/s²; no head moves faster
 
@@ -18,15 +20,17 @@ class Inertial:
 
     A sample that is not finite, not possible or not later than the last one is not taken. One that is at the sensor's
     limit, or that comes after missing ones (it then stands for them, as the mean with the one before), is doubtful.
+    Those of the last 6 s stay, at the told rate.
 
     Args:
         calibration: Rate and ranges.
     """
 
     def __init__(self, calibration: ImuCalibration) -> None:
-        self.t_ns = np.zeros(_CAPACITY, np.int64)
-        self.samples = np.zeros((_CAPACITY, 6))
-        self.doubt = np.zeros(_CAPACITY, np.uint8)
+        self._half = math.ceil(_HELD_S * calibration.rate_hz) + 1
+        self.t_ns = np.zeros(2 * self._half, np.int64)
+        self.samples = np.zeros((2 * self._half, 6))
+        self.doubt = np.zeros(2 * self._half, np.uint8)
         self.count = 0
         self.period_s = 1.0 / calibration.rate_hz
         ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
@@ -41,8 +45,8 @@ class Inertial:
         size = np.abs(x)
         if not (size <= _MOST).all():
             return False
-        if self.count == _CAPACITY:
-            half = _CAPACITY // 2
+        half = self._half
+        if self.count == 2 * half:
             for a in (self.t_ns, self.samples, self.doubt):
                 a[:half] = a[half:].copy()
             self.count = half
@@ -58,6 +62,11 @@ class Inertial:
     def newest_ns(self) -> int:
         """Stamp of the newest sample."""
         return int(self.t_ns[self.count - 1])
+
+    @property
+    def staying_ns(self) -> int:
+        """Stamp of the oldest sample that will still be there after the next one."""
+        return int(self.t_ns[max(self.count - self._half, 0)])
 
     def gap_s(self) -> float:
         """Time between the two newest samples, s."""

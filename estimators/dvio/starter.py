@@ -42,7 +42,8 @@ class Starter:
     def take(self, picture: Picture) -> Alignment | None:
         """Takes a picture whose time the IMU has reached; returns the state there once it is known well enough."""
         core, t_ns = self._core, self._core.imu_time(picture.t_ns)
-        if self._t_ns and not 0 < t_ns - self._before_ns < _GAP_S * 1e9:
+        heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
+        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < _GAP_S * 1e9):
             self.forget()
         core.tracker.take(picture.grey)
         self._follow(t_ns)

@@ -85,30 +85,6 @@ def admissible(
     return tuple(pose for pose, cost in zip(poses, costs) if cost <= min(costs) + CHI2_GATE)
 
 
-def relative_position(sighting: BoardSighting) -> tuple[Array, Array] | None:
-    """Position of the board in the camera, as the published foot-to-foot measurement needs it (Jao et al. 2020).
-
-    Where both solutions are possible the mean of the two is returned, and the covariance spans them.
-
-    Args:
-        sighting: Corners of one board.
-
-    Returns:
-        (3,) board's origin in the camera's optical frame, m, and its (3, 3) covariance, m²; None where the corners
-        lie on a line.
-    """
-    poses = admissible(board_poses(sighting))
-    if not poses:
-        return None
-    weight = np.exp([-0.5 * (pose.chi2 - poses[0].chi2) for pose in poses])
-    weight /= weight.sum()
-    places = np.array([pose.T_camera_board[:3, 3] for pose in poses])
-    mean = weight @ places
-    apart = places - mean
-    within = sum(w * pose.covariance[:3, :3] for w, pose in zip(weight, poses))
-    return mean, within + np.einsum("i,ij,ik->jk", weight, apart, apart)
-
-
 def _refined(sighting: BoardSighting, T_camera_board: Array) -> BoardPose | None:
     """Gauss-Newton from a start; None where it leaves the space before the camera."""
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]

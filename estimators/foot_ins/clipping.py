@@ -6,9 +6,19 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import rotation_matrix
+from stridetwin.estimators.foot_ins.algebra import product, rotation_matrix
 from stridetwin.estimators.foot_ins.covariance import shift
-from stridetwin.estimators.foot_ins.memory import ATTITUDE, FILL, HEAD, POSITION, RING, VELOCITY, Memory
+from stridetwin.estimators.foot_ins.memory import (
+    ATTITUDE,
+    FILL,
+    GYRO_BIAS,
+    HEAD,
+    POSITION,
+    RESTORED,
+    RING,
+    VELOCITY,
+    Memory,
+)
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.strapdown import carry
 from stridetwin.streams.samples import Array
@@ -33,7 +43,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     something: `impact_excess` for each sample. Left out, the foot sinks a little at every landing, up stairs and down.
 
     Args:
-        memory: Its nominal state and ring are changed where a peak has ended.
+        memory: Its nominal state and ring are changed where a peak has ended, and what that came to is noted.
         parameters: With the ranges; nothing is done where they are not known.
     """
     first = 0
@@ -42,17 +52,23 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
         known = parameters.gyro_range if channel < 3 else parameters.accel_range
         least = LEAST_RATES if channel < 3 else LEAST_FORCES
         first = max(first, _peak(memory, channel, known, least, parameters.impact_excess, hidden))
+    memory.clock[RESTORED] = first
     if first == 0:
         return
     head, x = memory.clock[HEAD], memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
+    moved = memory.restored
     for back in range(first + 1):
         i = (head - back) % RING
+        moved[back] = x[:GYRO_BIAS]
         carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity)
     for back in range(first, -1, -1):
         i = (head - back) % RING
         memory.ring[i] += hidden[back]  # whoever looks back later sees the peak
         carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity)
+        moved[back, :ATTITUDE] = x[:ATTITUDE] - moved[back, :ATTITUDE]
+        moved[back, ATTITUDE + 1 :] *= -1.0
+        moved[back, ATTITUDE:] = product(x[ATTITUDE:GYRO_BIAS], moved[back, ATTITUDE:])
     shift(memory.covariance, memory.row, x[POSITION : POSITION + 3] - p, x[VELOCITY : VELOCITY + 3] - v)
 
 

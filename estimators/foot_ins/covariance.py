@@ -63,13 +63,13 @@ def shift(P: Array, o: int, dp: Array, dv: Array) -> None:
         dp: (3,) correction of the position, m.
         dv: (3,) correction of the velocity, m/s.
     """
-    _shifted(P, o, dp, dv)
-    _shifted(P.T, o, dp, dv)
+    shift_rows(P, o, dp, dv)
+    shift_rows(P.T, o, dp, dv)
 
 
 @njit(**INSIDE)
-def _shifted(M: Array, o: int, dp: Array, dv: Array) -> None:
-    """M <- T M in place, δp + δθ × dp and δv + δθ × dv."""
+def shift_rows(M: Array, o: int, dp: Array, dv: Array) -> None:
+    """M <- T M in place, δp + δθ × dp and δv + δθ × dv; see `shift`."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
     for j in range(M.shape[1]):
         x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]

@@ -19,11 +19,11 @@ D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOO
 STATES = 19
 TOLD = 15  # of them are in an estimate
 
-# Clock (11,): last sample, since when the foot stands still, since when the filter aligns, last sample that it tracked,
+# Clock (12,): last sample, since when the foot stands still, since when the filter aligns, last sample that it tracked,
 # last sample of which it was not sure to stand, all in ns; head and fill of the ring; phase; is the heading known, is
-# the lever arm; has the foot landed.
-T_LAST, T_STILL, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED = range(11)
-CLOCKS = 11
+# the lever arm; has the foot landed; how many samples back the hidden peak began that was put back with the last one.
+T_LAST, T_STILL, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED, RESTORED = range(12)
+CLOCKS = 12
 IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
 
@@ -44,9 +44,11 @@ class Memory(NamedTuple):
         row: First of the 19 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion that an alignment began with.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
-        clock: (11,) int64, see the constants above.
+        clock: (12,) int64, see the constants above.
         ring_t_ns: (RING,) times of the last samples.
         ring: (RING, 6) their angular rate and specific force.
+        restored: (RING, 10) by how much that peak moved position (m), velocity (m/s) and attitude (quaternion of the
+            turn, world) after each sample, the newest first; rows up to `clock[RESTORED]` hold.
         force_sum: (2, 4) sum and count of the specific force since the foot stands still, and since the
             filter aligns.
         lever: (3,) from the sensor to the point that stands still, sensor frame, m.
@@ -65,6 +67,7 @@ class Memory(NamedTuple):
     clock: NDArray[np.int64]
     ring_t_ns: NDArray[np.int64]
     ring: Array
+    restored: Array
     force_sum: Array
     lever: Array
     peak: Array
@@ -92,6 +95,7 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         clock=np.zeros(CLOCKS, np.int64),
         ring_t_ns=np.zeros(RING, np.int64),
         ring=np.zeros((RING, 6)),
+        restored=np.zeros((RING, 10)),
         force_sum=np.zeros((2, 4)),
         lever=np.zeros(3),
         peak=np.zeros(1),

@@ -13,6 +13,10 @@ Two passages in a row are one: Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j
 passage over a sliding window takes three products a sample, however long the window is (two stacks, of which the older
 is summed from its end).
 
+Where a peak that a sensor hid is put back (`clipping`), the filter's state jumps, and with it what is held of the
+samples since the peak began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes
+T_k Ψ T_(k-1)⁻¹, and J and j are seen through T_(k-1)⁻¹, where T is what `shift` does to an error.
+
 The filter itself tells Ψ, J and j, without knowing: `listen` gives its covariance 19 rows more, with covariance 0 of
 their own and I with the error. Whatever linear thing is done to the error turns I into Ψᵀ, and each correction takes
 g gᵀ / s from the zeros and puts g z / s into the error beside them.
@@ -28,8 +32,28 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.foot_ins.algebra import product
+from stridetwin.estimators.foot_ins.covariance import shift, shift_rows
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
-from stridetwin.estimators.foot_ins.memory import IGNORED, NOMINAL, STATES, T_LAST, Memory, blank
+from stridetwin.estimators.foot_ins.memory import (
+    ATTITUDE,
+    D_ATTITUDE,
+    D_POSITION,
+    D_VELOCITY,
+    GYRO_BIAS,
+    HEAD,
+    IGNORED,
+    NOMINAL,
+    POSITION,
+    RESTORED,
+    RING,
+    STATES,
+    T_LAST,
+    TRACKING,
+    VELOCITY,
+    Memory,
+    blank,
+)
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.streams.samples import Array
@@ -103,6 +127,68 @@ def listen(memory: Memory) -> None:
     for i in range(STATES):
         P[i, STATES + i] = P[STATES + i, i] = 1.0
     memory.error[STATES:] = 0.0
+
+
+@njit(**INSIDE)
+def put_back(window: Window, memory: Memory) -> None:
+    """Moves what is held of the samples since a hidden peak began by what `restore` found, in place.
+
+    Args:
+        window: Before `hold` takes the sample with which the peak was put back.
+        memory: After that sample; its passage now begins at the moved state.
+    """
+    place, capacity = window.place, len(window.t_ns)
+    held, summed, moved = place[HELD], place[SUMMED], memory.restored
+    reach = 0  # samples back, from the newest held; older ones have left the window
+    for back in range(1, min(memory.clock[RESTORED], held) + 1):
+        if (
+            window.t_ns[(place[OLDEST] + held - back) % capacity]
+            != memory.ring_t_ns[(memory.clock[HEAD] - back) % RING]
+        ):
+            break
+        reach = back
+    if reach == 0:
+        return
+    for back in range(1, reach + 1):
+        i = (place[OLDEST] + held - back) % capacity
+        x = window.nominal[i]
+        x[:ATTITUDE] += moved[back, :ATTITUDE]
+        x[ATTITUDE:GYRO_BIAS] = product(moved[back, ATTITUDE:], x[ATTITUDE:GYRO_BIAS])
+        shift(window.covariance[i], 0, moved[back, POSITION:VELOCITY], moved[back, VELOCITY:ATTITUDE])
+        if held - back >= summed:
+            _move(window, i, moved, back, back + 1, reach)
+    last_summed = held - summed + 1
+    if last_summed <= reach:
+        for k in range(summed):
+            _move(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
+    _move(window, capacity, moved, 1, last_summed, reach)
+    dp, dv = moved[1, POSITION:VELOCITY], moved[1, VELOCITY:ATTITUDE]
+    _begin_at(memory.covariance[:, STATES:], dp, dv)
+    _begin_at(memory.covariance[STATES:].T, dp, dv)
+    _begin_at(memory.error[STATES:].reshape(1, STATES), dp, dv)
+
+
+@njit(**INSIDE)
+def _move(window: Window, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
+    """Moves the ends of a row's passage, told in samples back; those beyond `reach` stay."""
+    if end <= reach:
+        shift_rows(window.transition[row], 0, moved[end, POSITION:VELOCITY], moved[end, VELOCITY:ATTITUDE])
+    if begin <= reach:
+        dp, dv = moved[begin, POSITION:VELOCITY], moved[begin, VELOCITY:ATTITUDE]
+        _begin_at(window.transition[row], dp, dv)
+        _begin_at(window.information[row], dp, dv)
+        _begin_at(window.information[row].T, dp, dv)
+        _begin_at(window.evidence[row].reshape(1, STATES), dp, dv)
+
+
+@njit(**INSIDE)
+def _begin_at(M: Array, dp: Array, dv: Array) -> None:
+    """M <- M T⁻¹ in place, T as of `covariance.shift`."""
+    p, v, a = D_POSITION, D_VELOCITY, D_ATTITUDE
+    for i in range(M.shape[0]):
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            M[i, a + k] += M[i, p + m] * dp[n] - M[i, p + n] * dp[m] + M[i, v + m] * dv[n] - M[i, v + n] * dv[m]
 
 
 @njit(**INSIDE)
@@ -202,6 +288,8 @@ def run(
         phase, speed = step(memory, parameters, t_ns[k], rate[k], force[k])
         if phase == IGNORED:
             continue
+        if phase == TRACKING and memory.clock[RESTORED] > 0:
+            put_back(window, memory)
         hold(window, memory, phase, speed)
         full = window.place[HELD] == len(window.t_ns)
         if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:

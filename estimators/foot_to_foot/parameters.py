@@ -108,6 +108,7 @@ class PublishedParameters(_Common):
             accel_motion_noise=0.0,
             accel_jerk_noise=0.0,
             accel_limit_noise=0.0,
+            accel_extreme_noise=0.0,
             gyro_bias_walk=0.0,
             accel_bias_walk=0.0,
         )

@@ -72,18 +72,20 @@ def see(
     if not (a.known and b.known):
         return UNUSED
     since_s = (t_ns - pair.seen[camera]) * 1e-9
-    if pair.seen[camera] != NEVER:
-        pair.covariance[CLOCKS + camera, CLOCKS + camera] += parameters.camera_clock_walk**2 * since_s
+    walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk**2 * since_s
     p, R, G = board_in_camera(pair, camera, a, b)
+    by_clock = G[:, CLOCKS + camera]
+    foretold = G @ pair.covariance @ G.T + walked * np.outer(by_clock, by_clock)
     m = len(points_in_board)
     # A turn of a foot since the exposure that its gyro got wrong shifts all points alike.
     turned = foot.gyro_noise**2 * (abs(a.age) + abs(b.age))
     sd = np.sqrt(ray_sd**2 + m * turned)
     frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
     shared = math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
-    ahead, T, z, alone = _tied(p, R, G @ pair.covariance @ G.T, points_in_board, rays, sd, shared)
+    ahead, T, z, alone = _tied(p, R, foretold, points_in_board, rays, sd, shared)
     if not ahead:
         return UNUSED
+    pair.covariance[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next sighting counts from this one
     H, z = (T / (alone * shared)) @ G, z / (alone * shared)
     length = surprise(pair.covariance, H, z)
     pair.nis[SIGHTINGS, 0] += surprise(pair.covariance, shared * H, shared * z) ** 2 / 6.0

@@ -71,6 +71,8 @@ def _moved_cameras(rotation_deg: float, shift_m: float) -> Callable[[Rig], Rig]:
     return told
 
 
+_OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
+
 BOTH = "/foot_?/camera"
 FAULTS = {
     "none": SpoiltRig(words="nothing wrong"),
@@ -162,22 +164,37 @@ def _mean(found: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "end_error_m": np.linalg.norm(ends[:, :, :2], axis=2).mean(axis=0).tolist(),
         "end_height_error_m": np.abs(ends[:, :, 2]).mean(axis=0).tolist(),
-        **{k: np.mean([f[k] for f in found], axis=0).tolist() for k in ("end_nees", "nees_mean", "nees_within_95_pct")},
+        **{k: np.mean([f[k] for f in found], axis=0).tolist() for k in _OF_FEET},
         **{k: float(np.mean([f[k] for f in found])) for k in ("feet_disagree_rms_m", "apart_sd_mean_m")},
         **{k: max(f[k] for f in found) for k in ("sd_max_m", "apart_sd_max_m")},
     }
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """As lines of text; of two figures left and right."""
-    head = ("end error m", "height m", "NEES", "in 95 %", "largest sd m", "feet apart, sd mm", "disagree, rms mm")
+    """As lines of text; of two figures left and right. The end is that of the part that estimates cover."""
+    head = (
+        "covered %",
+        "end error m",
+        "height m",
+        "NEES",
+        "in 95 %",
+        "largest sd m",
+        "feet apart, sd mm",
+        "disagree, rms mm",
+    )
     lines = [f"{len(result['cases'])} walks of {SCENARIO}", f"{'':<36}" + "".join(f"{words:>18}" for words in head)]
     for name, spoilt in FAULTS.items():
         of = result["summary"][name]
         if "error" in of:
             lines.append(f"{spoilt.words:<36}{of['refused']} of {of['of']} refused: {of['error']}")
             continue
-        pairs = (("end_error_m", 3), ("end_height_error_m", 3), ("nees_mean", 1), ("nees_within_95_pct", 0))
+        pairs = (
+            ("coverage_pct", 0),
+            ("end_error_m", 3),
+            ("end_height_error_m", 3),
+            ("nees_mean", 1),
+            ("nees_within_95_pct", 0),
+        )
         cells = [" ".join(f"{value:.{digits}f}" for value in of[key]) for key, digits in pairs]
         apart = [1e3 * of[f"apart_sd_{which}_m"] for which in ("mean", "max")]
         cells += [f"{of['sd_max_m']:.3f}", "{:.0f} {:.0f}".format(*apart), f"{1e3 * of['feet_disagree_rms_m']:.0f}"]

@@ -24,7 +24,7 @@ from stridetwin.scenarios.experiments.walks import falls
 from stridetwin.scenarios.footprints import FOOTPRINTS
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.step_scores import percent, step_figures
-from stridetwin.scenarios.steps import ScoredStep, score_steps
+from stridetwin.scenarios.steps import ScoredStep, false_steps, score_steps
 from stridetwin.sim.config import Exo, TwinConfig
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.sample_faults import DeadCell, Dropout
@@ -68,6 +68,18 @@ def _drifting(newton_per_s: float, most: float) -> Callable[[Samples], Samples]:
         for s in samples:
             if isinstance(s, Insole) and s.topic == "/foot_l/insole":
                 s = replace(s, force=s.force + min(newton_per_s * 1e-9 * s.t_ns, most))
+            yield s
+
+    return spoil
+
+
+def _zero_low(newton: float) -> Callable[[Samples], Samples]:
+    """The cells of the left insole tell less than there is, and less than none in the air."""
+
+    def spoil(samples: Samples) -> Iterator[Sample]:
+        for s in samples:
+            if isinstance(s, Insole) and s.topic == "/foot_l/insole":
+                s = replace(s, force=s.force - newton)
             yield s
 
     return spoil
@@ -139,6 +151,7 @@ FAULTS = {
         faults=(DeadCell(topic="/foot_l/insole", cell=_TOE, at_s=AT_S, stuck=True),),
     ),
     "insole_drift": Wrong(words="left insole creeps 3 N/s, to 60 N", samples=_drifting(3.0, 60.0)),
+    "insole_low": Wrong(words="left insole's zero 3 N low", samples=_zero_low(3.0)),
     "encoder_offset": Wrong(words="left encoder 2° off", samples=_encoder_off(2.0, 0.0)),
     "encoder_slip": Wrong(words="left encoder slips 2° on the way", samples=_encoder_off(2.0, AT_S)),
     "yaw_drift": Wrong(words="AHRS yaw drifts 1°/min", samples=_yawing),
@@ -155,9 +168,11 @@ def run_case(case: Case) -> dict[str, Any]:
     """One subject's walks, spoilt in every way.
 
     Returns:
-        `seed`, `physics`, `subject`, `fell`, and `faults`: name to the rows of all steps.
+        `seed`, `physics`, `subject`, `fell`, `faults`: name to the rows of all steps; and `false_steps`: name to how
+        many were told that are none.
     """
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in FAULTS}
+    false = dict.fromkeys(FAULTS, 0)
     fell = []
     for scenario in WALKS:
         config = replace(
@@ -170,10 +185,19 @@ def run_case(case: Case) -> dict[str, Any]:
         for name, wrong in FAULTS.items():
             own = wrong.walk(config)
             walk = plain if own == config else _walked(own, case.seed)
-            found[name] += [s.row() for s in _steps(wrong, walk, case.seed)]
+            steps, none = _steps(wrong, walk, case.seed)
+            found[name] += [s.row() for s in steps]
+            false[name] += none
             if walk.twin.fell_at is not None:
                 fell.append(f"{scenario} {name}")
-    return {"seed": case.seed, "physics": case.physics, "subject": subject(case.seed), "fell": fell, "faults": found}
+    return {
+        "seed": case.seed,
+        "physics": case.physics,
+        "subject": subject(case.seed),
+        "fell": fell,
+        "faults": found,
+        "false_steps": false,
+    }
 
 
 def _walked(config: TwinConfig, seed: int) -> _Walk:
@@ -186,18 +210,23 @@ def _walked(config: TwinConfig, seed: int) -> _Walk:
     return _Walk(twin=twin, samples=list(merge(*sensed, key=lambda s: s.t_ns)), footprints=footprints)
 
 
-def _steps(wrong: Wrong, walk: _Walk, seed: int) -> list[ScoredStep]:
-    """The steps of a walk as they are told with one fault."""
+def _steps(wrong: Wrong, walk: _Walk, seed: int) -> tuple[list[ScoredStep], int]:
+    """The steps of a walk as they are told with one fault, and how many are told that are none."""
     told = wrong.told(measured(geometry(walk.twin.size, walk.twin.rig), np.random.default_rng([seed, 4])))
     samples = wrong.arriving(walk.samples, walk.twin.rig, seed, walk.twin.duration_s)
-    return score_steps(walk.footprints, ContactTerrain(told).run(samples))
+    estimates = ContactTerrain(told).run(samples)
+    return score_steps(walk.footprints, estimates), false_steps(walk.footprints, estimates)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over the steps of all walks: errors, coverage, classes; nothing of the paper's, which has no faults."""
     return {
         "summary": {
-            name: _figures([ScoredStep(**row) for r in results for row in r["faults"][name]]) for name in FAULTS
+            name: {
+                **_figures([ScoredStep(**row) for r in results for row in r["faults"][name]]),
+                "false_steps": sum(r["false_steps"][name] for r in results),
+            }
+            for name in FAULTS
         },
         "paper": {},
     }
@@ -220,7 +249,7 @@ def table(result: dict[str, Any]) -> list[str]:
         f"{len(result['cases'])} subjects on {' and '.join(WALKS)}",
         falls(result["cases"]),
         f"{'':<38}{'slope °':>9}{'most':>7}{'elev. mm':>10}{'most':>7}{'in 95 %':>12}{'class %':>9}"
-        f"{'unknown':>9}{'wrong':>7}{'steps':>7}{'missed':>8}",
+        f"{'unknown':>9}{'wrong':>7}{'steps':>7}{'missed':>8}{'false':>7}",
     ]
     for name, wrong in FAULTS.items():
         of = result["summary"][name]
@@ -231,5 +260,6 @@ def table(result: dict[str, Any]) -> list[str]:
             f"{wrong.words:<38}{of['slope_rmse_deg']:>9.2f}{of['slope_max_deg']:>7.1f}{of['elevation_rmse_mm']:>10.1f}"
             f"{of['elevation_max_mm']:>7.0f}{inside}{of['classification_accuracy_pct']:>9.1f}"
             f"{of['unknown_pct']:>9.1f}{of['wrong_pct']:>7.1f}{of['steps']:>7}{of['steps_missed']:>8}"
+            f"{of['false_steps']:>7}"
         )
     return lines

@@ -20,7 +20,7 @@ from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.norms import reference, reference_rows
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.step_scores import percent, step_figures
-from stridetwin.scenarios.steps import ScoredStep, displacement_errors, score_steps, turned
+from stridetwin.scenarios.steps import ScoredStep, displacement_errors, false_steps, score_steps, turned
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Block, Footprint, Sample
@@ -40,6 +40,8 @@ CASES = {
     },
 }
 """Case of the table to walk and mode; "" takes the whole walk."""
+_CLASSES = "classification_accuracy_pct"
+_Trials = list[tuple[int, dict[str, list[ScoredStep]]]]  # subject, and walk to steps
 FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_rmse_mm")
 
 
@@ -52,9 +54,12 @@ def run_case(case: Case) -> dict[str, Any]:
     """One trial of one subject.
 
     Returns:
-        `seed`, `physics`, `subject`, `fell`, and `walks`: walk to method to the rows of its steps.
+        `seed`, `physics`, `subject`, `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`:
+        method to how many steps were told that are none.
     """
-    who, walks, fell = subject(case.seed), {}, []
+    who, fell = subject(case.seed), []
+    walks: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    false = dict.fromkeys(METHODS, 0)
     for name in WALKS:
         config = load_scenario(name).config
         twin = Twin(
@@ -62,13 +67,21 @@ def run_case(case: Case) -> dict[str, Any]:
         )  # fmt: skip
         rows, footprints = walked(twin)
         told = measured(geometry(twin.size, twin.rig), np.random.default_rng([case.seed, 4]))
-        walks[name] = {
-            method: [s.row() for s in score_steps(footprints, ContactTerrain(told, method).run(iter(rows)))]
-            for method in METHODS
-        }
+        walks[name] = {}
+        for method in METHODS:
+            estimates = ContactTerrain(told, method).run(iter(rows))
+            walks[name][method] = [s.row() for s in score_steps(footprints, estimates)]
+            false[method] += false_steps(footprints, estimates)
         if twin.fell_at is not None:
             fell.append(name)
-    return {"seed": case.seed, "physics": case.physics, "subject": who, "fell": fell, "walks": walks}
+    return {
+        "seed": case.seed,
+        "physics": case.physics,
+        "subject": who,
+        "fell": fell,
+        "walks": walks,
+        "false_steps": false,
+    }
 
 
 def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
@@ -90,16 +103,21 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             (r["subject"], {walk: [ScoredStep(**row) for row in of[method]] for walk, of in r["walks"].items()})
             for r in results
         ]
-        trials = _classified(trials) if method == "published" else trials
-        summary[method] = _table([walks for _, walks in trials])
+        subjects = {who for who, _ in trials}
+        trials, classed = _classified(trials) if method == "published" else (trials, subjects)
+        summary[method] = _table(trials, classed)
+        summary[method]["all"]["false_steps"] = sum(r["false_steps"][method] for r in results)
         by_subject[method] = {
-            f"S{who}": _table([walks for w, walks in trials if w == who]) for who in sorted({w for w, _ in trials})
+            f"S{who}": _table([(w, walks) for w, walks in trials if w == who], classed) for who in sorted(subjects)
         }
     return {"summary": summary, "paper": {"Shim et al. 2019": paper("Stotal")}, "by_subject": by_subject}
 
 
-def _classified(trials: list[tuple[int, dict[str, list[ScoredStep]]]]) -> list[tuple[int, dict[str, list[ScoredStep]]]]:
-    """Steps with the modes that a support vector machine tells, trained on every other subject (Table 7)."""
+def _classified(trials: _Trials) -> tuple[_Trials, set[int]]:
+    """Steps with the modes that a support vector machine tells, trained on every other subject (Table 7).
+
+    Also of which subjects: the others' steps may tell too little for a machine.
+    """
     machines = {}
     for who in {w for w, _ in trials}:
         steps = [s for w, walks in trials if w != who for own in walks.values() for s in own if s.seen]
@@ -113,22 +131,36 @@ def _classified(trials: list[tuple[int, dict[str, list[ScoredStep]]]]) -> list[t
             return step
         return replace(step, told_mode=machine.classify(step.told_slope, step.told_elevation))
 
-    return [(who, {walk: [told(who, s) for s in own] for walk, own in walks.items()}) for who, walks in trials]
+    found = [(who, {walk: [told(who, s) for s in own] for walk, own in walks.items()}) for who, walks in trials]
+    return found, set(machines)
 
 
-def _table(trials: Sequence[dict[str, list[ScoredStep]]]) -> dict[str, dict[str, float]]:
+def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
+    """Case to figures; those of classes are of the subjects in `classed`, and left out where there are none."""
     rows = {}
     for case, (walk, mode) in CASES.items():
-        steps = [s for walks in trials for s in walks[walk] if not mode or s.mode == mode]
-        places = [e for walks in trials for e in displacement_errors(walks[walk], mode)]
-        rows[case] = step_figures(steps, places)
-        sideways = [1e3 * y for walks in trials for _, _, y in displacement_errors(turned(walks[walk]), mode)]
+        chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
+        places = [e for _, walks in trials for e in displacement_errors(walks[walk], mode)]
+        rows[case] = _figures(chosen, places, classed)
+        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(turned(walks[walk]), mode)]
         rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
-    everything = [s for walks in trials for own in walks.values() for s in own]
-    rows["all"] = step_figures(everything, [])
-    for mode in MODES:
-        rows["all"][f"accuracy_{mode}_pct"] = percent(s.told_mode == s.mode for s in everything if s.mode == mode)
+    everything = [(who, own) for who, walks in trials for own in walks.values()]
+    rows["all"] = _figures(everything, [], classed)
+    told = [s for who, own in everything if who in classed for s in own]
+    if told:
+        for mode in MODES:
+            rows["all"][f"accuracy_{mode}_pct"] = percent(s.told_mode == s.mode for s in told if s.mode == mode)
     return rows
+
+
+def _figures(
+    walks: Sequence[tuple[int, list[ScoredStep]]], places: Sequence[tuple[float, float, float]], classed: set[int]
+) -> dict[str, float]:
+    """`step_figures`, but classes are those of the subjects in `classed` alone."""
+    figures = step_figures([s for _, own in walks for s in own], places)
+    told = [s for who, own in walks if who in classed for s in own]
+    del figures[_CLASSES]
+    return figures | ({_CLASSES: percent(s.told_mode == s.mode for s in told)} if told else {})
 
 
 def paper(who: str) -> dict[str, dict[str, float]]:
@@ -161,12 +193,13 @@ def table(result: dict[str, Any]) -> list[str]:
             cells.insert(3, aligned)
             lines.append(
                 f"{case:<12}{''.join(cells)}{_share(row, 'slope_in_95_pct')}{_share(row, 'elevation_in_95_pct')}"
-                f"{row['classification_accuracy_pct']:>9.1f}{row['steps']:>7}{row['steps_missed']:>8}"
+                f"{_percent(row, _CLASSES):>9}{row['steps']:>7}{row['steps_missed']:>8}"
             )
-        modes = "  ".join(f"{mode} {rows['all'][f'accuracy_{mode}_pct']:.1f}" for mode in MODES)
+        lines.append(f"steps told that are none: {rows['all']['false_steps']}")
+        modes = "  ".join(f"{mode} {_percent(rows['all'], f'accuracy_{mode}_pct')}" for mode in MODES)
         lines.append(f"right classes by mode, %: {modes}")
         people = result["by_subject"][method].items()
-        by_subject = "  ".join(f"{who} {own['all']['classification_accuracy_pct']:.1f}" for who, own in people)
+        by_subject = "  ".join(f"{who} {_percent(own['all'], _CLASSES)}" for who, own in people)
         lines.append(f"right classes by subject, %: {by_subject}")
     return [*lines, "", *_mean_errors(result["summary"])]
 
@@ -214,6 +247,10 @@ def _cell(ours: float | None, theirs: float | None) -> str:
     if ours is None:
         return f"{'':>15}"
     return f"{ours:>8.2f}{'' if theirs is None else f'({theirs:.2f})':>7}"
+
+
+def _percent(row: dict[str, float], name: str) -> str:
+    return f"{row[name]:.1f}" if name in row else "-"
 
 
 def _share(row: dict[str, float], name: str) -> str:

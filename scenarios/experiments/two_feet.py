@@ -116,13 +116,15 @@ def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
 
     Returns:
         `end_error_m`: (3,) in world axes each. `end_error_pct`: on the ground, of the way that the foot has gone over
-        it. `end_nees`, `nees_mean` and `nees_within_95_pct`: of the position. `feet_disagree_{rms,max}_m`: error of
+        it. `end_nees`, `nees_mean` and `nees_within_95_pct`: of the position. `coverage_pct`: how much of the
+        truth's time lies before the last estimate, on which the end is scored. `feet_disagree_{rms,max}_m`: error of
         where the right IMU is from the left one, as seen from there.
     """
     laid = {f: _laid(paths[f].trajectory, truth[f]) for f in FEET}
     result: dict[str, list[Any]] = {}
-    for estimate, true in laid.values():
+    for foot, (estimate, true) in laid.items():
         assert estimate.covariance is not None
+        whole = truth[foot].t_ns
         error = estimate.p_frame_in_world - true.p_frame_in_world
         P = estimate.covariance[:, :3, :3] + 1e-12 * np.eye(3)
         nees = np.einsum("ni,ni->n", error, np.linalg.solve(P, error[..., None])[..., 0])
@@ -133,6 +135,7 @@ def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
             "end_nees": float(nees[-1]),
             "nees_mean": float(nees.mean()),
             "nees_within_95_pct": 100.0 * float(np.mean(nees <= CHI2_3_95)),
+            "coverage_pct": 100.0 * float((true.t_ns[-1] - whole[0]) / (whole[-1] - whole[0])),
         }
         for name, value in values.items():
             result.setdefault(name, []).append(value)

@@ -8,9 +8,11 @@ from exo_walk import dropped, level_walk, remounted, turned
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
+from stridetwin.estimators.contact_terrain.chain import OFFSETS
 from stridetwin.estimators.contact_terrain.geometry import DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, sloping, step_modes
+from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures
 from stridetwin.scenarios.steps import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
@@ -157,13 +159,19 @@ def sticking(samples, cell):
         yield s
 
 
+def low(samples):
+    """Every cell's zero is 3 N low."""
+    for s in samples:
+        yield replace(s, force=s.force - 3.0) if isinstance(s, Insole) else s
+
+
 def creeping(samples):
     for s in samples:
         yield replace(s, force=s.force + 4e-9 * s.t_ns) if s.topic == "/foot_l/insole" else s
 
 
-@pytest.mark.parametrize("fault", [lambda s: sticking(s, 0), lambda s: sticking(s, 3), creeping])
-def test_cells_that_stick_or_creep_hide_no_step(walk, fault):
+@pytest.mark.parametrize("fault", [lambda s: sticking(s, 0), lambda s: sticking(s, 3), creeping, low])
+def test_cells_that_stick_creep_or_are_low_hide_no_step(walk, fault):
     exo, samples, footprints = walk
     steps = score_steps(footprints, ContactTerrain(exo).run(fault(samples)))
     assert [s.told_mode for s in steps] == ["LG"] * len(steps)
@@ -216,3 +224,20 @@ def test_modes_follow_from_geometry(slope, height, mode):
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
 def test_ground_slopes_from_half_the_gentlest_ramp_on(slope, share):
     assert sloping(np.radians(slope), np.radians(0.3)) == pytest.approx(share, abs=1e-6)
+
+
+def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
+    rng = np.random.default_rng(0)
+    J_vector, J_slopes = rng.normal(0.0, 0.5, (2, 3, OFFSETS)), rng.normal(0.0, 1.0, (2, 2, OFFSETS))
+    offsets, sd = Offsets(), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
+    for k in range(7000):
+        noise = rng.normal(0.0, 0.3 * sd)
+        step = StepFigures(
+            vector=np.array([0.6, 0.0, 0.0]) + noise[:3], J_vector=J_vector[k % 2], slopes=noise[3:],
+            J_slopes=J_slopes[k % 2], sd=sd,
+        )  # fmt: skip
+        belief = offsets.judge(step)
+        offsets.learn(belief)
+    assert np.abs(belief.P - belief.P.T).max() <= 1e-12 * np.abs(belief.P).max()
+    assert np.linalg.eigvalsh(belief.P).min() > 0.0
+    assert np.isfinite(belief.values).all()

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from foot_motion import ADIS16485, Walk, walk
+from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins import FootIns, StartPose
+from stridetwin.estimators.foot_ins import FootIns, FootInsSmoother, StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.streams.samples import Array
 
@@ -101,3 +102,37 @@ def test_where_a_long_span_at_the_limit_has_no_shape_the_covariance_grows() -> N
     hidden, span = variance(3.0) - variance(0.0), samples / 120.0
     np.testing.assert_allclose(hidden[3], 3.0**2 * span, rtol=0.02)
     assert hidden[0] > 3.0**2 * span**3 / 3.0
+
+
+@pytest.mark.parametrize("lag_s", [0.2, 1.0])
+def test_a_smoothed_pose_inside_a_hidden_peak_has_the_peak_and_is_honest(lag_s: float) -> None:
+    true = walk(strides=8, turn_rad=0.5, calibration=ADIS16485, rng=np.random.default_rng(5))
+    rate = true.imu.columns["angular_rate"]
+    limit = 0.9 * float(np.abs(rate).max())
+    calibration = replace(EXACT, gyroscope_range=limit)
+    start = StartPose(p_imu_in_world=true.p_imu_in_world[0], q_world_imu=true.q_world_imu[0])
+    told = FootInsSmoother(lag_s, calibration, start=start).run(clipped(true, "angular_rate", limit).imu).trajectory
+    turn = Rotation.from_quat(true.q_world_imu, scalar_first=True)
+    error = (turn * Rotation.from_quat(told.q_world_frame, scalar_first=True).inv()).as_rotvec()
+    assert told.covariance is not None
+    nees = np.einsum("ni,ni->n", error, np.linalg.solve(told.covariance[:, 3:, 3:], error[..., None])[..., 0])
+    hidden = np.abs(rate).max(axis=1) > limit
+    assert hidden.sum() > 20
+    assert nees[hidden].mean() < 3.0
+    assert np.linalg.norm(np.diff(error, axis=0), axis=1).max() < np.radians(0.5)
+    assert np.linalg.eigvalsh(told.covariance).min() > 0.0
+
+
+def test_what_is_put_back_tells_the_smoother_nothing_of_the_heading(truth: Walk) -> None:
+    limit = 0.9 * float(np.abs(truth.imu.columns["angular_rate"]).max())
+    calibration = replace(EXACT, gyroscope_range=limit)
+    start = StartPose(p_imu_in_world=np.zeros(3), q_world_imu=truth.q_world_imu[0])
+    sure, unsure = (
+        FootInsSmoother(1.0, calibration, start=replace(start, heading_sd=sd))
+        .run(clipped(truth, "angular_rate", limit).imu)
+        .trajectory
+        for sd in (1e-3, 0.5)
+    )
+    np.testing.assert_allclose(unsure.p_frame_in_world, sure.p_frame_in_world, atol=1e-4 * truth.distance)
+    assert unsure.covariance is not None
+    assert unsure.covariance[:, 5, 5].min() > 0.98 * 0.5**2

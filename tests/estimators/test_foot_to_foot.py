@@ -25,7 +25,8 @@ from stridetwin.estimators.foot_to_foot import (
     memory,
     vision,
 )
-from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, FEET, MOUNTS, Pair, blank_pair
+from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, CLOCKS, FEET, MOUNTS, Pair, blank_pair
+from stridetwin.estimators.foot_to_foot.parameters import for_kernel
 from stridetwin.estimators.foot_to_foot.rewind import rewind as compiled_rewind
 from stridetwin.scenarios.experiments.jao_simulation import Setup, Simulation
 from stridetwin.scenarios.experiments.steady_walk import SteadyWalk
@@ -37,6 +38,7 @@ from tests.estimators.one_foot import take
 
 inject_all = from_python(memory.inject_all)
 rewind = from_python(compiled_rewind)
+see = from_python(vision.see)
 tied, board_in_camera = from_python(vision._tied), from_python(vision.board_in_camera)
 
 GRAVITY = FootInsParameters().gravity
@@ -376,3 +378,22 @@ def test_mounts_are_refined_within_their_prior(short) -> None:
     after = np.diag(estimator._pair.covariance)[MOUNTS:]
     assert np.all(after <= before * (1 + 1e-9))
     assert np.any(after < 0.9 * before)
+
+
+def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is_told() -> None:
+    parameters = for_sensor(PublishedParameters().noise_of_the_calibration_alone, ADIS16485)
+    assert ADIS16485.accelerometer_range == 0.0
+    assert parameters.accel_limit_noise == parameters.gyro_limit_noise == 0.0
+    assert parameters.accel_noise == ADIS16485.accelerometer_noise_density
+
+
+def test_sightings_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_was() -> None:
+    pair, parameters = moving_pair(4), for_kernel(FootToFootParameters(camera_clock_walk=0.01))
+    t_ns = 79 * 8_000_000
+    pair.seen[0] = t_ns - 30_000_000_000
+    p, R, _ = seen(pair, 0, t_ns)
+    behind = (np.random.default_rng(0).normal(0.0, 0.02, (6, 3)) - [0.0, 0.0, 1.0] - p) @ R
+    for _ in range(3):
+        one_foot = for_sensor(FootInsParameters(), None)
+        assert see(pair, one_foot, parameters, 0, t_ns, behind, np.zeros((6, 2)), np.full(6, 1e-3)) == vision.UNUSED
+    assert pair.covariance[CLOCKS, CLOCKS] == 0.0

@@ -1,13 +1,22 @@
 """Steps beside the truth: pairing, displacement, the table, and what the experiment makes of many."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.scenarios.experiments import shim_table5
-from stridetwin.scenarios.steps import COLUMNS, ScoredStep, displacement_errors, score_steps, turned, write_steps
+from stridetwin.scenarios.steps import (
+    COLUMNS,
+    ScoredStep,
+    displacement_errors,
+    false_steps,
+    score_steps,
+    turned,
+    write_steps,
+)
 from stridetwin.streams.samples import Footprint
 
 
@@ -42,6 +51,28 @@ def test_steps_beside_a_footprint_that_is_not_there_are_left_out():
     steps = score_steps(footprints, [estimate(i) for i in range(2, 10)])
     assert [s.place[0] for s in steps] == pytest.approx([1.0, 1.5, 3.5, 4.0, 4.5])
     assert all(s.told_place[0] == pytest.approx(s.place[0]) for s in steps)
+
+
+def test_the_first_step_counts_whichever_foot_takes_it():
+    footprints = [footprint(i) for i in range(1, 8)]
+    footprints = [replace(footprints[0], foot="l"), replace(footprints[0], foot="r"), *footprints[2:]]
+    assert [p.foot for p in footprints] == ["l", "r", "r", "l", "r", "l", "r"]
+    footprints[0] = replace(footprints[0], p_foot_in_world=np.array([0.5, 0.0, -0.1]))
+    steps = score_steps(footprints, [estimate(i) for i in range(3, 8)])
+    assert [s.place[0] for s in steps] == pytest.approx([1.5, 2.0, 2.5, 3.0, 3.5])
+    assert all(s.seen for s in steps)
+    assert steps[0].elevation == pytest.approx(0.1)  # over the left foot's, not over its own
+
+
+def test_steps_that_are_none_are_counted():
+    footprints = [footprint(i) for i in range(8)]
+    told = [estimate(i) for i in range(2, 8)]
+    assert false_steps(footprints, told) == 0
+    assert false_steps(footprints, told[:-2]) == 0
+    twice = estimate(4, t_ns=told[2].t_ns + 100_000_000)
+    standing = estimate(1)
+    assert false_steps(footprints, [standing, *told, twice]) == 2
+    assert false_steps([p for p in footprints if p.t_ns != 5 * 500_000_000], told) == 0  # the truth lacks one
 
 
 def test_the_displacement_of_a_run_is_shared_out_over_its_steps():
@@ -90,7 +121,8 @@ def test_the_experiment_lays_its_figures_beside_the_papers():
 
     walks = {walk: {m: steps("LG", 0.0) for m in ("stridetwin", "published")} for walk in shim_table5.WALKS}
     walks["shim_stairs"] = {m: steps("SA", 0.165) + steps("SD", -0.165) for m in ("stridetwin", "published")}
-    cases = [{"subject": who, "fell": [], "walks": walks} for who in (1, 2)]
+    false = {"stridetwin": 1, "published": 3}
+    cases = [{"subject": who, "fell": [], "walks": walks, "false_steps": false} for who in (1, 2)]
     result = shim_table5.collect(cases)
     row = result["summary"]["stridetwin"]["SA"]
     assert row["elevation_rmse_mm"] == pytest.approx(10.0)
@@ -100,3 +132,9 @@ def test_the_experiment_lays_its_figures_beside_the_papers():
     assert set(result["by_subject"]["published"]) == {"S1", "S2"}
     lines = shim_table5.table(result | {"cases": cases})
     assert any("(11.00)" in line for line in lines)
+    assert result["summary"]["published"]["all"]["false_steps"] == 6
+    assert "steps told that are none: 2" in lines
+    alone = shim_table5.collect(cases[:1])  # nobody else's steps to train a machine on
+    assert "classification_accuracy_pct" not in alone["summary"]["published"]["all"]
+    assert alone["summary"]["stridetwin"]["all"]["classification_accuracy_pct"] == 100.0
+    assert "right classes by subject, %: S1 -" in shim_table5.table(alone | {"cases": cases[:1]})

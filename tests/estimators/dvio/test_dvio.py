@@ -226,6 +226,85 @@ def test_camera_covered_is_said(sway):
     assert made[-1].health == "tracking"
 
 
+def unseen(samples, start_s, end_s=np.inf):
+    """The samples without the pictures of a time."""
+    return [s for s in samples if isinstance(s, Imu) or not start_s * 1e9 < s.t_ns < end_s * 1e9]
+
+
+def delayed(samples, seconds, first_s=0.0):
+    """The samples as they come where pictures from a time on take so long."""
+    return sorted(
+        samples, key=lambda s: s.t_ns + (0 if isinstance(s, Imu) or s.t_ns < first_s * 1e9 else seconds * 1e9)
+    )
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.02, 0.6])
+def test_begins_anew_after_blind_times_though_pictures_come_late(sway, late_s):
+    wall, samples = sway
+    _, made = followed(wall, delayed(unseen(samples, 3.0, 6.3), late_s, 6.0))
+    again = [e for e in made if e.t_ns * 1e-9 > 6.3 + 0.05 + late_s]
+    assert {e.health for e in made if 3.4e9 < e.t_ns < 6.3e9} == {"coasting"}
+    assert {e.health for e in again} == {"tracking" if late_s < 0.3 else "coasting"}
+    blind = next(e for e in reversed(made) if e.t_ns < 6.3e9)
+    assert again[-1].covariance[0, 0] < 0.5 * blind.covariance[0, 0]
+    if late_s < 0.3:
+        assert errors(wall, made)[-1] < 0.05
+
+
+def test_pictures_that_come_late_after_longer_than_samples_stay_are_used():
+    wall = blindfolded(swaying, 2.0, 20.0, 21.0)
+    odometry, made = followed(wall, delayed(wall.samples(), 0.02, 20.0))
+    assert made[-1].health == "tracking"
+    assert odometry._core.newest_ns > 20.9e9
+    assert all(np.isfinite(e.covariance).all() for e in made)
+
+
+def blindfolded(motion, start_s, end_s, seconds):
+    """A wall that nobody sees for a while; no picture of it is made meanwhile."""
+    wall = Wall(motion, seconds, seed=2)
+    pictures = wall.pictures
+    wall.pictures = lambda t_ns: () if start_s * 1e9 < t_ns < end_s * 1e9 else pictures(t_ns)
+    return wall
+
+
+def test_says_that_the_imu_is_alone_where_pictures_stop(sway):
+    wall, samples = sway
+    some = [s for s in samples if s.t_ns < 4e9]
+    _, made = followed(wall, unseen(some, 2.5))
+    assert {e.health for e in made if e.t_ns < 2.75e9} == {"tracking"}
+    assert {e.health for e in made if e.t_ns > 2.85e9} == {"coasting"}
+
+
+def test_what_was_unknown_before_a_loss_is_unknown_after_it():
+    wall = blindfolded(swaying, 2.0, np.inf, 14.0)
+    gap = [s for s in wall.samples() if not (isinstance(s, Imu) and 12.0e9 < s.t_ns < 12.6e9)]
+    gap = [s for s in gap if not (isinstance(s, Imu) and 13.0e9 < s.t_ns < 13.6e9)]
+    _, made = followed(wall, gap)
+    before, after = (next(e for e in made if e.t_ns > t_ns) for t_ns in (11.99e9, 12.5e9))
+    assert before.health == "coasting"
+    assert after.health == "lost"
+    added = after.covariance - before.covariance
+    assert np.linalg.eigvalsh(added[:3, :3]).min() > 0.5**2 + 0.6
+    assert np.linalg.eigvalsh(added[3:, 3:]).min() == pytest.approx(0.3**2, rel=1e-4)
+    # a second gap while all is lost makes nothing known either
+    lost = [e.covariance[0, 0] for e in made if e.health == "lost"]
+    assert np.all(np.diff(lost) > 0)
+
+
+def test_does_without_samples_of_the_imu_that_have_gone(sway):
+    wall, samples = sway
+    # an IMU of ten times the told rate, whose samples stay for 0.6 s
+    fast = [
+        c
+        for s in unseen(samples, 3.0, 5.0)
+        for c in ([replace(s, t_ns=s.t_ns - k * 500_000) for k in reversed(range(10))] if isinstance(s, Imu) else [s])
+    ]
+    fast.sort(key=lambda s: s.t_ns)
+    _, made = followed(wall, fast)
+    assert errors(wall, made).max() < 0.12
+    assert made[-1].health == "tracking"
+
+
 def test_memory_is_constant(sway):
     _, samples = sway
     odometry = Dvio(rig())

@@ -25,7 +25,8 @@ def rows(mode, elevation, sd):
 def html():
     walks = {walk: {m: rows("LG", 0.0, 0.02) for m in METHODS} for walk in shim_table5.WALKS}
     walks["shim_stairs"] = {m: rows("SA", 0.165, 0.02) + rows("SD", -0.165, 0.02) for m in METHODS}
-    cases = [{"seed": who, "subject": who, "physics": "dynamic", "fell": [], "walks": walks} for who in (1, 2)]
+    of_all = {"physics": "dynamic", "fell": [], "walks": walks, "false_steps": dict.fromkeys(METHODS, 0)}
+    cases = [{"seed": who, "subject": who, **of_all} for who in (1, 2)]
     return shim_figures.report({**shim_table5.collect(cases), "cases": cases})
 
 
