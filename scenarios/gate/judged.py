@@ -23,7 +23,7 @@ _SHARES = (
     "elevation_in_95_pct", "accuracy_pct", "strict_accuracy_pct", "transition_accuracy_pct", "changes_found_pct",
     "completeness_pct", "found_pct",
 )  # fmt: skip
-_BAD_SHARES = ("unknown_pct", "missed_pct")
+_BAD_SHARES = ("unknown_pct", "missed_pct", "false_pct", "edge_false_pct")
 _LEADS = ("lead_median_s", "lead_p5_s", "transition_lead_median_s")
 _NOT_JUDGED = ("distance_m", "duration_s", "steps", "transitions", "straddling_pct", "edge_mean_mm")
 _SIGNED = ("end_height_error_m",)

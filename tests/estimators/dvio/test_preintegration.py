@@ -37,7 +37,7 @@ def test_agrees_with_numerical_integration(seed):
     bias = 0.05 * rng.normal(size=6)
     start, end = 7_000_000, 121_300_000
     z = integrated(t_ns, samples, start, end, bias)
-    p, v, R, at, sub = np.zeros(3), np.zeros(3), Rotation.identity(), start, 40
+    p, v, R, at, sub = np.zeros(3), np.zeros(3), Rotation.identity(), start, 80
     for i in range(1, len(t_ns)):
         until = min(int(t_ns[i]), end)
         if until <= at:
