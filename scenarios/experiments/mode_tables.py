@@ -62,7 +62,7 @@ def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
         summary[method] = mode_figures([w for _, w in walks]) | {
             "walks_accuracy_pct": _mean(results, [_share(w) for _, w in walks])
             | ({"sd_of_cells": float(np.std(list(cells.values())))} if len(cells) > 1 else {}),
-            "walks_strict_accuracy_pct": _mean(results, [_strict_share(w) for _, w in walks]),
+            "walks_strict_accuracy_pct": _mean(results, [_share(w, strict=True) for _, w in walks]),
             "accuracy_by_condition_pct": _by_condition(walks),
             "cells_pct": cells,
         }
@@ -85,12 +85,9 @@ def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
     }
 
 
-def _share(walk: ModeScores) -> float:
-    return 100.0 * sum(s.right for s in walk.steps) / max(len(walk.steps), 1)
-
-
-def _strict_share(walk: ModeScores) -> float:
-    return 100.0 * sum(s.strictly_right for s in walk.steps) / max(len(walk.steps), 1)
+def _share(walk: ModeScores, *, strict: bool = False) -> float:
+    """Of its steps, those that are right, %."""
+    return 100.0 * sum(s.strictly_right if strict else s.right for s in walk.steps) / max(len(walk.steps), 1)
 
 
 def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, Any]:
@@ -100,12 +97,19 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
     is not told who walks.
     """
     of: dict[Any, list[float]] = {}
+    is_told = any(k in rows[0] for k in _WHO)
     for row, share in zip(rows, shares):
-        of.setdefault(tuple(row[k] for k in _WHO if k in row) or row["seed"], []).append(share)
+        of.setdefault(tuple(row[k] for k in _WHO if k in row) if is_told else row["seed"], []).append(share)
     means = [float(np.mean(own)) for own in of.values()]
     n = len(means)
     half = float(student_t.ppf(0.975, n - 1) * np.std(means, ddof=1) / math.sqrt(n)) if n > 1 else None
-    return {"mean": float(np.mean(shares)), "sd": float(np.std(shares)), "ci95": half, "persons": n}
+    return {
+        "mean": float(np.mean(shares)),
+        "sd": float(np.std(shares)),
+        "ci95": half,
+        "over": n,
+        "of": "persons" if is_told else "walks",
+    }
 
 
 def _by_condition(walks: Sequence[Walk]) -> dict[str, float]:
@@ -190,8 +194,7 @@ def overall(result: dict[str, Any]) -> list[str]:
             for key in ("median", "p5")
         ),
         "accuracy and strict are means of the walks, the others shares of all steps",
-        f"{columns[0]}: {cells}± {mean['sd']:.2f} from walk to walk{half}, over {mean['persons']} "
-        f"{'persons' if any(k in result['cases'][0] for k in _WHO) else 'walks'}",
+        f"{columns[0]}: {cells}± {mean['sd']:.2f} from walk to walk{half}, over {mean['over']} {mean['of']}",
     ]
 
 

@@ -180,7 +180,8 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
     results[1]["fell_at_s"] = 3.5
     result = {"experiment": "zhao_generality", **EXPERIMENTS["zhao_generality"].collect(results), "cases": results}
     mean = result["summary"]["stridetwin"]["walks_accuracy_pct"]
-    assert mean["persons"] == len({(p.height_group, p.member) for p in persons}) == 2
+    assert mean["over"] == len({(p.height_group, p.member) for p in persons}) == 2
+    assert mean["of"] == "persons"
     assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
     assert "walks that ended by a fall: 1001" in mode_tables.overall(result)
 
