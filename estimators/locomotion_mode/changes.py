@@ -18,8 +18,10 @@ from stridetwin.streams.samples import Array
 
 _MATCH_M = 0.15
 _PARALLEL = 0.8
+_TREADS = 0.7
+"""Edges of one flight err alike: their distances are known that much better than the map tells of each edge."""
 _STRIPS = 2.0
-"""Treads down are seen as strips: their depth is known that much worse than the map tells."""
+"""Treads down are seen as strips: their depth is known that much worse than of those up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,9 +133,9 @@ def _sizes(
     if flight is None:
         return {"riser": piece.drop, "riser_sd": math.hypot(p.riser_sd_m, piece.drop_sd)}
     riser_sd, tread_sd = np.sqrt(np.diag(flight.covariance)[:2]).tolist()
-    told = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, p.size_sd_m)}
+    told = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, p.flight_riser_sd_m)}
     if flight.steps > 1:
-        told |= {"tread": flight.tread, "tread_sd": (1.0 if up else _STRIPS) * math.hypot(tread_sd, p.size_sd_m)}
+        told |= {"tread": flight.tread, "tread_sd": _TREADS * (1.0 if up else _STRIPS) * tread_sd}
     return told
 
 

@@ -46,7 +46,7 @@ class LocomotionModeParameters:
         adapt_sd: Share by which all steps up to the next edge are lengthened or shortened together.
         kerb_m: A riser is one beyond this: between a kerb of 40 mm and the lowest stair, 70 mm.
         riser_sd_m: Least deviation of a riser.
-        size_sd_m: Deviation of riser and tread of a flight, besides what the map tells.
+        flight_riser_sd_m: Deviation of the riser of a flight, besides what the map tells.
         place_sd_m: Least deviation of the distance to a change.
         riser_m: A usual riser.
         tread_m: A usual tread.
@@ -99,7 +99,7 @@ class LocomotionModeParameters:
     adapt_sd: float = 0.06
     kerb_m: float = 0.055
     riser_sd_m: float = 0.008
-    size_sd_m: float = 0.003
+    flight_riser_sd_m: float = 0.0025
     place_sd_m: float = 0.008
     riser_m: float = 0.18
     tread_m: float = 0.30
