@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from itertools import repeat
 from typing import Any
@@ -67,6 +67,7 @@ class WalkPhysics(control.Physics):
         self.rig: Rig = outfit(config).told(self._seed)
         self._twin: Twin | None = None
         self._live: LiveTwin | None = None
+        self._walking = ExitStack()
         self._torque = np.zeros(len(self.joints))
         self.samples: list[Any] = []
 
@@ -93,7 +94,7 @@ class WalkPhysics(control.Physics):
             if seed != self._twin.seed:
                 self._twin = Twin(self._config, seed)
         self._torque = np.zeros(len(self.joints))
-        self._live = LiveTwin(self._twin, lambda angle: self._torque[self._driven]).__enter__()
+        self._live = self._walking.enter_context(LiveTwin(self._twin, lambda angle: self._torque[self._driven]))
         self._live.advance(0.0)
         self.samples = []
 
@@ -111,8 +112,7 @@ class WalkPhysics(control.Physics):
 
     def close(self) -> None:
         """Ends the walk, and the processes that draw its pictures."""
-        if self._live is not None:
-            self._live.__exit__(None, None, None)
+        self._walking.close()
         self._live = None
 
     def set_control(self, control: Array) -> None:
