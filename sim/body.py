@@ -27,6 +27,7 @@ LEG_JOINTS = (
 )  # fmt: skip
 _TRACKED = ("pelvis", "torso", "head", *(f"{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot", "toe")))
 _TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot")))
+_TOE_SPRING_M = 0.018
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +39,11 @@ class Shoe:
     toe_hinge_z: float
     toe_tip_x: float
     half_width: float
+
+    @property
+    def flat_tip_x(self) -> float:
+        """Where the sole curves up: ahead of it nothing presses."""
+        return self.toe_tip_x - _TOE_SPRING_M
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,6 @@ from stridetwin.streams.samples import Array
 
 RADIUS_M = 0.006
 _HEEL_BLOCK_M = 0.065  # its front end carries where the heel hangs over an edge
-_TOE_SPRING_M = 0.018  # in front of it the sole curves up
 _LEAST_SHARE = 0.1  # of a foot's load on its toes that ball and tip each carry
 FRICTION = 0.9
 PER_FOOT = 8
@@ -31,7 +30,7 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
     """Body (`foot` or `toe`) and lowest point in its frame, m, of the contact regions of a foot."""
     shoe = size.shoe
     w = shoe.half_width - RADIUS_M
-    tip = shoe.toe_tip_x - shoe.toe_hinge_x - _TOE_SPRING_M
+    tip = shoe.flat_tip_x - shoe.toe_hinge_x
     waist = shoe.heel_back_x + _HEEL_BLOCK_M
     points = [("foot", [x, y, 0.0]) for x in (shoe.heel_back_x + RADIUS_M, waist) for y in (-w, w)]
     points += [("toe", [x, y, -shoe.toe_hinge_z]) for x in (0.0, tip) for y in (-w, w)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -25,6 +25,8 @@ _BALL = 0.03  # inside the borders of what touches
 _INSIDE_M = 0.003
 _FLAT_RAD = 5e-4
 _PASSING_S = 0.07
+_TIP_IN_M = 0.005  # on less of a tread than this the tip does not stand
+_DROP_M = 0.03  # lower ground ahead is that of another tread
 
 
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
@@ -75,7 +77,9 @@ def travel(steps: Sequence[Footstep], t: Array) -> Array:
     return x
 
 
-def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array, wanted: Array, pitch: Array) -> Array:
+def pressure_centres(
+    steps: Sequence[Footstep], shoe: Shoe, t: Array, wanted: Array, pitch: Array, height: Callable[[Array], Array]
+) -> Array:
     """(N, 3) wanted centre of pressure of one foot in the world; in swing where the next stance begins.
 
     Args:
@@ -85,10 +89,13 @@ def pressure_centres(steps: Sequence[Footstep], shoe: Shoe, t: Array, wanted: Ar
         wanted: (N,) by time alone (`travel`).
         pitch: (N,) rad, of the foot against its ground, toes down positive: only the parts of the sole that it leaves
             on the ground can press.
+        height: Of the ground, m, at (2,) m: toes whose tip hangs over an edge press at their hinge alone.
     """
     p = np.empty((len(t), 3))
     for step, on in _by_step(steps, t):
         x = _on_what_touches(wanted[on], t[on], step, pitch[on], shoe)
+        if _tip_hangs(step, shoe, height):
+            x = np.minimum(x, 1.0)
         p[on] = step.p_foot_in_world + (x * shoe.toe_hinge_x)[:, None] * step.R_world_sole[:, 0]
     return p
 
@@ -99,6 +106,12 @@ def _by_step(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, sl
     begin[0] = 0
     for step, a, b in zip(steps, begin, [*begin[1:], len(t)]):
         yield step, slice(int(a), int(b))
+
+
+def _tip_hangs(step: Footstep, shoe: Shoe, height: Callable[[Array], Array]) -> bool:
+    """Whether a shoe longer than the tread reaches over the edge of it."""
+    tip = step.p_foot_in_world + step.R_world_sole[:, 0] * (shoe.flat_tip_x + _TIP_IN_M)
+    return float(tip[2] - height(tip[:2])) > _DROP_M
 
 
 def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:

@@ -7,6 +7,7 @@ inverted pendulum, then corrected by the inverse dynamics of the whole body.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,7 +109,7 @@ def reference(
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
     travels = {side: travel(steps[side], t) for side in SIDES}
-    centres, wanted = _pressed(steps, paths, shares, travels, size, t)
+    centres, wanted = _pressed(steps, paths, shares, travels, size, t, terrain.height)
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
     pose = posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
@@ -144,7 +145,7 @@ def reference(
                 side: heel_given(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
-            centres, wanted = _pressed(steps, paths, shares, travels, size, t)
+            centres, wanted = _pressed(steps, paths, shares, travels, size, t, terrain.height)
     worst = max(float(leg.stretch.max()) for leg in legs_.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())
@@ -161,10 +162,12 @@ def reference(
 
 def _pressed(
     steps: dict[str, list[Footstep]], paths: dict[str, FootPath], shares: dict[str, Array], travels: dict[str, Array],
-    size: Wearer, t: Array,
+    size: Wearer, t: Array, height: Callable[[Array], Array],
 ) -> tuple[dict[str, Array], Array]:  # fmt: skip
     """(N, 3) centre of pressure under each foot, by side, and (N, 3) that of both, m in the world."""
-    centres = {side: pressure_centres(steps[side], size.shoe, t, travels[side], paths[side].pitch) for side in SIDES}
+    centres = {
+        side: pressure_centres(steps[side], size.shoe, t, travels[side], paths[side].pitch, height) for side in SIDES
+    }
     return centres, np.sum([shares[side][:, None] * centres[side] for side in SIDES], axis=0)
 
 

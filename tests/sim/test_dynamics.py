@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from stridetwin.sim.config import Dynamics, Level, Misstep, Push, Route, Segment, Stairs, TwinConfig
+from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.coupling import Pose, wrench
 from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
@@ -31,9 +32,13 @@ STAIRS: tuple[Segment, ...] = (
 )  # fmt: skip
 
 
-def make(segments: tuple[Segment, ...], seed: int = 7, dynamics: Dynamics | None = None) -> Twin:
-    route = Route(segments=segments)
-    return Twin(TwinConfig(name="dynamic", route=route, sensors=(), physics="dynamic", dynamics=dynamics), seed)
+def make(
+    segments: tuple[Segment, ...], seed: int = 7, dynamics: Dynamics | None = None, person: Person | None = None
+) -> Twin:
+    config = TwinConfig(
+        name="dynamic", route=Route(segments=segments), sensors=(), physics="dynamic", dynamics=dynamics
+    )
+    return Twin(replace(config, person=person or Person()), seed)
 
 
 @pytest.fixture(scope="module")
@@ -304,6 +309,24 @@ def test_a_pushed_walker_puts_the_foot_elsewhere_and_walks_on() -> None:
     ]  # fmt: skip
     assert max(moved) > 0.02
     assert np.abs(walk.torque[:, :6]).max() == 0.0
+
+
+def test_a_shoe_longer_than_the_treads_carries_its_wearer_down() -> None:
+    down = Stairs(risers=5, riser_m=0.2, tread_m=0.28, down=True)
+    twin = make((Level(length_m=1.5), down, Level(length_m=1.5)), person=Person(height_m=1.88, mass_kg=80.0))
+    shoe, simulated = twin.size.shoe, twin.walk
+    assert isinstance(simulated, SimulatedWalk)
+    assert simulated.fell_at is None
+    t = np.arange(0.0, simulated.duration_s, 0.005)
+    loads, over = twin.reference.loads(t), 0
+    for k, side in enumerate("lr"):
+        for step in twin.reference.steps[side]:
+            on = (t > step.t_touch) & (t < step.t_off)
+            centre = loads[on, 4 * k + 1 : 4 * k + 4]
+            assert twin.terrain.height(centre[:, :2]) == pytest.approx(centre[:, 2], abs=0.005)
+            tip = step.p_foot_in_world + shoe.flat_tip_x * step.R_world_sole[:, 0]
+            over += bool(twin.terrain.height(tip[:2]) < tip[2] - 0.1)
+    assert over >= 4
 
 
 def test_a_walker_who_is_pushed_over_is_reported_fallen() -> None:
