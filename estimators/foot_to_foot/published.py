@@ -86,7 +86,7 @@ def relate(
     """Update with z_feet: the vector between the feet, turned into the world by the attitude of the camera's foot.
 
     H_feet has ±I at the two positions and nothing at the attitudes: as printed, the error of the attitude that
-    turned the vector is left out, and the filter takes the heading of the foot that looks for the truth.
+    turned the vector is left out, and the filter takes the heading of the foot that looks as free of error.
 
     Args:
         pair: Changed in place.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -36,9 +35,10 @@ def make(
     segments: tuple[Segment, ...], seed: int = 7, dynamics: Dynamics | None = None, person: Person | None = None
 ) -> Twin:
     config = TwinConfig(
-        name="dynamic", route=Route(segments=segments), sensors=(), physics="dynamic", dynamics=dynamics
-    )
-    return Twin(replace(config, person=person or Person()), seed)
+        name="dynamic", route=Route(segments=segments), person=person or Person(), sensors=(), physics="dynamic",
+        dynamics=dynamics,
+    )  # fmt: skip
+    return Twin(config, seed)
 
 
 @pytest.fixture(scope="module")
