@@ -24,6 +24,16 @@ from stridetwin.scenarios.experiments.registry import key_of, named
 from stridetwin.scenarios.mode_score import ModeScores
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
+EXPLAINED = {
+    "assistance": "closed_loop.md#help-by-mode",
+    "dvio": "dvio.md#on-seeds-that-served-for-no-tuning",
+    "jao": "foot_to_foot.md#measured",
+    "shim": "contact_terrain.md#measured",
+    "stairs_16": "foot_to_foot.md#measured",
+    "zhao_closed_loop": "dvio.md#on-seeds-that-served-for-no-tuning",
+}
+"""Pages that say what the lines of an experiment's table mean, by how its name begins."""
+OF_MODES = "locomotion_mode.md#scores"
 
 
 def main() -> None:
@@ -52,8 +62,9 @@ def main() -> None:
     there = f"\n\n{len(cases)} of {len(experiment.seeds)} cases." if len(cases) < len(experiment.seeds) else ""
     words = EXPERIMENT_NAMES[asked.name][0].upper() + EXPERIMENT_NAMES[asked.name][1:]
     at = f", at commit {asked.at}" if asked.at else ""
-    told = "; [what the lines mean](../locomotion_mode.md#scores)" if "methods" in cases[0] else ""
-    text = f"# {stem}\n\n{words}{told}.\n\n`{command}`{at}; {files_of}{there}\n\n```text\n{table}\n```\n"
+    page = next((page for begin, page in EXPLAINED.items() if asked.name.startswith(begin)), OF_MODES)
+    words += f"; [what the lines mean](../{page})."
+    text = f"# {stem}\n\n{words}\n\n`{command}`{at}; {files_of}{there}\n\n```text\n{table}\n```\n"
     (asked.output / f"{stem}.md").write_text(text, encoding="utf-8")
     rows = [_row(case) for case in cases]
     with (asked.output / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -78,11 +89,10 @@ def _pack(files: list[Path], archive: Path) -> None:
 
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:
-    """A case's own values, and of walks with told steps how many were right."""
-    row = {k: v for k, v in case.items() if not isinstance(v, dict | list)}
-    for method, told in case.get("methods", {}).items():
-        if "steps" not in told:
-            continue
+    """The values of a case, and of walks with told steps how many were right."""
+    stepped = {name: told for name, told in case.get("methods", {}).items() if "steps" in told}
+    row = _values(case if not stepped else {k: v for k, v in case.items() if not isinstance(v, dict)})
+    for method, told in stepped.items():
         steps = ModeScores.of(told).steps
         turns = [s for s in steps if s.transition]
         row |= {
@@ -93,6 +103,17 @@ def _row(case: dict[str, Any]) -> dict[str, Any]:
             f"{method}_transitions_right": sum(s.right for s in turns),
             f"{method}_lead_median_s": round(median(s.lead_s for s in steps), 3),
         }
+    return row
+
+
+def _values(case: dict[str, Any]) -> dict[str, Any]:
+    """Single values of a mapping, those of mappings in it under joined names; lists stay in the packed rows."""
+    row: dict[str, Any] = {}
+    for name, value in case.items():
+        if isinstance(value, dict):
+            row |= {f"{name}.{inner}": v for inner, v in _values(value).items()}
+        elif not isinstance(value, list):
+            row[name] = float(f"{value:.6g}") if isinstance(value, float) else value
     return row
 
 
