@@ -13,7 +13,7 @@ from typing import Any
 from stridetwin.scenarios.latency import Latency
 from stridetwin.scenarios.live_chain import Asked, Chain, chain_of
 from stridetwin.scenarios.live_fit import Fit
-from stridetwin.scenarios.warm_up import made_up_samples
+from stridetwin.scenarios.warm_up import made_up_rig, made_up_samples
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.live_recorder import LiveRecorder
@@ -110,6 +110,7 @@ class _Live:
         self._given = Rig() if session.rig is None else read_rig(session.rig)
         self._rig, self._metadata = self._given, dict[str, str]()
         self._chain: Chain | None = None
+        self._compiled = False
         self._recorder: LiveRecorder | None = None
         self._lacks, self._warned = "", set[tuple[str, str]]()
         self._span: tuple[int, int] | None = None
@@ -119,6 +120,7 @@ class _Live:
 
     def run(self) -> Outcome:
         with ExitStack() as stack:
+            self._compile()
             if self._session.rig is not None:
                 self._try_chain()
             if self._session.record is not None:
@@ -187,20 +189,30 @@ class _Live:
         asked = self._session.asked
         if asked is None or self._chain is not None:
             return
+        self._compile()
         try:
-            trial = chain_of(replace(asked, output=None), self._rig, self._metadata)
+            self._chain = chain_of(asked, self._rig, self._metadata)
         except StrideTwinError as error:
             if str(error) != self._lacks:
                 self._lacks = str(error)
                 self._say(f"waiting: {error}")
             return
-        cameras = {t: c for t, c in self._rig.cameras.items() if {t, c.depth_topic} & trial.takes.keys()}
-        for sample in made_up_samples(tuple(trial.takes), replace(self._rig, cameras=cameras)):
-            for _ in trial.update(sample):
-                pass
-        self._chain = chain_of(asked, self._rig, self._metadata)
         self._fit = Fit(self._chain.takes, self._rig)
         self._say(f"{asked.estimator} takes {', '.join(self._chain.takes)}")
+
+    def _compile(self) -> None:
+        """Shows a chain made-up samples, once; without the geometry of an exoskeleton there may be none yet."""
+        asked = self._session.asked
+        if asked is None or self._compiled:
+            return
+        try:
+            trial = chain_of(replace(asked, output=None), made_up_rig(), self._metadata)
+        except StrideTwinError:
+            return
+        for sample in made_up_samples(trial.takes):
+            for _ in trial.update(sample):
+                pass
+        self._compiled = True
 
     def _arrive(self, arrival: Arrival) -> None:
         topic = arrival.sample.topic

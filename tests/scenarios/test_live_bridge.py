@@ -256,9 +256,20 @@ def test_what_an_estimator_can_take():
 
 def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, monkeypatch):
     shown = []
-    monkeypatch.setattr(live, "made_up_samples", lambda topics, rig: shown.append((topics, set(rig.cameras))) or [])
+    monkeypatch.setattr(live, "made_up_samples", lambda takes: shown.append(set(takes)) or [])
     alive(["foot_ins", "-o", tmp_path / "path.txt"], sent(seen, "--topic", "/foot_l/imu"))
-    assert shown == [(("/foot_l/imu",), set())]
+    assert shown == [{"/foot_l/imu"}]
+
+
+def test_an_estimator_compiles_once_and_that_of_an_exoskeleton_as_its_geometry_is_known(seen, tmp_path, monkeypatch):
+    shown, rig = [], tmp_path / "rig.yaml"
+    write_rig(Recording(seen).rig, rig)
+    monkeypatch.setattr(live, "made_up_samples", lambda takes: shown.append(set(takes)) or [])
+    alive(["dvio", "--rig", rig, "-o", tmp_path / "path.txt"], sent(seen))
+    alive(["contact_terrain", "-o", tmp_path / "steps.csv"], sent(seen))
+    head, legs = shown
+    assert head == {"/head/imu", "/head/color", "/head/depth"}
+    assert {"/exo/back/ahrs", "/exo/knee_l/encoder", "/foot_r/insole"} <= legs
 
 
 def test_who_can_be_reached_from_elsewhere_is_warned(capsys, tmp_path, seen):
