@@ -209,6 +209,7 @@ class _Live:
             trial = chain_of(replace(asked, output=None), made_up_rig(), self._metadata)
         except StrideTwinError:
             return
+        self._say(f"{asked.estimator} is compiled, which takes minutes the first time")
         for sample in made_up_samples(trial.takes):
             for _ in trial.update(sample):
                 pass

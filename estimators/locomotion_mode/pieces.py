@@ -101,7 +101,7 @@ def pieces(
         p: Deviations.
         usual: Stairs as they are here; None: none were seen.
     """
-    changes, until = _walked(_over(profile.changes, p), profile, estimate, p)
+    changes, until = _walked(_whole_treads(_over(profile.changes, p), p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
     seen = profile.s[profile.plane >= 0]
     if len(seen) and seen[0] > p.behind_m + _UNDER_M:  # what is seen afar says nothing of the slope under the feet
@@ -112,7 +112,10 @@ def pieces(
     bounds = [*bounds[first : first + _MOST], _Bound(math.inf, 0.0, 0.0)]
     made = []
     for one, other in pairwise(bounds):
-        slope, slope_sd = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
+        if _is_tread(one, other, p):
+            slope, slope_sd = 0.0, p.flat_sd_rad
+        else:
+            slope, slope_sd = _slope(profile, estimate, forward, one.s, min(other.s, until), p)
         made.append(
             Piece(
                 start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
@@ -143,6 +146,13 @@ def _over(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change
     return kept
 
 
+def _whole_treads(changes: list[Change], p: LocomotionModeParameters) -> list[Change]:
+    """Without the knees between two edges that are a tread apart: see `_is_tread`."""
+    edges = [c.s for c in changes if c.kind == "edge"]
+    treads = [(a, b) for a, b in pairwise(edges) if b - a <= p.tread_max_m]
+    return [c for c in changes if c.kind == "edge" or not any(a < c.s < b for a, b in treads)]
+
+
 def _walked(
     changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters
 ) -> tuple[list[Change], float]:
@@ -171,6 +181,15 @@ class _Bound(NamedTuple):
     sd: float
     drop: float
     drop_sd: float = 0.0
+
+
+def _is_tread(one: _Bound, other: _Bound, p: LocomotionModeParameters) -> bool:
+    """Whether ground between two edges is a tread, and so level, whatever slope the map has for it.
+
+    A tread is mapped over several steps: where the poses are corrected meanwhile, its near side lies at another height
+    than its far one.
+    """
+    return one.drop != 0.0 and other.drop != 0.0 and other.s - one.s <= p.tread_max_m
 
 
 def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -> list[_Bound]:

@@ -16,7 +16,7 @@ from stridetwin.estimators.locomotion_mode.published import Division, WalkingInf
 from stridetwin.estimators.locomotion_mode.rhythm import Landing
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
 from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
-from stridetwin.estimators.terrain_map import Change, Profile
+from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp, TerrainEstimate
 from stridetwin.streams.samples import Insole
 
 P = LocomotionModeParameters()
@@ -138,6 +138,36 @@ def way(*edges, seen=lambda s: s == s):
 def test_what_one_steps_over_and_what_nobody_climbs_is_no_edge(edges, left):
     made = pieces(way(*edges), None, np.array([1.0, 0.0]), P)
     assert [m.start for m in made[1:]] == pytest.approx(left, abs=0.005)
+
+
+def sloping(degrees, *, end):
+    """Ground that the map takes for a ramp, from 1.5 m along the way on, between edges, with a knee at 1.6 m."""
+    slope, far = math.radians(degrees), way((1.5, 0.16, 0.01), (end, 0.16, 0.01))
+    knee = Change(kind="knee", s=1.6, sd=0.02, drop=0.0, bend=slope)
+    inside = (far.s > 1.5) & (far.s < end)
+    profile = Profile(s=far.s, height=far.height, plane=np.where(inside, 7, -1), changes=(*far.changes, knee))
+    plane = Plane(
+        id=7, centre=np.zeros(3), normal=np.array([-math.sin(slope), 0.0, math.cos(slope)]), area_m2=0.5,
+        spread=0.01 * np.eye(2), votes=30.0, covariance=1e-6 * np.eye(3),
+    )  # fmt: skip
+    ramp = Ramp(id=7, plane=7, slope=abs(slope), slope_sd=0.001, heading=0.0)
+    estimate = TerrainEstimate(t_ns=0, planes={7: plane}, terrains=(ramp,), p_camera_in_world=np.zeros(3))
+    return pieces(profile, estimate, np.array([1.0, 0.0]), P)
+
+
+@pytest.mark.parametrize("degrees", [-16.0, -6.5, 6.5])
+def test_a_tread_is_level_however_the_poses_have_bent_it(degrees):
+    made = sloping(degrees, end=1.8)
+    assert [m.start for m in made[1:]] == pytest.approx([1.5, 1.8])
+    assert (made[1].slope, made[1].mode) == (0.0, "LG")
+    assert MODES[int(mode_table(made, P)[0, 1].argmax())] == "SA"
+
+
+def test_a_ramp_between_two_edges_is_none_the_less_a_ramp():
+    made = sloping(6.5, end=3.5)
+    assert [m.start for m in made[1:]] == pytest.approx([1.5, 1.6, 3.5])
+    assert made[2].mode == "RA"
+    assert math.degrees(made[2].slope) == pytest.approx(6.5, abs=0.1)
 
 
 def test_hidden_stairs_down_are_no_brink():
