@@ -42,11 +42,11 @@ class MarkerWalk:
         return (self.heel + self.toe) / 2
 
 
-def data_folder() -> Path | None:
-    """Folder of the recordings, or None where there is none."""
+def data_folder(holding: str = "foot_imu_vicon") -> Path | None:
+    """Folder of the recordings, or None where there is none that holds what is asked for."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     folder = Path(os.environ.get("STRIDETWIN_DATA", beside))
-    return folder if (folder / "foot_imu_vicon").is_dir() else None
+    return folder if (folder / holding).is_dir() else None
 
 
 def imu_block(t: Array, rate: Array, force: Array) -> Block[Imu]:

@@ -1,21 +1,19 @@
 """One real picture of a real staircase, the wearer's leg and shoe in it."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from benchmarks.real_walks import data_folder
 from stridetwin.scenarios.terrain_files import map_recording
 from stridetwin.streams.opening import open_any
 
-FOLDER = Path(os.environ.get("STRIDETWIN_DATA", "no-data")) / "stairs_depth"
-pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="STRIDETWIN_DATA does not lead to stairs_depth")
+FOLDER = data_folder("stairs_depth")
+pytestmark = pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
 
 
 @pytest.fixture(scope="module")
 def terrain_map():
-    return map_recording(open_any(FOLDER))
+    return map_recording(open_any(FOLDER / "stairs_depth"))
 
 
 def test_floor_and_treads_with_their_measures(terrain_map):
