@@ -188,6 +188,12 @@ def parser() -> argparse.ArgumentParser:
         help="how long samples wait for older ones of other streams (10; maps 60)",
     )
     p.add_argument(
+        "--skip-pictures",
+        type=_positive,
+        metavar="MS",
+        help="leave out pictures that have waited longer, so that a slow estimator keeps up (default: none)",
+    )
+    p.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="as of estimate; without it each estimate is a row on stdout"
     )
 

@@ -20,6 +20,7 @@ from stridetwin.streams.live_recorder import LiveRecorder
 from stridetwin.streams.receiver import Arrival, Receiver
 from stridetwin.streams.reorder import Reorder
 from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Image
 from stridetwin.streams.wire import Hello
 
 BUDGETS_S = {
@@ -47,6 +48,7 @@ class Session:
         record: Recording to make; None makes none.
         budget_s: Of latency; None takes the estimator's.
         window_s: Of the order; None takes the estimator's.
+        skip_pictures_s: Pictures that have waited longer are left out; None leaves out none.
     """
 
     asked: Asked | None
@@ -55,6 +57,7 @@ class Session:
     record: Path | None = None
     budget_s: float | None = None
     window_s: float | None = None
+    skip_pictures_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +119,7 @@ class _Live:
         self._span: tuple[int, int] | None = None
         self._fit = Fit({}, Rig())
         self._early: Counter[str] = Counter()
+        self._skipped: Counter[str] = Counter()
         self._refusals_told = 0
 
     def run(self) -> Outcome:
@@ -136,7 +140,7 @@ class _Live:
                 raise
             own = {
                 "late": self._reorder.late, "before_start": self._early if self._chain is not None else Counter(),
-                "other_kind": self._fit.other_kind, "other_size": self._fit.other_size,
+                "other_kind": self._fit.other_kind, "other_size": self._fit.other_size, "skipped": self._skipped,
             }  # fmt: skip
             streams = {
                 topic: {**vars(traffic), **{name: counts[topic] for name, counts in own.items()}}
@@ -234,6 +238,9 @@ class _Live:
         for arrival in arrivals:
             assert self._chain is not None
             topic, before = arrival.sample.topic, time.perf_counter_ns()
+            if self._is_stale(arrival, before):
+                self._skipped[topic] += 1
+                continue
             for estimator, line in self._chain.update(arrival.sample):
                 now = time.perf_counter_ns()
                 self._latency.add(
@@ -243,6 +250,11 @@ class _Live:
                 if line:
                     self._tell(line)
                 before = time.perf_counter_ns()
+
+    def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
+        """Whether a picture has waited for longer than is asked; what is not a picture is never left out."""
+        most_s, is_picture = self._session.skip_pictures_s, isinstance(arrival.sample, Image | Depth)
+        return most_s is not None and is_picture and now_ns - arrival.since_ns > most_s * 1e9
 
     def _warn(self, receiver: Receiver) -> None:
         """Says once of each stream what is wrong with it, and who was refused."""

@@ -54,6 +54,11 @@ class Plane:
         x, y = (x / steep, y / steep) if steep > 0.0 else (1.0, 0.0)
         return math.sqrt(x * x * xx + 2.0 * x * y * xy + y * y * yy) * math.cos(self.slope) ** 2
 
+    @cached_property
+    def rise(self) -> float:
+        """From its lowest to its highest side, m, as of a rectangle that slopes along one of its edges."""
+        return math.sqrt(12.0 * max(float(self.gradient @ self.spread @ self.gradient), 0.0))
+
     def height(self, xy: Array) -> Array:
         """(...) m at (..., 2) places of the world."""
         return np.asarray(self.centre[2] + (np.asarray(xy) - self.centre[:2]) @ self.gradient)

@@ -20,6 +20,8 @@ from stridetwin.streams.samples import Array
 _HIDDEN_M = 0.30
 """Ground that a riser may hide from the camera."""
 _SIGNIFICANT = 2.0
+_KERB_M = 0.04
+"""What rises by less from side to side is no ramp."""
 
 
 class _Known(NamedTuple):
@@ -30,8 +32,14 @@ class _Known(NamedTuple):
 
 
 def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
-    """Whether a plane is flat, or may well be."""
-    return plane.slope < p.flat_rad + min(_SIGNIFICANT * plane.slope_sd, 2.0 * p.flat_rad)
+    """Whether a plane is flat, or may well be.
+
+    A tread's two sides are seen at different times: where the poses are corrected in between, it slopes by as much as
+    they were, which makes no ramp of it.
+    """
+    if plane.slope < p.flat_rad + min(_SIGNIFICANT * plane.slope_sd, 2.0 * p.flat_rad):
+        return True
+    return plane.slope < 2.0 * p.flat_rad and plane.rise < _KERB_M
 
 
 class Terrains:

@@ -23,7 +23,7 @@ TRUTH = "/truth/"
 FIGURES = {
     "received": "received", "late": "late", "lost": "dropped by the sender", "not_increasing": "stamps not increasing",
     "not_finite": "not finite", "before_start": "before the start", "other_kind": "of another kind",
-    "other_size": "of another size",
+    "other_size": "of another size", "skipped": "left out for having waited",
 }  # fmt: skip
 _WITH_METHOD = ("foot_to_foot", "contact_terrain", "dvio", "locomotion_mode")
 _OVER_BUDGET = 1
@@ -110,6 +110,7 @@ def live_command(arguments: Namespace, progress: Progress) -> Outcome:
         asked=asked, address=address, rig=arguments.rig, record=arguments.record,
         budget_s=None if arguments.budget is None else arguments.budget * 1e-3,
         window_s=None if arguments.window is None else arguments.window * 1e-3,
+        skip_pictures_s=None if arguments.skip_pictures is None else arguments.skip_pictures * 1e-3,
     )  # fmt: skip
     prints = asked is not None and asked.output is None and not arguments.json
     sys.setswitchinterval(_SWITCH_S)

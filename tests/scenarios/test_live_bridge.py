@@ -231,6 +231,21 @@ def test_pictures_of_another_size_are_left_out_and_told(seen, tmp_path, monkeypa
         assert capsys.readouterr().err.count(words) == 2
 
 
+def test_pictures_that_have_waited_are_left_out_where_that_is_asked_for_and_recorded_all_the_same(
+    seen, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(live, "made_up_samples", lambda *_: [])
+    recorded = tmp_path / "recorded.mcap"
+    words = ["dvio", "--skip-pictures", "1e-6", "--record", recorded, "-o", tmp_path / "path.txt"]
+    made = alive(words, sent(seen))  # all have waited longer
+    for topic, counts in made.data["streams"].items():
+        pictures = topic in ("/head/color", "/head/depth")
+        assert counts["skipped"] == (counts["received"] if pictures else 0)
+        assert Recording(recorded).topics[topic].count == counts["received"]
+    assert "/head/color" not in made.data["latency"]["arrival_to_estimate"]["dvio"]
+    assert any("left out for having waited" in line for line in made.lines)
+
+
 def test_what_an_estimator_can_take():
     camera = CameraCalibration(
         topic="/foot_l/camera", part="", rate_hz=30.0, mount=Mount(body="foot_l"), width=32, height=24,
