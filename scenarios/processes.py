@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
@@ -39,9 +39,25 @@ def mapped(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[B
     if workers == 1 or len(jobs) < 2:
         yield from map(act, jobs)
         return
+    with _told_if_one_dies(workers), processes(workers) as pool:
+        yield from pool.map(act, jobs)
+
+
+def as_done(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[tuple[A, B]]:
+    """Jobs and their results, the first that is done first; otherwise as `mapped`."""
+    if workers == 1 or len(jobs) < 2:
+        yield from ((job, act(job)) for job in jobs)
+        return
+    with _told_if_one_dies(workers), processes(workers) as pool:
+        running = {pool.submit(act, job): job for job in jobs}
+        for future in as_completed(running):
+            yield running[future], future.result()
+
+
+@contextmanager
+def _told_if_one_dies(workers: int) -> Iterator[None]:
     try:
-        with processes(workers) as pool:
-            yield from pool.map(act, jobs)
+        yield
     except BrokenProcessPool:
         raise StrideTwinError(
             f"a worker died before it was done; does memory suffice for {workers} at a time? Run it again with fewer "

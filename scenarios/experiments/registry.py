@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +32,7 @@ from stridetwin.scenarios.experiments import (
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, Telling
 from stridetwin.scenarios.experiments.versions import digest
+from stridetwin.scenarios.processes import as_done
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
 
@@ -212,9 +211,9 @@ def run_experiment(name: str, asked: Asked, progress: Progress) -> dict[str, Any
     stage = f"{name}, {outdated} of another version anew" if outdated else name
     progress(stage, 1.0 - len(missing) / len(cases))
     jobs = [_Job(case=c, run=experiment.run_case, walks=keys[c.seed].walks) for c in missing]
-    for done, (case, result) in enumerate(_results(jobs, asked.workers), 1):
-        with whole_file(case.file(".json")) as file:
-            file.write_text(json.dumps({"key": keys[case.seed].row, **result}), encoding="utf-8")
+    for done, (job, result) in enumerate(as_done(_Job.result, jobs, asked.workers), 1):
+        with whole_file(job.case.file(".json")) as file:
+            file.write_text(json.dumps({"key": keys[job.case.seed].row, **result}), encoding="utf-8")
         progress(stage, 1.0 - (len(missing) - done) / len(cases))
     results = [_read(case) for case in cases]
     result = {"experiment": name, **experiment.collect(results), "cases": results}
@@ -291,8 +290,8 @@ class _Job:
     run: Callable[[Case], dict[str, Any]]
     walks: str
 
-    def __call__(self) -> dict[str, Any]:
-        """Its result."""
+    def result(self) -> dict[str, Any]:
+        """What running it gives."""
         mark = self.case.file(".key")
         if not mark.exists() or mark.read_text(encoding="utf-8") != self.walks:
             for recording in self.case.recordings:
@@ -303,14 +302,3 @@ class _Job:
         if not self.case.keep:
             mark.unlink()
         return result
-
-
-def _results(jobs: list[_Job], workers: int) -> Iterator[tuple[Case, dict[str, Any]]]:
-    """Results as they come."""
-    if workers == 1:
-        yield from ((job.case, job()) for job in jobs)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        running = {pool.submit(job): job.case for job in jobs}
-        for future in as_completed(running):
-            yield running[future], future.result()
