@@ -28,9 +28,11 @@ from stridetwin.scenarios.commands import (
     send_command,
     view_command,
 )
+from stridetwin.scenarios.commands.outputs import check_outputs
 from stridetwin.scenarios.console import Console
 from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.files import asked_name
 
 METHODS = (
     "stridetwin",
@@ -44,6 +46,7 @@ METHODS = (
 )
 FORMATS = ("euroc", "tum", "rosbag2", "opensim", "table")
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
+_MOST = 1_000_000
 _PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
 
 
@@ -307,11 +310,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     console = Console()
     try:
+        check_outputs(arguments)
         outcome: Outcome = arguments.act(arguments, console)
     except StrideTwinError as error:
         return _failed(console, str(error))
     except OSError as error:
-        return _failed(console, f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return _failed(
+            console, f"{asked_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
+        )
     except KeyboardInterrupt:
         return _failed(console, "stopped") + 128
     console.close()
@@ -367,8 +373,8 @@ def _seed(text: str) -> int:
 
 
 def _whole(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not valid; valid: a whole number from 1 on")
+    if not text.isdecimal() or len(text) > len(str(_MOST)) or not 1 <= int(text) <= _MOST:
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; valid: a whole number from 1 to {_MOST}")
     return int(text)
 
 

@@ -60,7 +60,7 @@ def fault(node: object, where: Where) -> Fault:
     if not isinstance(node, dict) or "kind" not in node:
         raise where.error(node if isinstance(node, dict) else str(node), "keys kind, topic and at_s or rate_per_min")
     kind = node["kind"]
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise where.key("kind").error(kind, suggest(kind, KINDS))
     read: Fault = KINDS[kind]({k: v for k, v in node.items() if k != "kind"}, where)
     if (read.at_s is None) == (read.rate_per_min is None):

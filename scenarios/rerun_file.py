@@ -17,6 +17,8 @@ from stridetwin.scenarios.figures_path import part_of
 from stridetwin.scenarios.figures_streams import curves_of, scalar_topics
 from stridetwin.scenarios.ground import Layout, from_metadata
 from stridetwin.scenarios.pictures import camera_topics, pictures_of, shown
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.files import asked_name
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array
 
@@ -50,13 +52,19 @@ def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahe
         recording: The walk.
         results: Scored estimates.
         ahead: What was seen ahead, or None.
+
+    Raises:
+        StrideTwinError: The file cannot be written.
     """
     import rerun as rr
 
     from stridetwin.scenarios.rerun_ahead import write_ahead
 
     stream = rr.RecordingStream("stridetwin", recording_id=recording_id(recording))
-    stream.save(path, default_blueprint=_blueprint(recording, results, ahead))
+    try:
+        stream.save(path, default_blueprint=_blueprint(recording, results, ahead))
+    except RuntimeError as error:
+        raise StrideTwinError(f"{asked_name(str(path))}: cannot be written: {error}") from error
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _terrain(rr, stream, from_metadata(recording.metadata))
     _paths(rr, stream, recording, results)

@@ -10,7 +10,7 @@ import yaml
 from stridetwin.scenarios.fields import Where
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.yaml_node import check_yaml
+from stridetwin.streams.yaml_node import UNFIT, check_yaml
 
 _VALUES, _DEPTH = 100_000, 40
 
@@ -44,7 +44,7 @@ def read_yaml(path: Path) -> Any:
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         raise StrideTwinError(f"{path}: line {line}: {error.problem}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, *UNFIT) as error:
         raise StrideTwinError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
 
 

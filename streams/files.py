@@ -7,10 +7,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from stridetwin.streams.errors import ConfigError
+
+_PARTIAL = ".partial"
+
 
 def partial_path(path: Path) -> Path:
-    """Hidden name beside `path` under which it is written until it is whole."""
-    return path.with_name(f".{path.name}.partial")
+    """Hidden name beside `path` under which it is written until it is whole.
+
+    Raises:
+        ConfigError: A file cannot have this name, or a folder has it.
+    """
+    if not path.name or path.is_dir():
+        raise ConfigError("file to write", "", str(path), "the name of a file, where there is no folder")
+    return path.with_name(f".{path.name}{_PARTIAL}")
+
+
+def asked_name(name: str) -> str:
+    """The name of a file as it was asked for, where `name` may be that under which it is written."""
+    path = Path(name)
+    if path.name.startswith(".") and path.name.endswith(_PARTIAL):
+        return str(path.with_name(path.name[1 : -len(_PARTIAL)]))
+    return name
 
 
 @contextmanager

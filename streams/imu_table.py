@@ -16,6 +16,7 @@ from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.plausible import IMU_RATES_HZ, rate_doubts, unit_doubts
 from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.tum import LATEST_S
 
 MIN_ROWS = 20
 _FREE_BYTES, _BYTES_PER_BYTE = 16 << 20, 20
@@ -71,7 +72,8 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
     for name, shape in (("t", "(N,)"), ("accel", "(N, 3)"), ("gyro", "(N, 3)")):
         if name not in columns:
             raise ConfigError(path, name, None, f"an array {name} {shape}; the table has {', '.join(there) or 'none'}")
-        want = (len(columns["t"]),) if name == "t" else (len(columns["t"]), 3)
+        count = columns["t"].size
+        want = (count,) if name == "t" else (count, 3)
         if columns[name].shape != want or columns[name].dtype.kind not in "fiu":
             raise ConfigError(path, name, f"{columns[name].dtype} {columns[name].shape}", f"numbers of shape {want}")
     return tuple(columns[n].astype(np.float64) for n in ("t", "accel", "gyro"))  # type: ignore[return-value]
@@ -155,3 +157,5 @@ def _check_times(path: Path, t: Array) -> None:
         )
     if t[0] < 0:
         raise ConfigError(path, "t, row 1", float(t[0]), "a time from 0 s on")
+    if t[-1] >= LATEST_S:
+        raise ConfigError(path, f"t, row {len(t)}", float(t[-1]), f"a time before {LATEST_S:g} s")

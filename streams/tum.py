@@ -12,7 +12,8 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.trajectory import Trajectory
 
-_LATEST_S = 9e9  # what 64 bits of nanoseconds hold
+LATEST_S = 9e9  # what 64 bits of nanoseconds hold
+_FARTHEST_M = 1e9  # beyond it squares of errors are no numbers any more, and nobody walks there
 _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -45,7 +46,7 @@ def decimal_seconds(word: str) -> int:
         value = float(word)
     except ValueError:
         value = math.nan
-    if not 0 <= value < _LATEST_S:
+    if not 0 <= value < LATEST_S:
         raise ValueError("seconds from 0 on")
     if word.isascii() and whole.isdecimal() and (fraction.isdecimal() or not fraction):
         return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
@@ -97,8 +98,9 @@ def _row(path: str | Path, number: int, words: list[str]) -> list[float]:
             values.append(float(word))
         except ValueError:
             values.append(np.nan)
-        if not np.isfinite(values[-1]):
-            raise ConfigError(path, f"line {number}, {name}", word, "a finite number")
+        most = LATEST_S if name == "t" else _FARTHEST_M
+        if not abs(values[-1]) < most:
+            raise ConfigError(path, f"line {number}, {name}", word, f"a finite number, {-most:g} to {most:g}")
     if not 0.9 < float(np.linalg.norm(values[4:])) < 1.1:
         raise ConfigError(path, f"line {number}, qx qy qz qw", values[4:], "a unit quaternion")
     return values

@@ -305,7 +305,7 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
     if not colon:
         host, port = text, ""
     host = host.strip("[]")
-    number = int(port) if port.isdecimal() else PORT if not port else -1
+    number = int(port) if port.isdecimal() and len(port) < 6 else PORT if not port else -1
     if not 0 <= number < 65536 or not _may_be_host(host):
         raise StrideTwinError(f"{flag}: {text!r} is not valid; valid: HOST:PORT, such as 127.0.0.1:{PORT}")
     return host or "127.0.0.1", number

@@ -21,6 +21,10 @@ _MISSING: Any = object()
 SafeLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one, where there is one
 
 
+UNFIT = (ValueError, LookupError, AttributeError, TypeError, RecursionError)
+"""What reading YAML raises of numbers and dates that are none, tags that do not fit, aliases of what is around them."""
+
+
 def parse_yaml(text: str, source: str) -> Node:
     """A YAML text as its root node, safely loaded: plain data alone, of a bounded size.
 
@@ -32,7 +36,7 @@ def parse_yaml(text: str, source: str) -> Node:
         return Node(source, "", yaml.load(text, SafeLoader))
     except yaml.YAMLError as error:
         raise _no_yaml(source, error) from error
-    except (ValueError, RecursionError) as error:  # numbers and dates that are none; aliases of what is around them
+    except UNFIT as error:
         raise StrideTwinError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
 
 
@@ -54,6 +58,8 @@ def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_a
                 count += sizes.get(event.anchor, most_values + 1)  # one inside itself has no end
             elif isinstance(event, yaml.NodeEvent):
                 count += 1
+                if isinstance(event, yaml.ScalarEvent) and "\0" in event.value:  # no file can have such a name
+                    raise ConfigError(source, _line_of(event), event.value, "text without NUL")
                 if isinstance(event, yaml.CollectionStartEvent):
                     open_.append((event.anchor, count))
                 elif event.anchor is not None:
@@ -64,10 +70,13 @@ def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_a
                     sizes[anchor] = count - before + 1
             if count > most_values or len(open_) > DEEPEST or aliases > most_aliases:
                 valid = f"up to {most_values} values, {DEEPEST} levels, {most_aliases} aliases"
-                where = f"line {event.start_mark.line + 1}" if event.start_mark else ""
-                raise ConfigError(source, where, "...", valid)
+                raise ConfigError(source, _line_of(event), "...", valid)
     except yaml.YAMLError as error:
         raise _no_yaml(source, error) from error
+
+
+def _line_of(event: yaml.Event) -> str:
+    return f"line {event.start_mark.line + 1}" if event.start_mark else ""
 
 
 def _no_yaml(source: str, error: yaml.YAMLError) -> StrideTwinError:

@@ -267,8 +267,13 @@ def key_of(name: str, case: Case) -> str:
 
 
 def _row_key(case: Case) -> str | None:
-    """Key of the row that there is, "" where it has none; None where there is no row."""
-    return str(_read(case).get("key", "")) if case.file(".json").exists() else None
+    """Key of the row that there is, "" where it has none or is damaged; None where there is no row."""
+    if not case.file(".json").exists():
+        return None
+    try:
+        return str(_read(case).get("key", ""))
+    except (ValueError, AttributeError):
+        return ""
 
 
 def _read(case: Case) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from stridetwin.scenarios.placement.scores import GEOMETRIC, Score
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.standard_rig import Outfit, outfit
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 
 Progress = Callable[[str, float], None]
@@ -179,11 +179,21 @@ class Measure:
         for done, (key, row) in enumerate(zip(jobs, mapped(recorded_scores, list(jobs.values()), self._workers)), 1):
             walk = jobs[key]
             self._rows.add([(key, {"walk": f"{walk.name}, seed {walk.seed}", **row})])
+            if done == len(walks):
+                self._check_told([self._rows.get(k) or {} for k in list(jobs)[:done]])
             self._progress(said[0], said[1] + said[2] * done / len(jobs))
         for i, found in enumerate(keys):
             for j, key in enumerate(found):
                 row = self._rows.get(key) or {}
                 rows[i][j] |= row | {"failed": {**rows[i][j].get("failed", {}), **row.get("failed", {})}}
+
+    def _check_told(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Refuses a score that its estimator tells of no walk of the first place, before the others are walked."""
+        for score in self._problem.scores:
+            told = [score.told_instead(row.get("estimators", {})) for row in rows]
+            if not score.geometric and all(told):
+                valid = f"of this estimator: {', '.join(sorted(set().union(*told)))}"
+                raise ConfigError(self._problem.path, "scores", score.name, valid)
 
 
 def _key(kind: str, scenario: Scenario | str, *what: Any) -> str:

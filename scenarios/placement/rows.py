@@ -34,15 +34,22 @@ class Rows:
         self._file = file
         self._rows = dict(_read(file)) if resume and file.exists() else {}
         self.found = len(self._rows)
-        with whole_file(file) as new:  # without the line that a killed run was writing
-            new.write_text("".join(_line(key, row) for key, row in self._rows.items()), encoding="utf-8")
+        self._begun = False
 
     def get(self, key: str) -> dict[str, Any] | None:
         """The row of a key, None where there is none."""
         return self._rows.get(key)
 
     def add(self, rows: Iterable[tuple[str, dict[str, Any]]]) -> None:
-        """Keeps rows, those that are there by the time that anything ends this process."""
+        """Keeps rows, those that are there by the time that anything ends this process.
+
+        With the first of them the file begins anew: without what it shall not go on with, nor the line that a killed
+        run was writing.
+        """
+        if not self._begun:
+            with whole_file(self._file) as new:
+                new.write_text("".join(_line(key, row) for key, row in self._rows.items()), encoding="utf-8")
+            self._begun = True
         with self._file.open("a", encoding="utf-8") as out:
             for key, row in rows:
                 self._rows[key] = row

@@ -77,8 +77,9 @@ def run_placement(problem: Problem, asked: Asked, progress: Progress) -> dict[st
         searched = _searched(problem, measure)
         losses = _means(searched.losses(problem.scores))
         if not np.isfinite(losses).any():
-            why = next(iter(searched.failed.values()), "the walks do not feed what the scores ask for")
-            raise StrideTwinError(f"{problem.path}: no place has all scores that weigh: {why}")
+            weighing = ", ".join(score.name for score in problem.scores if score.weight)
+            why = next(filter(None, searched.failed.values()), "the walks do not feed an estimator of this name")
+            raise StrideTwinError(f"{problem.path}: scores: no place has all that weigh, {weighing}: {why}")
         shown, final = _finalists(problem, searched, losses, measure)
         result = _told(problem, searched, losses, final)
         _write(problem, folder, searched, losses, shown, result)

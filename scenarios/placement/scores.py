@@ -56,10 +56,19 @@ class Score:
 
     def of(self, scores: Mapping[str, Mapping[str, float]]) -> float:
         """The value among an estimator's scores: of one that tells of two feet the mean of both; NaN for none."""
-        estimator, _, metric = self.name.partition(".")
-        names = [estimator] if estimator in scores else [f"{estimator}_{foot}" for foot in "lr"]
-        found = [scores[name][metric] for name in names if metric in scores.get(name, {})]
+        metric = self.name.partition(".")[2]
+        found = [told[metric] for told in self._told(scores) if metric in told]
         return sum(found) / len(found) if found else math.nan
+
+    def told_instead(self, scores: Mapping[str, Mapping[str, float]]) -> list[str]:
+        """Other scores that its estimator tells, where it has told some and not this one."""
+        told = {metric for own in self._told(scores) for metric in own}
+        return [] if self.name.partition(".")[2] in told else sorted(told)
+
+    def _told(self, scores: Mapping[str, Mapping[str, float]]) -> list[Mapping[str, float]]:
+        estimator = self.name.partition(".")[0]
+        names = [estimator] if estimator in scores else [f"{estimator}_{foot}" for foot in "lr"]
+        return [scores[name] for name in names if name in scores]
 
 
 def read_scores(node: object, where: Where) -> tuple[Score, ...]:

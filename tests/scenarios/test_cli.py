@@ -210,7 +210,15 @@ def test_what_is_not_there_is_told_in_one_line(capsys, words, said):
 
 
 @pytest.mark.parametrize(
-    "words", [("walk",), ("run",), ("run", "demo", "--seed", "-1"), ("score", "a", "--tolerance", "x"), ()]
+    "words",
+    [
+        ("walk",),
+        ("run",),
+        ("run", "demo", "--seed", "-1"),
+        ("score", "a", "--tolerance", "x"),
+        ("score", "a", "--workers", "9" * 20),
+        (),
+    ],
 )
 def test_bad_arguments_are_told_in_one_line(capsys, words):
     with pytest.raises(SystemExit) as stop:

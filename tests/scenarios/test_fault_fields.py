@@ -52,6 +52,7 @@ def test_every_kind_is_read_and_the_demo_has_them_all(tmp_path):
         ("dropout", "faults[0]: 'dropout'", "keys kind, topic"),
         ({"topic": "/foot_l/imu", "at_s": 1}, "faults[0]", "keys kind, topic"),
         ({"kind": "dropuot", "topic": "/foot_l/imu", "at_s": 1}, "faults[0].kind: 'dropuot'", "mean 'dropout'?"),
+        ({"kind": ["nan"], "topic": "/foot_l/imu", "at_s": 1}, "faults[0].kind: ['nan']", "dropout"),
         ({"kind": "nan", "at_s": 1}, "faults[0]: 'no topic'", "required"),
         ({"kind": "nan", "topic": "/foot_l/imu"}, "faults[0]: []", "either at_s or rate_per_min"),
         ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 1, "rate_per_min": 2, "duration_s": 1}, "faults[0]", "either"),

@@ -25,6 +25,7 @@ from stridetwin.scenarios.live_fit import Fit
 from stridetwin.scenarios.mode_files import INSOLES, follow_modes, predicted_steps, write_modes
 from stridetwin.scenarios.odometry import estimate_odometry
 from stridetwin.scenarios.terrain_files import pose_sample, write_terrain
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
@@ -155,6 +156,11 @@ def test_in_real_time_the_way_from_stamp_to_arrival_is_told(seen, tmp_path):
     assert 0.0 < travel["min_ms"] <= travel["p50_ms"] * 1.02 <= travel["max_ms"] * 1.02
     assert made.code == 1  # nobody is that fast
     assert "not kept" in "\n".join(made.lines)
+
+
+def test_a_port_of_thousands_of_digits_is_none():
+    with pytest.raises(StrideTwinError, match=r"--to: .* is not valid; valid: HOST:PORT"):
+        parse_address(f"127.0.0.1:{'9' * 5000}", "--to")
 
 
 def test_what_goes_wrong_is_told_in_one_line(seen, tmp_path, monkeypatch):

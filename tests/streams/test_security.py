@@ -100,6 +100,10 @@ ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         ("a: 2001-99-99", "not YAML"),
         ("a: !!python/object/apply:os.getcwd []", "not YAML"),
         ("a: [1, 2", "line [12]"),
+        ("a: !!bool foo", "not YAML"),
+        ("a: !!int ''", "not YAML"),
+        ("a: !!timestamp foo", "not YAML"),
+        ('a: "b\\0.yaml"', "line 1: 'b.*text without NUL"),
     ],
 )
 def test_yaml_that_grows_is_refused(text, said):

@@ -61,6 +61,15 @@ def broken(name):
 
 
 @pytest.mark.parametrize(
+    ("t", "says"), [(np.float64(3.0), r"t: 'float64 \(\)'"), (1e300 * np.arange(N), "t, row 200: .* a time before")]
+)
+def test_times_that_are_none_are_refused(tmp_path, t, says):
+    np.savez(tmp_path / "walk.npz", **table() | {"t": t})
+    with pytest.raises(StrideTwinError, match=rf"walk\.npz: {says}"):
+        read_imu_table(tmp_path / "walk.npz")
+
+
+@pytest.mark.parametrize(
     ("name", "says"),
     [
         ("nan", "accel_y, row 18: nan is not valid; valid: a finite number"),
@@ -134,6 +143,7 @@ def test_tum_round_trip(tmp_path_factory, start, steps, seed):
         ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "line 2, t: '0' .*a time after"),
         ("0 0 zero 0 0 0 0 1\n", "line 1, y: 'zero' .*finite"),
         ("0 0 nan 0 0 0 0 1\n", "line 1, y: 'nan' .*finite"),
+        ("0 0 1e200 0 0 0 0 1\n", "line 1, y: '1e200' .*finite"),
         ("0 0 0 0 0 0 0 0\n", "line 1, qx qy qz qw: .*unit quaternion"),
     ],
 )

@@ -126,6 +126,17 @@ def test_a_recording_of_another_version_is_not_gone_on_with(tmp_path, monkeypatc
     assert neighbour.exists()
 
 
+@pytest.mark.parametrize("damaged", [b"", b'{"cut', b"[1]", b"\xff"])
+def test_a_damaged_row_is_made_anew(tmp_path, monkeypatch, damaged) -> None:
+    small = Experiment(
+        seeds=range(1, 3), run_case=lambda case: {"seed": case.seed}, collect=collected, table=lambda result: []
+    )
+    monkeypatch.setitem(registry.EXPERIMENTS, "small", small)
+    run(tmp_path)
+    (tmp_path / "seed_1.json").write_bytes(damaged)
+    assert [c["seed"] for c in run(tmp_path, resume=True)["cases"]] == [1, 2]
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
 def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
     count, rng = 40, np.random.default_rng(0)

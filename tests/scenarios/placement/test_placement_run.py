@@ -113,6 +113,27 @@ def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
         run_placement(read_problem(problem(tmp_path, node | {"seeds": 1})), Asked(folder=tmp_path / "out"), silent)
 
 
+def test_a_score_that_nobody_tells_ends_it_with_the_first_place(tmp_path):
+    node = PARTS | {"set": {"sensors": ["foot_imu"]}, "seeds": 1, "scores": ["foot_ins.nope"]}
+    node |= {"free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}}}
+    with pytest.raises(StrideTwinError, match=r"scores: 'foot_ins\.nope' is not valid; valid: of this .*end_error_m"):
+        run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+    assert len((tmp_path / "out" / NAME).read_text().splitlines()) == 1
+    node |= {"scores": ["magic.end_error_m"]}
+    with pytest.raises(StrideTwinError, match=r"no place has all that weigh, magic\.end_error_m: .*of this name"):
+        run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+
+
+def test_a_run_that_is_refused_leaves_the_rows_of_the_one_before(tmp_path):
+    out = Asked(folder=tmp_path / "out")
+    run_placement(read_problem(problem(tmp_path, PARTS | {"seeds": 1})), out, silent)
+    before = (tmp_path / "out" / NAME).read_bytes()
+    node = PARTS | {"free": {"camera_mount": {"choice": ["head", "knee"]}}}
+    with pytest.raises(StrideTwinError, match="'knee'"):
+        run_placement(read_problem(problem(tmp_path, node)), out, silent)
+    assert before == (tmp_path / "out" / NAME).read_bytes() != b""
+
+
 def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_path):
     twice = ["steps.yaml", {"scenario": "steps.yaml", "set": {"sensors.insole": False}}]
     node = PARTS | {"scenarios": twice, "seeds": 1}
