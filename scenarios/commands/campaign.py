@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from argparse import Namespace
 from pathlib import Path
 
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.walk import record_command
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+_SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
 
 
 def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
@@ -44,6 +47,9 @@ def campaign_command(path: Path, arguments: Namespace, progress: Progress) -> Ou
         raise ConfigError("command line", "--output", str(arguments.output), "a folder, as this is a campaign")
     if arguments.workers and arguments.scheduler:
         raise ConfigError("command line", "--workers", arguments.workers, "either --workers or --scheduler")
+    if arguments.scheduler is not None and not _SCHEDULER.fullmatch(arguments.scheduler):
+        valid = "HOST:PORT or PROTOCOL://HOST:PORT, such as tcp://10.0.0.5:8786"
+        raise ConfigError("command line", "--scheduler", arguments.scheduler, valid)
     folder = arguments.output
     asked = Asked(
         folder=folder,
