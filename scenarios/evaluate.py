@@ -12,11 +12,15 @@ from scipy.spatial.transform import Rotation
 from stridetwin.scenarios.alignment import Rigid
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
-from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Odometry
 from stridetwin.streams.trajectory import Trajectory
+
+LARGEST_SCORE = 1e100
+"""Beyond it, and of metres too, squares and sums are no numbers any more."""
+_NOT_UNIT = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,17 +99,41 @@ def true_frames(topics: Iterable[str]) -> list[str]:
 
 
 def evaluate(recording: Recording, made: Iterable[Estimate], alignment: str = "start") -> list[Result]:
-    """Scores estimates against the truth of the recording."""
+    """Scores estimates against the truth of the recording.
+
+    Raises:
+        ConfigError: A pose or a score that is none; names the estimator and the time.
+        RecordingError: There is no truth, or too little of it, see `true_path` and `compare`.
+    """
     results = []
     worlds: dict[str, Rigid] = {}
     for estimate in made:
+        _check_poses(estimate)
         path = true_path(recording, estimate.frame).since(estimate.ready_ns)
         comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
         if estimate.world:
             worlds.setdefault(estimate.world, comparison.laid)
         scores = score(comparison, not estimate.world) | {f"nis_{kind}": v for kind, v in estimate.nis.items()}
+        for metric, value in scores.items():
+            if not abs(value) <= LARGEST_SCORE:
+                raise ConfigError(estimate.name, metric, value, f"a number of up to {LARGEST_SCORE:g}")
         results.append(Result(estimate=estimate, comparison=comparison, scores=scores))
     return results
+
+
+def _check_poses(estimate: Estimate) -> None:
+    path = estimate.path
+    with np.errstate(over="ignore"):
+        far_from_unit = np.abs(np.linalg.norm(path.q_world_frame, axis=1) - 1.0)
+    near = (np.abs(path.p_frame_in_world) <= LARGEST_SCORE).all(axis=1)
+    for name, fits, valid in (
+        ("p_frame_in_world", near, f"finite numbers of up to {LARGEST_SCORE:g} m"),
+        ("q_world_frame", far_from_unit <= _NOT_UNIT, f"a unit quaternion, its norm within {_NOT_UNIT:g} of 1"),
+    ):
+        if not fits.all():
+            first = int(np.argmin(fits))
+            where = f"{name} at t = {path.t_ns[first] / 1e9:.3f} s"
+            raise ConfigError(estimate.name, where, getattr(path, name)[first].tolist(), valid)
 
 
 def summary(all_scores: Iterable[dict[str, Scores]]) -> dict[str, Scores]:

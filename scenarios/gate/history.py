@@ -11,17 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.gate.compare import Comparison
 from stridetwin.scenarios.gate.judged import scale_of
+from stridetwin.scenarios.gate.score_table import checked_scores, is_text
 from stridetwin.scenarios.gate.telling import failures, said
 from stridetwin.scenarios.report import page, section
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.svg import Plot, data_range
 from stridetwin.streams.errors import StrideTwinError
 
-PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
+_VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
 _LINE, _WORSE, _OTHER = "#0b6bcb", "#d9480f", "#b8c3d0"
 _NAMES = 6  # of versions below a plot
+_WRITTEN = "lines that `stridetwin score --history` has written"
+_MOST_WALKS = 1_000_000_000
 
 
 def history_line(
@@ -54,7 +58,12 @@ def history_line(
 
 
 def append_history(file: Path, line: Mapping[str, Any]) -> None:
-    """Adds a line to a file, which is made where there is none."""
+    """Adds a line to a file, which is made where there is none.
+
+    Raises:
+        ConfigError: It holds what `read_history` does not take; the file is as it was.
+    """
+    _check(line, Where(source=f"{file}: new line"))
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("a", encoding="utf-8") as out:
         out.write(json.dumps(line, sort_keys=True, allow_nan=False) + "\n")
@@ -73,20 +82,33 @@ def read_history(file: Path) -> list[dict[str, Any]]:
         raise StrideTwinError(f"{file}: is not text in UTF-8") from None
     for number, text in enumerate(texts, 1):
         try:
-            line = json.loads(text)
-            complete = all(isinstance(scores, dict) for scores in line["estimators"].values())
-            if not complete or not {"label", "verdict", "walks", "walks_digest", "regressions"} <= set(line):
-                raise ValueError("something is missing")
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise StrideTwinError(
-                f"{file}: line {number}: {error}; valid: lines that `stridetwin score --history` has written"
-            ) from None
-        lines.append(line)
+            lines.append(json.loads(text))
+            _check(lines[-1], Where(source=f"{file}: line {number}"))
+        except (ValueError, RecursionError) as error:
+            raise StrideTwinError(f"{file}: line {number}: {error}; valid: {_WRITTEN}") from None
     if not lines:
-        raise StrideTwinError(
-            f"{file}: no line in it; valid: at least one that `stridetwin score --history` has written"
-        )
+        raise StrideTwinError(f"{file}: no line in it; valid: {_WRITTEN}")
     return lines
+
+
+def _check(line: object, where: Where) -> None:
+    """Raises ConfigError at the first field that is not as `history_line` makes it."""
+    if not isinstance(line, dict):
+        raise where.error(line, _WRITTEN)
+
+    def need(fits: bool, name: str, valid: str) -> None:
+        if not fits:
+            raise where.key(name).error(line.get(name), valid)
+
+    for name in ("label", "walks_digest"):
+        need(is_text(line.get(name)), name, "text in UTF-8")
+    need(line.get("verdict") in _VERDICTS, "verdict", ", ".join(_VERDICTS))
+    for name, count in (("walks", line.get("walks")), ("failed", line.get("failed", 0))):
+        fits = isinstance(count, int) and not isinstance(count, bool) and 0 <= count <= _MOST_WALKS
+        need(fits, name, f"a whole number, 0-{_MOST_WALKS}")
+    worse = line.get("regressions")
+    need(isinstance(worse, list) and all(map(is_text, worse)), "regressions", "a list of texts in UTF-8")
+    checked_scores(line.get("estimators"), where.key("estimators"))
 
 
 def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:

@@ -16,8 +16,9 @@ import signal
 import subprocess
 import sys
 import tempfile
+import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -25,13 +26,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from stridetwin.scenarios.evaluate import Estimate
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.streams.tum import read_tum
 
 TRUTH = "/truth/"
-_TAIL = 600  # characters of what a program said last
+_TAIL = 600  # characters of what a program said last, or of what a class raised
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Of a shell whose stdin ends when this process does, whatever ends it."""
 
@@ -100,27 +101,28 @@ class PythonClass:
         here = str(Path.cwd())
         if here not in sys.path:
             sys.path.append(here)  # what is installed is what was asked for, wherever this is run
-        try:
+        with _code_of_others(f"--estimator {self.name}: {self.place}: cannot be imported"):
             found: Any = importlib.import_module(module)
             for part in attribute.split("."):
                 found = getattr(found, part)
-        except Exception as error:
-            words = f"{type(error).__name__}: {error}"
-            raise StrideTwinError(f"--estimator {self.name}: {self.place}: cannot be imported: {words}") from error
-        if not (isinstance(found, type) and callable(getattr(found, "update", None))):
+            fits, frame = isinstance(found, type), getattr(found, "frame", None)
+            fits = fits and callable(getattr(found, "update", None))
+        if not fits:
             raise StrideTwinError(f"--estimator {self.name}: {self.place} is no class with update(sample)")
+        if not (frame is None or isinstance(frame, str)):
+            raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
         return found
 
     def path(self, recording: Recording) -> Estimate:
-        """What the class tells of a recording."""
+        """What the class tells of a recording.
+
+        Raises:
+            StrideTwinError: As `load` and `lead`, and for whatever the class raises; also where it calls `sys.exit`.
+        """
         kind = self.load()
-        frame = getattr(kind, "frame", None) or self.frame
-        try:
+        with _code_of_others(self.place):
+            frame = getattr(kind, "frame", None) or self.frame
             return Estimate(name=self.name, frame=frame, path=lead(kind(recording.rig), recording))
-        except StrideTwinError:
-            raise
-        except Exception as error:
-            raise StrideTwinError(f"{self.place}: {type(error).__name__}: {error}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,6 +210,19 @@ def lead(estimator: Any, recording: Recording) -> Trajectory:
         p_frame_in_world=np.array([e.p_frame_in_world for e in told], float).reshape(len(told), -1),
         q_world_frame=np.array([e.q_world_frame for e in told], float).reshape(len(told), -1),
     )
+
+
+@contextmanager
+def _code_of_others(where: str) -> Iterator[None]:
+    """What it prints goes to stderr, as stdout is for scores; whatever ends it, but for Ctrl-C, is an error here."""
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    except (StrideTwinError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        words = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
+        raise StrideTwinError(f"{where}: {words.encode('utf-8', 'backslashreplace').decode()}") from error
 
 
 def _finished(words: list[str], timeout_s: float, said: int, folder: Path) -> int | None:

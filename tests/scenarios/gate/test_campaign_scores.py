@@ -62,13 +62,27 @@ def test_an_estimator_that_fails_on_a_walk_is_told_and_the_others_go_on(campaign
     assert "FAILED walk_00000: mine: false: exit code 1" in capsys.readouterr().out
 
 
-def test_one_that_fails_beside_a_baseline_that_it_is_not_in_is_told_in_every_file(campaign, tmp_path, capsys):
-    (tmp_path / "base.json").write_text('{"estimators": {}, "recordings": []}')
+def test_what_score_has_written_of_walks_of_which_one_fails_is_a_baseline(campaign, walk, tmp_path, capsys):
+    once = (
+        f"mine=sh -c 'cp {walk / 'foot_ins_l.txt'} \"$1\" && case $0 in *00002*) exit 3; esac' {{recording}} {{output}}"
+    )
+    words = ["score", str(campaign), "--program", once, "--json"]
+    assert main(words) == 1
+    told = capsys.readouterr().out
+    assert [list(row.get("failed", {})) for row in json.loads(told)["recordings"]] == [[], ["mine"]]
+    (tmp_path / "base.json").write_text(told)
+    assert main([*words, "--baseline", str(tmp_path / "base.json")]) == 1
+    assert json.loads(capsys.readouterr().out)["regressions"] == []
+
+
+def test_one_that_fails_beside_a_baseline_that_it_is_not_in_is_told_in_every_file(campaign, walk, tmp_path, capsys):
+    (tmp_path / "base.json").write_text('{"estimators": {"fine": {"end_error_m": 9.0}}, "recordings": []}')
+    fine = f"fine=env R={{recording}} cp {walk / 'foot_ins_l.txt'} {{output}}"
     out = {name: tmp_path / name for name in ("gate.xml", "gate.md", "gate.jsonl")}
     words = ["--baseline", str(tmp_path / "base.json"), "--junit", str(out["gate.xml"]), "--label", "v1"]
     words += ["--markdown", str(out["gate.md"]), "--history", str(out["gate.jsonl"])]
-    assert main(["score", str(campaign), *OWN, *words]) == 1
-    assert "none of 0 scores is worse, but 2 failed" in capsys.readouterr().out
+    assert main(["score", str(campaign), *OWN, "--program", fine, *words]) == 1
+    assert "none of 1 scores is worse, but 2 failed" in capsys.readouterr().out
     assert 'errors="2"' in out["gate.xml"].read_text()
     assert "**nothing worse**, but **2 failed**" in out["gate.md"].read_text()
     assert json.loads(out["gate.jsonl"].read_text())["verdict"] == "failed"

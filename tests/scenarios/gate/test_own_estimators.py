@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import re
 import sys
 import tempfile
 import textwrap
@@ -13,9 +14,11 @@ import numpy as np
 import pytest
 
 from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.evaluate import Estimate, evaluate
 from stridetwin.scenarios.gate.own_estimators import Program, PythonClass, lead
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording import Recording
+from stridetwin.streams.tum import read_tum
 
 CLASSES = """
 from types import SimpleNamespace
@@ -50,6 +53,37 @@ class Silent(Greedy):
 
 class Broken(Left):
     def update(self, sample): raise ValueError("a matrix is singular")
+
+class Odd(Left):
+    def update(self, sample):
+        e = super().update(sample)
+        return e and self.tell(e)
+
+class Zero(Odd):
+    def tell(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (0, 0, 0, 0)})
+
+class Five(Odd):
+    def tell(self, e): return SimpleNamespace(**vars(e) | {"q_world_frame": (5.0, 0, 0, 0)})
+
+class Far(Odd):
+    def tell(self, e): return SimpleNamespace(**vars(e) | {"p_frame_in_world": (0, 1e200, 0)})
+
+class Framed(Left):
+    frame = ["a"]
+
+class Quits(Left):
+    def update(self, sample): raise SystemExit(0)
+
+class Stopped(Left):
+    def update(self, sample): raise KeyboardInterrupt
+
+class Loud(Left):
+    def update(self, sample):
+        print("words", sample.t_ns)
+        return super().update(sample)
+
+class Unsaid(Left):
+    def update(self, sample): raise ValueError("\\ud800" + 2000 * "x")
 
 nothing = 3
 """
@@ -136,6 +170,9 @@ def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(wal
         ("own_filters:Greedy", "Greedy.topics: /truth/foot_l/imu/odometry is the truth"),
         ("own_filters:Silent", "Silent.update has returned no estimate"),
         ("own_filters:Broken", "own_filters:Broken: ValueError: a matrix is singular"),
+        ("own_filters:Quits", "own_filters:Quits: SystemExit: 0"),
+        ("own_filters:Unsaid", r"own_filters:Unsaid: ValueError: \\ud800x{580,600}$"),
+        ("own_filters:Framed", r"--estimator mine: own_filters:Framed: frame: \['a'\] is not valid; valid: text"),
         ("own_filters:nothing", "is no class with update"),
         ("own_filters:Missing", "cannot be imported: AttributeError"),
         ("no_such_module:A", "cannot be imported: ModuleNotFoundError"),
@@ -143,8 +180,56 @@ def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(wal
     ],
 )
 def test_what_is_wrong_with_a_class_is_told(recording, place, name, said):
-    with pytest.raises(StrideTwinError, match=said.replace(".", r"\.")):
+    with pytest.raises(StrideTwinError, match=said):
         PythonClass(name="mine", place=name, frame="foot_l/imu").path(recording)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        (
+            "Zero",
+            r"mine: q_world_frame at t = \d\.\d+ s: \[0\.0, 0\.0, 0\.0, 0\.0\] is not .* valid: a unit quaternion",
+        ),
+        (
+            "Five",
+            r"mine: q_world_frame at t = \d\.\d+ s: \[5\.0, 0\.0, 0\.0, 0\.0\] is not .* valid: a unit quaternion",
+        ),
+        ("Far", r"mine: p_frame_in_world at t = \d\.\d+ s: \[0\.0, 1e\+200, 0\.0\] is not .* valid: finite numbers"),
+        ("Quits", r"own_filters:Quits: SystemExit: 0"),
+    ],
+)
+def test_what_is_no_pose_is_one_error_of_that_estimator(walk, place, capsys, name, said):
+    own = ["--estimator", f"mine=own_filters:{name}"]
+    assert main(["score", str(walk / "recording.mcap"), *own, "--json"]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert re.search(f"^stridetwin: error: {said}", told.err, re.MULTILINE)
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("nan"), -1e101])
+def test_a_score_that_no_file_can_hold_is_an_error(walk, recording, value):
+    path = read_tum(walk / "foot_ins_l.txt")
+    made = Estimate(name="mine", frame="foot_l/imu", path=path, nis={"standing": value})
+    with pytest.raises(StrideTwinError, match=r"^mine: nis_standing: \S+ is not valid; valid: a number of up to 1e"):
+        evaluate(recording, [made])
+
+
+def test_a_module_that_quits_is_no_estimator_and_one_that_prints_leaves_stdout_alone(walk, place, capsys):
+    (place / "quits.py").write_text("import sys; sys.exit(0)")
+    words = ["score", str(walk / "recording.mcap"), "--json", "--estimator"]
+    assert main([*words, "mine=quits:A"]) == 2
+    assert "--estimator mine: quits:A: cannot be imported: SystemExit: 0" in capsys.readouterr().err
+    (place / "own_filters.py").write_text(CLASSES + "print('loaded')")
+    assert main([*words, "mine=own_filters:Loud"]) == 0
+    told = capsys.readouterr()
+    assert "mine" in json.loads(told.out)["estimators"]
+    assert {"loaded", "words"} <= set(told.err.split())
+
+
+def test_ctrl_c_within_a_class_stops_all(recording, place):
+    with pytest.raises(KeyboardInterrupt):
+        PythonClass(name="mine", place="own_filters:Stopped", frame="foot_l/imu").path(recording)
 
 
 def test_a_class_sees_all_that_sensors_say_in_order_and_no_truth(recording):

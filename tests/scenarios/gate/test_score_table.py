@@ -1,0 +1,75 @@
+"""Files that are no baseline."""
+
+import json
+
+import pytest
+
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.gate.score_table import read_table, table_of
+from stridetwin.streams.errors import StrideTwinError
+
+GOOD = {"a": {"ape_rmse_m": 0.1}}
+LONG = 10**399
+
+
+def walks(**entry):
+    return {"estimators": GOOD, "recordings": [{"estimators": GOOD, **entry}]}
+
+
+def scored(value):
+    return {"estimators": {"a": {"ape_rmse_m": value}}}
+
+
+@pytest.mark.parametrize(
+    ("document", "said"),
+    [
+        ({"estimators": {}}, "estimators: {} is not valid; valid: at least one score that is judged"),
+        ({"estimators": {"a": {"distance_m": 3.0}}}, "estimators: {'a': {'distance_m': 3.0}} is not valid"),
+        ({"estimators": GOOD, "recordings": [{"estimators": {}}]}, "recordings: [{'estimators': {}}] is not valid"),
+        ({"estimators": GOOD, "recordings": [1, "a", None]}, "recordings[0]: 1 is not valid; valid: a walk"),
+        ({"estimators": GOOD, "recordings": [{}, "a"]}, "recordings[1]: 'a' is not valid"),
+        ({"estimators": GOOD, "recordings": {}}, "recordings: {} is not valid; valid: a list"),
+        ({"recordings": []}, "estimators: None is not valid; valid: estimators, each with its scores"),
+        (walks(estimators=5), "recordings[0].estimators: 5 is not valid"),
+        (walks(sha256=[1]), "recordings[0].sha256: [1] is not valid; valid: text"),
+        (walks(sha256="\ud800"), r"recordings[0].sha256: '\ud800' is not valid"),
+        (walks(failed=["a"]), "recordings[0].failed: ['a'] is not valid"),
+        (walks(failed={"foot_ins_l": 5}), "recordings[0].failed.foot_ins_l: 5 is not valid; valid: text"),
+        (scored("x"), "estimators.a.ape_rmse_m: 'x' is not valid; valid: a number"),
+        (scored(None), "estimators.a.ape_rmse_m: None is not valid"),
+        (scored(True), "estimators.a.ape_rmse_m: True is not valid"),
+        (scored(float("nan")), "estimators.a.ape_rmse_m: nan is not valid"),
+        (scored(float("inf")), "estimators.a.ape_rmse_m: inf is not valid"),
+        (scored(-1e308), "estimators.a.ape_rmse_m: -1e+308 is not valid; valid: a number, 0 or of 1e-100 to 1e+100"),
+        (scored(1e-320), "estimators.a.ape_rmse_m: 1e-320 is not valid"),
+        (scored(LONG), f"estimators.a.ape_rmse_m: {LONG} is not valid"),
+        ({"estimators": {"a": 3}}, "estimators.a: 3 is not valid; valid: scores by name"),
+        ({"estimators": {"x\ud800": {}}}, r"estimators: 'x\ud800' is not valid; valid: names in UTF-8"),
+        ({"estimators": {"a": {"\ud800": 1}}}, r"estimators.a: '\ud800' is not valid; valid: names in UTF-8"),
+        ({"estimators": {"n" * 401: {}}}, "n... is not valid; valid: names in UTF-8, of up to 400"),
+        ([1], "[1] is not valid; valid: what `stridetwin score --json` prints"),
+        ("[" * 100_000, "is not JSON: maximum recursion depth"),
+        ("[" * 900 + "]" * 900, "base.json: "),
+        ("x", "is not JSON: Expecting value"),
+    ],
+)
+def test_a_file_that_is_no_baseline_is_one_error_with_the_field(tmp_path, capsys, document, said):
+    file = tmp_path / "base.json"
+    file.write_text(document if isinstance(document, str) else json.dumps(document))
+    assert main(["score", "no-such.mcap", "--baseline", str(file)]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"stridetwin: error: {file}: ")
+    assert said in told
+    assert len(told) < len(str(file)) + 650
+
+
+def test_scores_of_now_may_hold_nothing_and_those_of_run_tell_of_no_walk(tmp_path):
+    assert table_of({"estimators": {}, "recordings": [{"estimators": {}, "failed": {"a": "no"}}]}, "now").walks
+    file = tmp_path / "scores.json"
+    file.write_text(json.dumps({"estimators": GOOD, "recordings": [{"scenario": "level", "seed": 1}]}))
+    assert read_table(file).walks == {}
+    file.write_text(json.dumps(walks(sha256=None)))
+    assert list(read_table(file).walks) == ["recording 0"]
+    file.write_bytes(b"\xff\xfe")
+    with pytest.raises(StrideTwinError, match=r"scores\.json: is not JSON"):
+        read_table(file)
