@@ -1,6 +1,11 @@
+import re
+import shutil
+from pathlib import Path
+
 import pytest
 import yaml
 
+from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.placement.free import Knob
@@ -124,3 +129,17 @@ def test_what_the_command_line_says_in_its_place_is_checked_too(tmp_path, monkey
     assert main(["place", str(written(tmp_path, **changes)), *words, "-o", "out"]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "here" / "out").exists()
+
+
+def test_the_file_on_the_page_can_be_walked_as_it_stands(tmp_path):
+    root = Path(__file__).parents[3]
+    page = (root / "docs/placement.md").read_text(encoding="utf-8")
+    (tmp_path / "p.yaml").write_text(re.search(r"```yaml\n(placement:.*?)```", page, re.DOTALL)[1], encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text("description: mine\nterrain: [{level: {length_m: 3}}]\n", encoding="utf-8")
+    shutil.copy(root / "sim/parts/MPU-9250.yaml", tmp_path / "my_imu.yaml")
+    problem, out = read_problem(tmp_path / "p.yaml"), tmp_path / "out"
+    (out / FOLDER).mkdir(parents=True)
+    lay_files(out, problem.own)
+    check_ends(problem, out)
+    assert [path.name for path in problem.own.values()] == ["my_imu.yaml"]
+    assert [base.name for base in problem.bases] == ["level_20m", "mine"]
