@@ -7,15 +7,20 @@ drift of the poses is the odometry's error alone.
 
 from __future__ import annotations
 
-import heapq
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.locomotion_mode import LocomotionMode, ModeEstimate
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import MAP, MODES, PATH, Options, Progress
+from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.estimators.terrain_map import Plane, Stairs, TerrainEstimate, TerrainMap
 from stridetwin.scenarios.evaluate import Estimate, true_path
 from stridetwin.scenarios.footprints import FOOTPRINTS, along_way, true_footprints
@@ -24,15 +29,14 @@ from stridetwin.scenarios.ground_grid import KINDS, GroundGrid, kinds_at
 from stridetwin.scenarios.laying import Laid, Laying
 from stridetwin.scenarios.map_score import MapScorer, MapScores, map_figures
 from stridetwin.scenarios.mode_figures import mode_figures
-from stridetwin.scenarios.mode_files import INSOLES
 from stridetwin.scenarios.mode_score import ModeScores, score_modes
-from stridetwin.scenarios.odometry import mount_of
+from stridetwin.scenarios.pipeline import all_paths, fed, merged
+from stridetwin.scenarios.processes import processes
 from stridetwin.scenarios.scoring import Scores
-from stridetwin.scenarios.terrain_files import depth_camera, pose_sample, seen_from
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.route import Layout
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.samples import Array, Depth, Footprint, Sample
+from stridetwin.streams.samples import Array, Depth, Footprint, Image
 from stridetwin.streams.trajectory import Trajectory
 
 HALF_WIDTH_M, CELL_M = 1.0, 0.04
@@ -102,6 +106,8 @@ class Ahead:
         footprints: True ones.
         path: (N, 3) m, true path of the camera.
         scores: By estimator.
+        predicted: Of every estimator of modes what it predicted; `estimates` are those of the first.
+        maps: Every map as it was at the end; `terrain_map` is the first.
     """
 
     estimates: list[ModeEstimate]
@@ -115,78 +121,145 @@ class Ahead:
     footprints: list[Footprint]
     path: Array
     scores: dict[str, Scores]
+    predicted: Mapping[str, list[ModeEstimate]] = field(default_factory=dict)
+    maps: Mapping[str, TerrainMap] = field(default_factory=dict)
+
+
+def all_estimates(recording: Recording, progress: Progress) -> tuple[list[Estimate], Ahead | None]:
+    """Every path that the recording feeds, and `look_ahead` where an odometry can lead it.
+
+    The paths of other estimators with cameras are made in a process beside this one: they take as long.
+
+    Args:
+        recording: Any.
+        progress: Called with the stage, and the share of it that is done.
+    """
+    with ExitStack() as stack:
+        others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False)
+        if recording.is_mcap and two_see(recording):
+            pool = stack.enter_context(processes(1))
+            others = pool.submit(_others, recording.path, recording.lenient).result
+        leading = all_paths(recording, leads=True)
+        odometry = odometry_of(recording, leading)
+        ahead = look_ahead(recording, odometry, progress) if odometry is not None else None
+        return others() + leading, ahead
+
+
+def _others(path: Path, lenient: bool) -> list[Estimate]:
+    return all_paths(Recording(path, lenient), leads=False)
+
+
+def two_see(recording: Recording) -> bool:
+    """Whether the recording feeds images to an odometry that leads, and to another estimator of paths."""
+    seeing = set()
+    for found in registry.estimators(PATH).values():
+        for options in fed(found, recording):
+            streams = found.streams(recording.rig, options) if recording.has_rig else ()
+            if any(s.kind is Image and s.topic in recording.topics for s in streams):
+                seeing.add(found.declaration.leads)
+    return len(seeing) == 2
 
 
 def odometry_of(recording: Recording, made: Iterable[Estimate]) -> Estimate | None:
-    """Of the estimates the odometry that can lead map and prediction through the recording; None where they cannot be.
+    """The estimate that can lead map and prediction through the recording; None where none can.
 
-    They need depth beside the odometry's camera; to be scored, true footprints, the camera's true path and the ground.
+    They need depth on the body of the odometry's IMU; to be scored, true footprints, the IMU's true path and ground.
     """
-    dvio = next((e for e in made if e.name == "dvio"), None)
-    if dvio is None or FOOTPRINTS not in recording.topics or from_metadata(recording.metadata) is None:
+    odometry = next((e for e in made if e.leads), None)
+    if odometry is None or FOOTPRINTS not in recording.topics or from_metadata(recording.metadata) is None:
         return None
-    there = {f"/{mount_of(recording)}/depth", f"/truth/{dvio.frame}/odometry"} <= set(recording.topics)
-    usable = len(dvio.path) > 1 and (dvio.healthy is None or bool(dvio.healthy.any()))
-    return dvio if there and usable else None
+    body = recording.rig.imu(f"/{odometry.frame}").mount.body
+    camera = next((c for c in recording.rig.cameras.values() if c.depth_topic), None)
+    there = camera is not None and camera.depth_topic in recording.topics and camera.mount.body == body
+    there = there and f"/truth/{odometry.frame}/odometry" in recording.topics
+    usable = len(odometry.path) > 1 and (odometry.healthy is None or bool(odometry.healthy.any()))
+    return odometry if there and usable else None
 
 
-def look_ahead(recording: Recording, odometry: Estimate, progress: Callable[[str, float], None] | None = None) -> Ahead:
-    """Leads map and prediction through a recording.
+class _Watch:
+    """Scores one map as the walker goes, and keeps what a report shows of it."""
+
+    def __init__(self, ground: TerrainMap, layout: Layout, footprints: list[Footprint], here: Array) -> None:
+        places = along_way([f.p_foot_in_world for f in footprints], layout)
+        self.ground, self._layout, self._here = ground, layout, here
+        self.scorer = MapScorer(layout, np.column_stack([[f.t_ns for f in footprints], places]))
+        self.way = _Unrolled(layout, float(here.min()) - 0.5, float(max(here.max(), places.max())) + 1.0)
+        self.snapshots: list[Snapshot] = []
+
+    def look(self, t_ns: int, at: int, lying: Laying) -> None:
+        """What the map knows after the depth image of `t_ns`, the walker at the pose `at` of the path."""
+        ground, here = self.ground, float(self._here[at])
+        if ground.estimate is None or ground.estimate.t_ns != t_ns or not self.scorer.look(t_ns, ground, lying, here):
+            return
+        grid = GroundGrid.of(ground)
+        heading = float(self._layout.way.heading(here)) - lying.turn
+        self.way.look(grid, ground.estimate, lying, here)
+        self.snapshots.append(_snapshot(grid, ground.estimate, lying, heading))
+
+
+def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
+    """Estimators of modes, then maps that none of these builds itself, led by an odometry; and all maps, by name."""
+
+    def at_work(kind: str, but: Container[type[Any]] = ()) -> dict[str, Any]:
+        return {
+            name: found(recording.rig, options=replace(options, poses_of=odometry.frame))
+            for name, found in registry.estimators(kind).items()
+            if found not in but
+            for options in fed(found, recording)
+        }
+
+    predictors = at_work(MODES)
+    built = {type(p.ground): p.ground for p in predictors.values() if hasattr(p, "ground")}
+    alone = at_work(MAP, but=built)
+    maps = {name: built.get(found, alone.get(name)) for name, found in registry.estimators(MAP).items()}
+    return predictors | alone, {name: terrain_map for name, terrain_map in maps.items() if terrain_map is not None}
+
+
+def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None) -> Ahead:
+    """Leads maps and predictions of modes through a recording, every installed one that it feeds.
 
     Args:
         recording: One for which `odometry_of` has found an odometry.
         odometry: That one.
-        progress: Is told how far it is.
+        progress: Called with the stage, and the share of it that is done.
     """
-    camera, layout = depth_camera(recording.rig), from_metadata(recording.metadata)
+    layout = from_metadata(recording.metadata)
     assert layout is not None
-    mount = seen_from(recording.rig.imu(f"/{odometry.frame}").mount, camera)
-    ground = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
-    insoles = [topic for topic in INSOLES if topic in recording.topics]
-    predictor = LocomotionMode(ground, camera, mount=mount) if insoles else None
-
+    led, maps = _led_by(recording, odometry)
     truth = true_path(recording, odometry.frame)
     told = _trusted(odometry, truth)
     true = truth.at(told.t_ns)
     laid = Laid(told, true)
     here = layout.way.project(true.p_frame_in_world[:, :2])
     footprints = true_footprints(recording)
-    places = along_way([f.p_foot_in_world for f in footprints], layout)
-    scorer = MapScorer(layout, np.column_stack([[f.t_ns for f in footprints], places]))
-    way = _Unrolled(layout, float(here.min()) - 0.5, float(max(here.max(), places.max())) + 1.0)
+    watches = {name: _Watch(terrain_map, layout, footprints, here) for name, terrain_map in maps.items()}
 
-    estimates: list[ModeEstimate] = []
-    snapshots: list[Snapshot] = []
-    for sample in _samples(recording, told, insoles, camera.depth_topic or ""):
-        if predictor is not None:
-            estimate = predictor.update(sample)
-            if estimate is not None:
-                estimates.append(estimate)
-        else:
-            ground.update(sample)
+    predicted: dict[str, list[ModeEstimate]] = {name: [] for name in led if name not in maps}
+    streams = [s for e in led.values() for s in e.streams(recording.rig, Options()) if s.topic in recording.topics]
+    for sample in merged(told, recording, list(dict.fromkeys(s.topic for s in streams))):
+        for name, estimator in led.items():
+            estimate = estimator.update(sample)
+            if estimate is not None and name in predicted:
+                predicted[name].append(estimate)
         if not isinstance(sample, Depth):
             continue
         if progress is not None:
             progress("look ahead", float(np.mean(told.t_ns <= sample.t_ns)))
         at = int(np.searchsorted(told.t_ns, sample.t_ns, side="right")) - 1
-        if at < 0 or ground.estimate is None or ground.estimate.t_ns != sample.t_ns:
-            continue
-        lying = laid.at(sample.t_ns)
-        if scorer.look(sample.t_ns, ground, lying, float(here[at])):
-            grid = GroundGrid.of(ground)
-            heading = float(layout.way.heading(here[at])) - lying.turn
-            way.look(grid, ground.estimate, lying, float(here[at]))
-            snapshots.append(_snapshot(grid, ground.estimate, lying, heading))
+        if at >= 0:
+            for watch in watches.values():
+                watch.look(sample.t_ns, at, laid.at(sample.t_ns))
 
     shoe_m = float(recording.metadata.get("shoe_length_m", _SOLE_M))
-    modes = score_modes(footprints, estimates, laid, layout, shoe_m) if predictor is not None else None
-    map_scores = scorer.scores()
-    scores = {"terrain_map": map_figures(map_scores)}
-    if modes is not None:
-        scores["locomotion_mode"] = mode_scores(modes)
+    modes = {name: score_modes(footprints, e, laid, layout, shoe_m) for name, e in predicted.items()}
+    grounds = {name: watch.scorer.scores() for name, watch in watches.items()}
+    scores = {name: map_figures(ground) for name, ground in grounds.items()}
+    scores |= {name: mode_scores(of_steps) for name, of_steps in modes.items()}
+    first = next(iter(maps))
     return Ahead(
-        estimates=estimates, modes=modes, ground=map_scores, terrain_map=ground, seen=way.seen(), snapshots=snapshots,
-        laid=laid, layout=layout, footprints=footprints, path=true.p_frame_in_world, scores=scores,
+        estimates=next(iter(predicted.values()), []), modes=next(iter(modes.values()), None), ground=grounds[first],
+        terrain_map=maps[first], seen=watches[first].way.seen(), snapshots=watches[first].snapshots, laid=laid,
+        layout=layout, footprints=footprints, path=true.p_frame_in_world, scores=scores, predicted=predicted, maps=maps,
     )  # fmt: skip
 
 
@@ -223,12 +296,6 @@ def _trusted(odometry: Estimate, truth: TruePath) -> Trajectory:
     if odometry.healthy is not None:
         keep &= odometry.healthy
     return path[keep]
-
-
-def _samples(recording: Recording, told: Trajectory, insoles: list[str], depth: str) -> Iterator[Sample]:
-    """Poses, insoles and depth pictures in order of time, a pose before the picture of its instant."""
-    poses: Iterator[Sample] = map(pose_sample, told.t_ns.tolist(), told.p_frame_in_world, told.q_world_frame)
-    return heapq.merge(poses, recording.samples([*insoles, depth]), key=lambda s: s.t_ns)
 
 
 class _Unrolled:

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from stridetwin.estimators.registry import names
 from stridetwin.scenarios.commands import (
-    ESTIMATORS,
     Outcome,
     check_command,
     estimate_command,
@@ -131,7 +131,7 @@ def parser() -> argparse.ArgumentParser:
     p = command("estimate", "run one estimator on a recording or an IMU table", estimate_command)
     p.add_argument(
         "estimator",
-        choices=tuple(ESTIMATORS),
+        choices=names(),
         metavar="ESTIMATOR",
         help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars where there are any; "
         "contact_terrain: exoskeleton; dvio: RGB-D camera with IMU on head or chest; "
@@ -174,7 +174,7 @@ def parser() -> argparse.ArgumentParser:
     )
 
     p = command("live", "run one estimator on samples as hardware sends them, record them, or both", live_command)
-    p.add_argument("estimator", nargs="?", choices=tuple(ESTIMATORS), metavar="ESTIMATOR", help="as of estimate")
+    p.add_argument("estimator", nargs="?", choices=names(), metavar="ESTIMATOR", help="as of estimate")
     p.add_argument("--listen", default="", metavar="HOST:PORT", help="where to listen (default 127.0.0.1:7365)")
     p.add_argument("--rig", type=Path, metavar="FILE", help="calibration (Kalibr YAML) before what the senders tell")
     p.add_argument("--record", type=Path, metavar="FILE", help="recording of all that comes, .mcap")

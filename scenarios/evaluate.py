@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import PathEstimate as Estimate
 from stridetwin.scenarios.alignment import Rigid
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
@@ -16,34 +16,11 @@ from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Odometry
-from stridetwin.streams.trajectory import Trajectory
 
 LARGEST_SCORE = 1e100
 """Beyond it, and of metres too, squares and sums are no numbers any more."""
 _NOT_UNIT = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
-    """The path that an estimator gives for one frame.
-
-    Attributes:
-        name: Such as `foot_ins_l`.
-        frame: Frame whose path it is, such as `foot_l/imu`.
-        path: Poses in the estimator's own world.
-        ready_ns: From when on it is scored: an estimator may look for the vertical first.
-        nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
-        world: Estimates of one world are laid over the truth together, as the first of them is; "" = each has its own.
-        healthy: (N,) where the estimator trusts its pose; None: it tells of no such thing.
-    """
-
-    name: str
-    frame: str
-    path: Trajectory
-    ready_ns: int = 0
-    nis: Mapping[str, float] = field(default_factory=dict)
-    world: str = ""
-    healthy: NDArray[np.bool_] | None = None
+__all__ = ["Estimate", "Result", "evaluate", "summary", "true_frames", "true_path"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

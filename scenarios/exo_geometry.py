@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain.geometry import (
+    METADATA_KEY,
     SIDES,
     Attitude,
     DhRow,
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from stridetwin.sim.body import Wearer
     from stridetwin.sim.twin import Twin
 
-KEY = "exoskeleton"
-"""Where a recording's metadata holds the geometry's file."""
 LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
 """How well a laboratory knows the lengths of thigh and shank, and how its AHRS sit after a calibration in standing."""
 _THIGH, _KNEE, _FOOT = 5, 6, 8
@@ -97,12 +96,7 @@ def metadata(twin: Twin) -> dict[str, str]:
     """Geometry for a recording's metadata; nothing where a walk lacks the exoskeleton or its sensors."""
     kinds = {sensor.kind for sensor in twin.rig.others.values()}
     is_known = kinds >= _SENSORS and isinstance(twin.size.exo, ExoLinks)
-    return {KEY: to_text(geometry(twin.size, twin.rig))} if is_known else {}
-
-
-def tells_geometry(recording: Recording) -> bool:
-    """Whether `of_recording` finds anything."""
-    return KEY in recording.metadata
+    return {METADATA_KEY: to_text(geometry(twin.size, twin.rig))} if is_known else {}
 
 
 def of_recording(recording: Recording) -> Exoskeleton:
@@ -111,11 +105,9 @@ def of_recording(recording: Recording) -> Exoskeleton:
     Raises:
         StrideTwinError: It tells none.
     """
-    if not tells_geometry(recording):
-        raise StrideTwinError(
-            f"{recording.path}: tells no geometry of an exoskeleton; give its file: --exoskeleton FILE"
-        )
-    return parse_exoskeleton(recording.metadata[KEY], f"{recording.path}: {KEY}")
+    if METADATA_KEY not in recording.metadata:
+        raise StrideTwinError(f"{recording.path}: no exoskeleton geometry; pass --exoskeleton FILE")
+    return parse_exoskeleton(recording.metadata[METADATA_KEY], f"{recording.path}: {METADATA_KEY}")
 
 
 def measured(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:

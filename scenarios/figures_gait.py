@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.estimates import FEET
+from stridetwin.estimators.base import FEET
 from stridetwin.scenarios.figures_path import COLORS
 from stridetwin.scenarios.norms import level_norm, speed_group
 from stridetwin.scenarios.svg import Plot, data_range

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stridetwin.scenarios.estimates import FEET
-from stridetwin.scenarios.evaluate import Result
+from stridetwin.estimators.base import FEET
+from stridetwin.scenarios.evaluate import Estimate, Result
 from stridetwin.scenarios.ground import Layout
 from stridetwin.scenarios.scoring import CHI2_3_95
 from stridetwin.scenarios.svg import Plot, Range, data_range, wide_and_narrow
@@ -15,7 +15,7 @@ from stridetwin.streams.samples import Array, Block, Footprint
 
 INK = "#0f1c2e"
 COLORS = {"l": "#0b6bcb", "r": "#d9480f", "camera": "#5f3dc4"}
-_TOGETHER = {"l": "#0a7d7d", "r": "#a3327a"}
+_SECOND = {"l": "#0a7d7d", "r": "#a3327a"}
 _SHADES = {"l": "#9cc4ee", "r": "#f3b898", "camera": "#c5b6f0"}
 GROUND = {"level": "#dde4ec", "stair": "#c7d6e6", "ramp": "#d3e3d2"}
 _FOOT_M, _HALF_FOOT_M = 0.26, 0.045
@@ -23,20 +23,20 @@ _FOOT_M, _HALF_FOOT_M = 0.26, 0.045
 _Lines = tuple[tuple[Array, Array], tuple[Array, Array]]  # (horizontal, vertical) of the truth, of the estimate
 
 
-def part_of(name: str) -> str:
-    """Of the wearer, whose path an estimator of that name tells: foot `l` or `r`, or the `camera`."""
-    foot = name[-2:].lstrip("_")
-    return foot if foot in FEET else "camera"
+def part_of(estimate: Estimate) -> str:
+    """Whose path it is: that of the foot `l` or `r`, or of the `camera`."""
+    return next((foot for foot in FEET if estimate.frame.startswith(f"foot_{foot}/")), "camera")
 
 
-def label_of(name: str) -> str:
+def label_of(estimate: Estimate) -> str:
     """How a figure calls an estimate: `left`, `left, feet together`, or `camera`."""
-    words = FEET.get(part_of(name), "camera")
-    return f"{words}, feet together" if name.startswith("foot_to_foot") else words
+    words = FEET.get(part_of(estimate), "camera")
+    label = estimate.name if estimate.label is None else estimate.label
+    return f"{words}, {label}" if label else words
 
 
-def _colour(name: str) -> str:
-    return (_TOGETHER if name.startswith("foot_to_foot") else COLORS)[part_of(name)]
+def _colour(estimate: Estimate) -> str:
+    return _SECOND.get(part_of(estimate), COLORS["camera"]) if estimate.label != "" else COLORS[part_of(estimate)]
 
 
 def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
@@ -107,8 +107,8 @@ def error_over_time(results: Sequence[Result]) -> str:
             y_label="error, mm",
         )
         for result, error, bound in zip(results, errors, bounds):
-            part, t = part_of(result.estimate.name), _seconds(result)
-            together = result.estimate.name.startswith("foot_to_foot")
+            part, t = part_of(result.estimate), _seconds(result)
+            first = result.estimate.label == ""
             if bound is not None:
                 shown = np.where(1000 * bound <= plot.y[1], 1000 * bound, np.nan)
                 plot.line(
@@ -116,10 +116,9 @@ def error_over_time(results: Sequence[Result]) -> str:
                     shown,
                     _SHADES[part],
                     dash="4 3",
-                    label=f"{label_of(result.estimate.name)}, own 95 %" if width > 600 and not together else "",
+                    label=f"{label_of(result.estimate)}, own 95 %" if width > 600 and first else "",
                 )
-            name = result.estimate.name
-            plot.line(t, 1000 * error, _colour(name), label=label_of(name), stroke=1.8)
+            plot.line(t, 1000 * error, _colour(result.estimate), label=label_of(result.estimate), stroke=1.8)
         return plot
 
     return wide_and_narrow(draw)
@@ -129,8 +128,8 @@ def _paths(plot: Plot, results: Sequence[Result], lines: Sequence[_Lines]) -> No
     for i, (truth, _) in enumerate(lines):
         plot.line(*truth, INK, stroke=1.0, label="truth" if i == 0 else "")
     for result, (_, estimate) in zip(results, lines):
-        name = result.estimate.name
-        plot.line(*estimate, _colour(name), dash="5 3", label=label_of(name), stroke=1.6)
+        made = result.estimate
+        plot.line(*estimate, _colour(made), dash="5 3", label=label_of(made), stroke=1.6)
 
 
 def _from_above(result: Result) -> _Lines:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from stridetwin.estimators import registry
 from stridetwin.scenarios.latency import Latency
-from stridetwin.scenarios.live_chain import Asked, Chain, chain_of
-from stridetwin.scenarios.live_fit import Fit
+from stridetwin.scenarios.live_chain import Chain, Fit, Request, chain_of
 from stridetwin.scenarios.warm_up import made_up_rig, made_up_samples
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
@@ -23,15 +23,8 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image
 from stridetwin.streams.wire import Hello
 
-BUDGETS_S = {
-    "foot_ins": 0.05, "foot_to_foot": 0.05, "contact_terrain": 0.05, "dvio": 0.1, "terrain_map": 0.2,
-    "locomotion_mode": 0.2,
-}  # fmt: skip
-"""For 99 % of the samples, from arrival to estimate. A step takes 0.5 s: a tenth of it for legs, a fifth for sight;
-maps and modes tell of ground that is 1.5 s away."""
-WINDOWS_S = {"terrain_map": 0.06, "locomotion_mode": 0.06}
 WINDOW_S = 0.01
-"""How long a sample waits for older ones of other streams; maps wait for the depth picture of a pose's instant."""
+"""How long a sample waits for older ones of other streams, where nothing is estimated."""
 _IDLE_S = 0.1
 
 Say = Callable[[str], None]
@@ -51,7 +44,7 @@ class Session:
         skip_pictures_s: Pictures that have waited longer are left out; None leaves out none.
     """
 
-    asked: Asked | None
+    asked: Request | None
     address: tuple[str, int]
     rig: Path | None = None
     record: Path | None = None
@@ -106,9 +99,9 @@ def run_live(session: Session, say: Say, tell: Say) -> Outcome:
 class _Live:
     def __init__(self, session: Session, say: Say, tell: Say) -> None:
         self._session, self._say, self._tell = session, say, tell
-        name = session.asked.estimator if session.asked else ""
-        window_s = session.window_s if session.window_s is not None else WINDOWS_S.get(name, WINDOW_S)
-        self._latency = Latency(session.budget_s if session.budget_s is not None else BUDGETS_S.get(name, 0.0))
+        own = registry.estimator(session.asked.estimator).declaration if session.asked else None
+        window_s = session.window_s if session.window_s is not None else own.window_s if own else WINDOW_S
+        self._latency = Latency(session.budget_s if session.budget_s is not None else own.budget_s if own else 0.0)
         self._window_s, self._reorder = window_s, Reorder(window_s)
         self._given = Rig() if session.rig is None else read_rig(session.rig)
         self._rig, self._metadata = self._given, dict[str, str]()

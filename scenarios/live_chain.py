@@ -5,50 +5,45 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, TextIO
 
-from scipy.spatial.transform import Rotation
-
-from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate, parse_exoskeleton, read_exoskeleton
-from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.estimators.foot_to_foot import FootToFoot
-from stridetwin.estimators.locomotion_mode import ModeEstimate
-from stridetwin.estimators.terrain_map import TerrainEstimate
-from stridetwin.scenarios.estimates import FEET
-from stridetwin.scenarios.exo_geometry import KEY
-from stridetwin.scenarios.leading import LedAhead, LedOdometry
-from stridetwin.scenarios.live_paths import LivePath
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import MAP, PATH, STEPS, Options
+from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.scenarios.mode_files import MadeSteps, PredictedStep, mode_cells, write_modes
+from stridetwin.scenarios.pipeline import Found, Led, pose_of
 from stridetwin.scenarios.steps import step_cells, write_steps
 from stridetwin.scenarios.terrain_files import document, write_terrain
-from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole, Range, Sample
+from stridetwin.streams.files import partial_path
+from stridetwin.streams.pose import Pose
+from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.samples import Depth, Image, Imu, Sample
+from stridetwin.streams.tum import seconds
 
-_KINDS: dict[str, type[Sample]] = {"imu": Imu, "color": Image, "depth": Depth, "insole": Insole}
 Done = tuple[str, str | None]
-"""Which estimator has just taken the sample, and what it tells, None where it tells nothing."""
+"""Which estimator has just taken the sample, and its estimate as a row, None where nothing new is known."""
+_KIND = "of another kind than the estimator takes: such samples are left out"
+_SIZE = "of another size than the rig tells: such pictures are left out"
+_COLOUR = "in colour where the estimator takes grey: such pictures are left out"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class Request:
     """What is to run.
 
     Attributes:
         estimator: Its name.
-        method: See the estimators.
-        foot: `l` or `r`, for `foot_ins`.
-        exoskeleton: File of its geometry; None takes what the sender tells.
+        options: See `Options`; the metadata is that of the senders.
         output: File to write; None writes none.
     """
 
     estimator: str
-    method: str = "stridetwin"
-    foot: str = "l"
-    exoskeleton: Path | None = None
+    options: Options = field(default_factory=Options)
     output: Path | None = None
 
 
@@ -71,112 +66,80 @@ class Chain(Protocol):
         """Leaves the files as they were."""
 
 
-def chain_of(asked: Asked, rig: Rig, metadata: Mapping[str, str]) -> Chain:
+def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
     """The chain of an estimator.
 
     Args:
-        asked: Which.
+        request: Which.
         rig: What is known of the hardware.
         metadata: Texts that the senders told.
 
     Raises:
-        StrideTwinError: The rig does not feed it; says what is missing.
+        StrideTwinError: The rig lacks what the estimator needs; the message names it.
     """
-    if asked.estimator == "foot_ins":
-        return _OneFoot(asked, rig)
-    if asked.estimator == "foot_to_foot":
-        return _BothFeet(asked, rig)
-    if asked.estimator == "contact_terrain":
-        return _Steps(asked, metadata)
-    if asked.estimator == "dvio":
-        return _Odometry(asked, rig, asked.method)
-    return _Ahead(asked, rig)
+    found = registry.estimator(request.estimator)
+    options = replace(request.options, metadata=metadata, source="hello")
+    if found.declaration.kind == PATH:
+        return _Paths(found, rig, options, request.output)
+    if found.declaration.kind == STEPS:
+        return _Steps(found, rig, options, request.output)
+    return _Ahead(found, rig, options, request.output)
 
 
-class _OneFoot:
-    """`foot_ins`."""
-
-    def __init__(self, asked: Asked, rig: Rig) -> None:
-        topic = f"/foot_{asked.foot}/imu"
-        self.takes: dict[str, type[Sample]] = {topic: Imu}
-        self._filter = FootIns(rig.imu(topic))
-        self._path = LivePath(asked.output)
-
-    def update(self, sample: Sample) -> Iterator[Done]:
-        assert isinstance(sample, Imu)
-        estimate = self._filter.update(sample)
-        if estimate is None:
-            yield "foot_ins", None
-        else:
-            yield "foot_ins", self._path.add(estimate.t_ns, estimate.p_imu_in_world, estimate.q_world_imu)
-
-    def finish(self) -> dict[Path, int]:
-        self._path.finish()
-        return _files(self._path)
-
-    def abandon(self) -> None:
-        self._path.abandon()
+def _at_work(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
+    """An estimator, and what it takes."""
+    streams = [s for s in found.streams(rig, options) if s.live]
+    for stream in streams:
+        if stream.required and stream.kind is Imu:
+            rig.imu(stream.topic)
+    return found(rig, options=options), {s.topic: s.kind for s in streams}
 
 
-class _BothFeet:
-    """`foot_to_foot`, with the shoe cameras and sonars of the rig."""
+class _Paths:
+    """An estimator of paths: a row a pose, behind the part's name where it estimates several."""
 
-    def __init__(self, asked: Asked, rig: Rig) -> None:
-        imus = [f"/foot_{foot}/imu" for foot in FEET]
-        for topic in imus:
-            rig.imu(topic)
-        cameras = [c.topic for c in rig.cameras.values() if c.mount.body in ("foot_l", "foot_r")]
-        sonars = [s.topic for s in rig.others.values() if s.kind == "range" and s.mount.body in ("foot_l", "foot_r")]
-        self.takes: dict[str, type[Sample]] = {
-            **dict.fromkeys(imus, Imu), **dict.fromkeys(cameras, Image), **dict.fromkeys(sonars, Range)
-        }  # fmt: skip
-        self._filter = FootToFoot(rig, method=asked.method)
-        out = asked.output
-        self._paths = {f: LivePath(out and out.with_name(f"{out.stem}_{f}{out.suffix}")) for f in FEET}
+    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
+        self._name, self._parts = found.declaration.name, found.declaration.parts
+        self._estimator, self.takes = _at_work(found, rig, options)
+        files = {part: part_file(output, part) if output else None for part in self._parts.values() or ("",)}
+        self._paths = {part: _LivePath(file) for part, file in files.items()}
 
     def update(self, sample: Sample) -> Iterator[Done]:
-        assert isinstance(sample, Imu | Image | Range)
-        estimate = self._filter.update(sample)
-        line = None
-        if estimate is not None and isinstance(sample, Imu):
-            foot = self._filter.foot_of(sample)
-            own = estimate.feet[foot]
-            line = f"{foot} {self._paths[foot].add(own.t_ns, own.p_imu_in_world, own.q_world_imu)}"
-        yield "foot_to_foot", line
+        pose, line = pose_of(self._estimator.update(sample)), None
+        if pose is not None:
+            part = self._parts.get(pose.frame, "")
+            line = f"{part} {self._paths[part].add(pose)}".lstrip()
+        yield self._name, line
 
     def finish(self) -> dict[Path, int]:
         for path in self._paths.values():
             path.finish()
-        return _files(*self._paths.values())
+        return {path.file: path.rows for path in self._paths.values() if path.file is not None}
 
     def abandon(self) -> None:
         for path in self._paths.values():
             path.abandon()
 
 
-class _Steps:
-    """`contact_terrain`."""
+def part_file(file: Path, part: str) -> Path:
+    """`path.txt` becomes `path_l.txt`."""
+    return file.with_name(f"{file.stem}_{part}{file.suffix}") if part else file
 
-    def __init__(self, asked: Asked, metadata: Mapping[str, str]) -> None:
-        if asked.exoskeleton is not None:
-            exo = read_exoskeleton(asked.exoskeleton)
-        elif KEY in metadata:
-            exo = parse_exoskeleton(metadata[KEY], f"hello: {KEY}")
-        else:
-            raise StrideTwinError("nobody tells the geometry of an exoskeleton; give its file: --exoskeleton FILE")
-        self.takes: dict[str, type[Sample]] = {exo.back.topic: Ahrs}
-        for leg in exo.legs.values():
-            self.takes |= {leg.thigh.topic: Ahrs, leg.foot.topic: Ahrs, leg.knee.topic: Encoder, leg.sole.topic: Insole}
-        self._filter, self._output = ContactTerrain(exo, asked.method), asked.output
+
+class _Steps:
+    """An estimator of steps: a row an estimate."""
+
+    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
+        self._name, self._output = found.declaration.name, output
+        self._estimator, self.takes = _at_work(found, rig, options)
         self._last: dict[int, StepEstimate] = {}
 
     def update(self, sample: Sample) -> Iterator[Done]:
-        estimate = self._filter.update(sample)
+        estimate, line = self._estimator.update(sample), None
         if estimate is not None and estimate.step > 0:
             self._last[estimate.step] = estimate
-            yield "contact_terrain", _csv(step_cells(estimate))
-        else:
-            yield "contact_terrain", None
+            line = _csv(step_cells(estimate))
+        yield self._name, line
 
     def finish(self) -> dict[Path, int]:
         if self._output is None:
@@ -188,49 +151,25 @@ class _Steps:
         pass
 
 
-class _Odometry:
-    """`dvio`."""
-
-    def __init__(self, asked: Asked, rig: Rig, method: str) -> None:
-        self._filter = LedOdometry(rig, method)
-        self.takes = _named(self._filter.topics)
-        self._path = LivePath(asked.output)
-
-    def update(self, sample: Sample) -> Iterator[Done]:
-        estimate = self._filter.update(sample)
-        if estimate is None:
-            yield "dvio", None
-        else:
-            T = estimate.T_world_imu
-            q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-            yield "dvio", self._path.add(estimate.t_ns, T[:3, 3], q)
-
-    def finish(self) -> dict[Path, int]:
-        self._path.finish()
-        return _files(self._path)
-
-    def abandon(self) -> None:
-        self._path.abandon()
-
-
 class _Ahead:
-    """`terrain_map` and `locomotion_mode`, led by the poses of `dvio`."""
+    """An estimator of the ground ahead, led by the poses of an odometry: a row a coming step, or a map as JSON."""
 
-    def __init__(self, asked: Asked, rig: Rig) -> None:
-        self._ahead = LedAhead(rig, asked.method if asked.estimator == "locomotion_mode" else None)
-        self._name, self._output, self.takes = asked.estimator, asked.output, _named(self._ahead.topics)
+    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
+        self._led = Led(rig, found, options)
+        self._name, self._kind, self._output = found.declaration.name, found.declaration.kind, output
+        self.takes = self._led.takes
         self._steps, self._made = MadeSteps(), list[PredictedStep]()
 
     def update(self, sample: Sample) -> Iterator[Done]:
-        if not isinstance(sample, Insole):
-            yield "dvio", None if self._ahead.pose(sample) is None else ""
-        if self._ahead.looks(sample):
-            yield self._name, self._told(self._ahead.look(sample))
+        if self._led.feeds_odometry(sample):
+            yield self._led.odometry, None if self._led.lead(sample) is None else ""
+        if self._led.feeds_estimator(sample):
+            yield self._name, self._row(self._led.update(sample))
 
-    def _told(self, estimate: ModeEstimate | TerrainEstimate | None) -> str | None:
+    def _row(self, estimate: Any) -> str | None:
         if estimate is None:
             return None
-        if isinstance(estimate, TerrainEstimate):
+        if self._kind == MAP:
             return json.dumps(document(estimate), allow_nan=False)
         if (made := self._steps.add(estimate)) is not None:
             self._made.append(made)
@@ -240,24 +179,89 @@ class _Ahead:
     def finish(self) -> dict[Path, int]:
         if self._output is None:
             return {}
-        if self._name == "locomotion_mode":
+        if self._kind != MAP:
             write_modes(self._made, self._output)
             return {self._output: len(self._made)}
-        files = write_terrain(self._ahead.ground, self._output)
-        known = self._ahead.ground.estimate
+        files, known = write_terrain(self._led.estimator, self._output), self._led.estimator.estimate
         return {file: len(known.planes) if known else 0 for file in files}
 
     def abandon(self) -> None:
         pass
 
 
-def _named(topics: Sequence[str]) -> dict[str, type[Sample]]:
-    """Kinds by the last part of the topics' names, as those of head and chest have it."""
-    return {topic: _KINDS[topic.rpartition("/")[2]] for topic in topics}
+class _LivePath:
+    """One trajectory as of `write_tum`, row by row; the file takes its place when it is finished.
+
+    Args:
+        file: File to make; None only makes the rows.
+
+    Attributes:
+        rows: Rows made.
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        self.file, self.rows = file, 0
+        self._out: TextIO | None = None if file is None else partial_path(file).open("w", encoding="ascii")
+
+    def add(self, pose: Pose) -> str:
+        """Adds a pose; returns its row."""
+        w, x, y, z = pose.q_world_frame.tolist()
+        row = f"{seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
+        if self._out is not None:
+            self._out.write(row + "\n")
+        self.rows += 1
+        return row
+
+    def finish(self) -> None:
+        """Puts the file in its place."""
+        if self._out is not None and self.file is not None:
+            self._out.close()
+            os.replace(partial_path(self.file), self.file)
+
+    def abandon(self) -> None:
+        """Leaves the place as it was."""
+        if self._out is not None and self.file is not None:
+            self._out.close()
+            partial_path(self.file).unlink(missing_ok=True)
 
 
-def _files(*paths: LivePath) -> dict[Path, int]:
-    return {path.file: path.rows for path in paths if path.file is not None}
+class Fit:
+    """Holds samples against what is told of their topics; counts those that do not fit.
+
+    Args:
+        takes: The kind of sample that the estimator takes of each topic.
+        rig: Tells the sizes of pictures. Cameras on feet look at boards in grey.
+
+    Attributes:
+        other_kind: Samples of another kind, by topic.
+        other_size: Pictures of another size or form, by topic.
+    """
+
+    def __init__(self, takes: Mapping[str, type[Sample]], rig: Rig) -> None:
+        self._takes = takes
+        self._cameras: dict[str, CameraCalibration] = {}
+        for camera in rig.cameras.values():
+            self._cameras |= {camera.topic: camera, camera.depth_topic: camera}
+        self.other_kind: Counter[str] = Counter()
+        self.other_size: Counter[str] = Counter()
+
+    def wrong(self, sample: Sample) -> tuple[str, str] | None:
+        """What is wrong with a sample of one of the topics, in general and in this case; None where it fits."""
+        topic, kind = sample.topic, self._takes[sample.topic]
+        if not isinstance(sample, kind):
+            self.other_kind[topic] += 1
+            return _KIND, f"{type(sample).__name__} and not {kind.__name__}"
+        camera = self._cameras.get(topic)
+        if camera is None or not isinstance(sample, Image | Depth):
+            return None
+        height, width, *channels = (sample.pixels if isinstance(sample, Image) else sample.depth).shape
+        if (height, width) != (camera.height, camera.width):
+            self.other_size[topic] += 1
+            return _SIZE, f"{width} × {height} and not {camera.width} × {camera.height}"
+        if channels and camera.mount.body.startswith("foot"):
+            self.other_size[topic] += 1
+            return _COLOUR, f"{channels[0]} channels"
+        return None
 
 
 def _csv(cells: Sequence[str]) -> str:

@@ -1,25 +1,18 @@
-"""The prediction of locomotion modes on a recording, and its steps as a table."""
+"""Predicted steps as a table."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, ModeEstimate, StepPrediction
-from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.scenarios.terrain_files import depth_camera, posed_depth
-from stridetwin.streams.errors import RecordingError
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
 from stridetwin.streams.files import whole_file
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.samples import Sample
-from stridetwin.streams.trajectory import Trajectory
 
-INSOLES = ("/foot_l/insole", "/foot_r/insole")
 COLUMNS = (
     "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
     "touchdown_sd_s", "x_m", "y_m", "z_m", "forward_sd_m", "change_mode", "change_distance_m", "change_distance_sd_m",
@@ -40,45 +33,6 @@ class PredictedStep:
     estimate: ModeEstimate
     step: StepPrediction
     steady_s: float
-
-
-def predict_recording(
-    recording: Recording, method: str = "stridetwin", path: Trajectory | None = None
-) -> list[ModeEstimate]:
-    """Leads a recording's poses, depth and insoles through map and prediction.
-
-    Args:
-        recording: With depth, its calibration, and an insole at least.
-        method: See `LocomotionMode`.
-        path: Poses of the depth camera's optical frame, an odometry's; None: those that came with the recording.
-
-    Raises:
-        StrideTwinError: There is no such method.
-        RecordingError: There is no depth, no insole, or no poses of the camera or its body.
-    """
-    predictor, samples = predictor_of(recording, method, path)
-    return list(follow_modes(predictor, samples))
-
-
-def predictor_of(
-    recording: Recording, method: str, path: Trajectory | None = None
-) -> tuple[LocomotionMode, Iterator[Sample]]:
-    """The predictor of a recording, and the samples that it takes; arguments and errors as `predict_recording`."""
-    camera = depth_camera(recording.rig)
-    insoles = [topic for topic in INSOLES if topic in recording.topics]
-    if not insoles:
-        raise RecordingError(f"{recording.path}: no topic {' or '.join(INSOLES)}; locomotion_mode needs touch-downs")
-    mount, samples = posed_depth(recording, camera, path, insoles)
-    terrain_map = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
-    return LocomotionMode(terrain_map, camera, mount=mount, method=method), samples
-
-
-def follow_modes(predictor: LocomotionMode, samples: Iterable[Sample]) -> Iterator[ModeEstimate]:
-    """What a predictor tells as samples come."""
-    for sample in samples:
-        estimate = predictor.update(sample)
-        if estimate is not None:
-            yield estimate
 
 
 class MadeSteps:

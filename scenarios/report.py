@@ -10,8 +10,9 @@ from string import Template
 
 import numpy as np
 
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import FEET, MAP, MODES, PATH
 from stridetwin.scenarios.ahead import Ahead
-from stridetwin.scenarios.estimates import FEET
 from stridetwin.scenarios.evaluate import Result
 from stridetwin.scenarios.figures_ahead import (
     ground_errors,
@@ -60,24 +61,24 @@ _ROWS = (
     ("distance_m", "Distance travelled by the frame", "m", 2),
 )
 _AHEAD_ROWS = (
-    ("locomotion_mode", "accuracy_pct", "Steps whose mode was told rightly", "%", 1),
-    ("locomotion_mode", "strict_accuracy_pct", "the same, soles across a ramp's edge in one mode alone", "%", 1),
-    ("locomotion_mode", "transition_accuracy_pct", "Steps that change the mode, told rightly", "%", 1),
-    ("locomotion_mode", "steps", "Steps", "", 0),
-    ("locomotion_mode", "transitions", "of which change the mode", "", 0),
-    ("locomotion_mode", "lead_median_s", "Known for good before touch-down, median", "s", 2),
-    ("locomotion_mode", "lead_p5_s", "the same, 5th percentile", "s", 2),
-    ("locomotion_mode", "footprint_forward_rmse_m", "Footprint one step ahead, forward, RMS", "m", 3),
-    ("locomotion_mode", "footprint_left_rmse_m", "the same, sideways", "m", 3),
-    ("locomotion_mode", "calibration_error", "Told probabilities, calibration error", "", 3),
-    ("locomotion_mode", "changes_found_pct", "Changes of the ground told 1.5 s before", "%", 1),
-    ("locomotion_mode", "riser_rmse_mm", "their risers, RMS", "mm", 1),
-    ("locomotion_mode", "tread_rmse_mm", "their treads, RMS", "mm", 1),
-    ("locomotion_mode", "slope_rmse_deg", "their slopes, RMS", "°", 2),
-    ("terrain_map", "accuracy_rmse_mm", "Mapped ground ahead to the true surface, RMS", "mm", 1),
-    ("terrain_map", "accuracy_p95_mm", "the same, 95th percentile", "mm", 1),
-    ("terrain_map", "completeness_pct", "Ground 0.5 to 2.5 m ahead known within 3 cm", "%", 1),
-    ("terrain_map", "edge_rmse_mm", "Edges along the way, RMS", "mm", 1),
+    (MODES, "accuracy_pct", "Steps whose mode was told rightly", "%", 1),
+    (MODES, "strict_accuracy_pct", "the same, soles across a ramp's edge in one mode alone", "%", 1),
+    (MODES, "transition_accuracy_pct", "Steps that change the mode, told rightly", "%", 1),
+    (MODES, "steps", "Steps", "", 0),
+    (MODES, "transitions", "of which change the mode", "", 0),
+    (MODES, "lead_median_s", "Known for good before touch-down, median", "s", 2),
+    (MODES, "lead_p5_s", "the same, 5th percentile", "s", 2),
+    (MODES, "footprint_forward_rmse_m", "Footprint one step ahead, forward, RMS", "m", 3),
+    (MODES, "footprint_left_rmse_m", "the same, sideways", "m", 3),
+    (MODES, "calibration_error", "Told probabilities, calibration error", "", 3),
+    (MODES, "changes_found_pct", "Changes of the ground told 1.5 s before", "%", 1),
+    (MODES, "riser_rmse_mm", "their risers, RMS", "mm", 1),
+    (MODES, "tread_rmse_mm", "their treads, RMS", "mm", 1),
+    (MODES, "slope_rmse_deg", "their slopes, RMS", "°", 2),
+    (MAP, "accuracy_rmse_mm", "Mapped ground ahead to the true surface, RMS", "mm", 1),
+    (MAP, "accuracy_p95_mm", "the same, 95th percentile", "mm", 1),
+    (MAP, "completeness_pct", "Ground 0.5 to 2.5 m ahead known within 3 cm", "%", 1),
+    (MAP, "edge_rmse_mm", "Edges along the way, RMS", "mm", 1),
 )
 _RESIDUAL = "/truth/root_residual"
 _G = 9.81
@@ -153,7 +154,7 @@ def render_report(story: Story) -> str:
 
 def travelled(results: Sequence[Result]) -> list[str]:
     """Words for the longest way of a foot, else of the camera; none where there are no paths."""
-    on_feet = [r for r in results if part_of(r.estimate.name) in FEET]
+    on_feet = [r for r in results if part_of(r.estimate) in FEET]
     whose = "a foot" if on_feet else "the camera"
     ways = [r.scores["distance_m"] for r in on_feet or results]
     return [f"{max(ways):.1f} m travelled by {whose}"] if ways else []
@@ -194,9 +195,9 @@ def section(title: str, lead: str, body: str, css: str = "card") -> str:
 
 def _score_cards(results: Sequence[Result]) -> str:
     def value_of(result: Result, key: str, unit: str, scale: float, digits: int) -> str:
-        part = part_of(result.estimate.name)
+        part = part_of(result.estimate)
         value = _number(result.scores[key] * scale, digits)
-        words = label_of(result.estimate.name)
+        words = label_of(result.estimate)
         return f'<div><b>{value}<small>{unit}</small></b><span class="{part}">{words}</span></div>'
 
     cards = []
@@ -205,12 +206,11 @@ def _score_cards(results: Sequence[Result]) -> str:
         if told:
             values = f'<div class="told">{told}</div>'
             cards.append(f'<div class="card"><h3>{title}</h3>{values}<p>{words}</p></div>')
-    parts = {part_of(r.estimate.name) for r in results}
     lead = [
-        "Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else. Feet together: both IMUs in "
-        "one filter, with what shoe cameras and sonars tell of each other."
-    ] * bool(parts & FEET.keys())
-    lead += ["Camera: visual-inertial odometry of the RGB-D camera with IMU."] * ("camera" in parts)
+        found.declaration.summary
+        for name, found in registry.estimators(PATH).items()
+        if any(r.estimate.name == name or r.estimate.name.startswith(f"{name}_") for r in results)
+    ]
     lead += ["Scored against the twin's truth."]
     return section("How well the estimate did", " ".join(lead), "".join(cards), "cards") if cards else ""
 
@@ -251,7 +251,7 @@ def _paths(story: Story) -> str:
         return ""
     footprints = story.recording.block(FOOTPRINTS) if FOOTPRINTS in story.recording.topics else None
     layout = from_metadata(story.recording.metadata)
-    feet = [r for r in story.results if part_of(r.estimate.name) in FEET]
+    feet = [r for r in story.results if part_of(r.estimate) in FEET]
     camera = [r for r in story.results if r not in feet]
     figures = (
         *(side_view(layout, results) for results in (feet, camera) if results),
@@ -298,9 +298,11 @@ def _ahead(story: Story) -> str:
 def _ahead_table(ahead: Ahead) -> str:
     paper = reference("zhao2023")["generality"]["accuracy_pct"]
     rows = ""
-    for estimator, key, words, unit, digits in _AHEAD_ROWS:
-        if key in ahead.scores.get(estimator, {}):
-            value = _number(ahead.scores[estimator][key], digits)
+    first = {MAP: next(iter(ahead.maps), ""), MODES: next(iter(ahead.predicted), "")}
+    for kind, key, words, unit, digits in _AHEAD_ROWS:
+        scores = ahead.scores.get(first[kind], {})
+        if key in scores:
+            value = _number(scores[key], digits)
             theirs = f"{paper['mean']:.2f} ± {paper['sd']:.2f}" if key == "accuracy_pct" else "–"
             numbers = f'<td class="n">{value}</td><td class="n">{theirs}</td>'
             rows += f"<tr><td>{words}</td>{numbers}<td>{unit or '–'}</td></tr>"

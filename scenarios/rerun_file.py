@@ -101,7 +101,7 @@ def _terrain(rr: Any, stream: Any, layout: Layout | None) -> None:
 
 def _paths(rr: Any, stream: Any, recording: Recording, results: Sequence[Result]) -> None:
     for result in results:
-        part, step = part_of(result.estimate.name), 2
+        part, step = part_of(result.estimate), 2
         for kind, path, color in (
             ("truth", result.comparison.truth, _COLORS["truth"]),
             ("estimate", result.comparison.estimate, _COLORS[part]),

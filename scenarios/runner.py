@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios import injected
-from stridetwin.scenarios.ahead import Ahead
+from stridetwin.scenarios.ahead import Ahead, all_estimates
 from stridetwin.scenarios.evaluate import evaluate
-from stridetwin.scenarios.feet_and_head import all_estimates
 from stridetwin.scenarios.files import json_text, staged
 from stridetwin.scenarios.mode_files import predicted_steps, write_modes
 from stridetwin.scenarios.record import Progress, record
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.scenarios.scoring import Scores
-from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
+from stridetwin.scenarios.step_scores import evaluate_every_step
 from stridetwin.scenarios.steps import write_steps
 from stridetwin.scenarios.terrain_files import write_terrain
 from stridetwin.streams.errors import StrideTwinError
@@ -102,10 +101,10 @@ def run_scenario(
         for result in results:
             write_tum(result.estimate.path, out / f"{result.estimate.name}.txt")
         scores = {r.estimate.name: r.scores for r in results}
-        steps = evaluate_steps(recording) if feeds_steps(recording) else None
-        if steps is not None:
-            write_steps(steps.estimates, out / "contact_terrain.csv")
-            scores["contact_terrain"] = steps.scores
+        steps = evaluate_every_step(recording)
+        for name, result_of_steps in steps.items():
+            write_steps(result_of_steps.estimates, out / f"{name}.csv")
+            scores[name] = result_of_steps.scores
         if ahead is not None:
             scores |= ahead.scores
             write_ahead_files(ahead, out)
@@ -124,7 +123,7 @@ def run_scenario(
             command=command,
             recording=recording,
             results=results,
-            steps=steps,
+            steps=next(iter(steps.values()), None),
             film=film,
             ahead=ahead,
         )
@@ -137,11 +136,12 @@ def run_scenario(
 
 
 def write_ahead_files(ahead: Ahead, folder: Path) -> None:
-    """A row a step as it was last told, `locomotion_mode.csv`, and the map as it was at the end, `terrain_map.*`."""
-    if ahead.modes is not None:
-        write_modes(predicted_steps(ahead.estimates), folder / "locomotion_mode.csv")
-    if ahead.terrain_map.estimate is not None:
-        write_terrain(ahead.terrain_map, folder / "terrain_map.json")
+    """Of each estimator a row a step as it was last predicted, or the map as it was at the end."""
+    for name, estimates in ahead.predicted.items():
+        write_modes(predicted_steps(estimates), folder / f"{name}.csv")
+    for name, terrain_map in ahead.maps.items():
+        if terrain_map.estimate is not None:
+            write_terrain(terrain_map, folder / f"{name}.json")
 
 
 def scores_document(

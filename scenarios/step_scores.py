@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import STEPS
 from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
-from stridetwin.scenarios.estimates import estimate_steps
-from stridetwin.scenarios.exo_geometry import of_recording, tells_geometry
 from stridetwin.scenarios.footprints import FOOTPRINTS
+from stridetwin.scenarios.pipeline import Found, fed
+from stridetwin.scenarios.pipeline import steps as steps_of
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.steps import ScoredStep, displacement_errors, false_steps, score_steps
 from stridetwin.streams.errors import RecordingError
@@ -20,7 +22,7 @@ from stridetwin.streams.recording import Recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepResult:
-    """Contact terrain on one recording.
+    """An estimator of steps on one recording.
 
     Attributes:
         estimates: What was told, one a step.
@@ -33,24 +35,30 @@ class StepResult:
     scores: Scores
 
 
-def feeds_steps(recording: Recording) -> bool:
-    """Whether a recording has all that contact terrain needs, and the truth of its footprints."""
-    if FOOTPRINTS not in recording.topics or not tells_geometry(recording):
-        return False
-    return all(topic in recording.topics for topic in of_recording(recording).topics)
+def evaluate_every_step(recording: Recording) -> dict[str, StepResult]:
+    """Every estimator of steps that the recording feeds, by name; none without the truth of its footprints.
+
+    Raises:
+        RecordingError: As `evaluate_steps`.
+    """
+    if FOOTPRINTS not in recording.topics:
+        return {}
+    every = registry.estimators(STEPS)
+    return {name: evaluate_steps(recording, found) for name, found in every.items() if fed(found, recording)}
 
 
-def evaluate_steps(recording: Recording) -> StepResult:
-    """Runs our method on a recording that feeds it (`feeds_steps`).
+def evaluate_steps(recording: Recording, found: Found) -> StepResult:
+    """Runs the default method of an estimator of steps on a recording that feeds it, and scores it.
 
     Raises:
         RecordingError: Not one of its steps is a step of the truth.
     """
-    made = estimate_steps(recording)
+    made = steps_of(found, recording)
     footprints = list(recording.block(FOOTPRINTS))
     steps = score_steps(footprints, made)
     if not any(s.seen for s in steps):
-        raise RecordingError(f"{recording.path}: contact_terrain tells of none of the {len(steps)} true steps")
+        name = found.declaration.name
+        raise RecordingError(f"{recording.path}: {name} matched none of the {len(steps)} true steps")
     false_pct = 100.0 * false_steps(footprints, made) / len(made)
     return StepResult(estimates=made, steps=steps, scores={**step_scores(steps), "false_pct": false_pct})
 

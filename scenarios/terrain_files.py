@@ -1,29 +1,25 @@
-"""The terrain map on a recording, and its planes and terrains as files."""
+"""The poses that lead a terrain map, and its planes and terrains as files."""
 
 from __future__ import annotations
 
-import heapq
 import math
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import POSES
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
 from stridetwin.scenarios.files import json_text
 from stridetwin.scenarios.ground_grid import GroundGrid
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
-from stridetwin.streams.samples import Array, Odometry, Sample
-from stridetwin.streams.trajectory import Trajectory
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
+from stridetwin.streams.samples import Array, Odometry
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by what it belongs to."""
-_POSES = "/poses"
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -39,11 +35,12 @@ def depth_camera(rig: Rig) -> CameraCalibration:
     raise RecordingError(f"the rig has no camera with depth; it has {', '.join(sorted(rig.cameras)) or 'no camera'}")
 
 
-def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, Mount]:
-    """The poses that came with a recording, and where the camera sits in their frame.
+def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
+    """The poses that came with a recording, and whose they are.
 
     Returns:
-        Topic of the camera's own path, or of that of another sensor of its body; and the camera in that sensor's frame.
+        Topic of the camera's own path, or of that of another sensor of its body; and that frame, "" for a folder of
+        depth alone.
 
     Raises:
         RecordingError: There are none.
@@ -53,76 +50,21 @@ def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, M
     for frame in frames:
         topic = f"/truth{frame.topic}/odometry"
         if topic in recording.topics and frame.mount.body == camera.mount.body:
-            return topic, seen_from(frame.mount, camera)
+            return topic, frame.topic.removeprefix("/")
     paths = [topic for topic, info in recording.topics.items() if info.kind is Odometry]
     if len(paths) == 1 and not recording.is_mcap:  # a folder of depth alone: its poses are the depth camera's
-        return paths[0], Mount(body=camera.mount.body)
+        return paths[0], ""
     raise RecordingError(
         f"{recording.path}: no poses (/truth{camera.topic}/odometry); terrain_map needs them, or a file with --poses"
     )
-
-
-def seen_from(frame: Mount, camera: CameraCalibration) -> Mount:
-    """Where a camera sits in the frame of another sensor of its body."""
-    T_frame_camera = np.linalg.inv(frame.T_body_sensor) @ camera.mount.T_body_sensor
-    return Mount(body=camera.mount.body, T_body_sensor=T_frame_camera)
-
-
-def map_recording(recording: Recording, path: Trajectory | None = None) -> TerrainMap:
-    """Leads a recording's depth, and poses, into a terrain map.
-
-    Args:
-        recording: With depth and its calibration.
-        path: Poses of the depth camera's optical frame, an odometry's; None: those that came with the recording.
-
-    Raises:
-        RecordingError: There is no depth, or no poses of the camera or its body.
-    """
-    camera = depth_camera(recording.rig)
-    mount, samples = posed_depth(recording, camera, path)
-    terrain_map = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
-    terrain_map.run(samples)
-    return terrain_map
-
-
-def posed_depth(
-    recording: Recording, camera: CameraCalibration, path: Trajectory | None = None, more: Sequence[str] = ()
-) -> tuple[Mount | None, Iterator[Sample]]:
-    """Poses and depth of a recording in time order, a pose before the picture of its instant.
-
-    Args:
-        recording: With depth and its calibration.
-        camera: Its depth camera.
-        path: As of `map_recording`.
-        more: Further topics.
-
-    Returns:
-        Where the camera sits in the frame whose poses come, None where they are its own; and the samples.
-
-    Raises:
-        RecordingError: There is no depth, or no poses of the camera or its body.
-    """
-    if camera.depth_topic not in recording.topics:
-        raise RecordingError(f"{recording.path}: no topic {camera.depth_topic}; terrain_map needs depth")
-    if path is not None:
-        told: Iterator[Sample] = map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame)
-        others = recording.samples([*more, camera.depth_topic])
-        return None, heapq.merge(told, others, key=lambda s: s.t_ns)
-    topic, mount = given_poses(recording, camera)
-    return mount, iter(recording.samples([topic, *more, camera.depth_topic]))
 
 
 def pose_sample(t_ns: int, p: Array, q: Array) -> Odometry:
     """A pose alone, position (3,) m and quaternion (4,), as a sample; its velocities are not known."""
     unknown = np.full(3, np.nan)
     return Odometry(
-        topic=_POSES, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
+        topic=POSES, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
     )
-
-
-def matrix_sample(t_ns: int, T: Array) -> Odometry:
-    """A pose alone, as `pose_sample`, from its (4, 4) matrix."""
-    return pose_sample(t_ns, T[:3, 3].copy(), Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True))
 
 
 def document(estimate: TerrainEstimate) -> dict[str, Any]:

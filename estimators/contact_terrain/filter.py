@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol
+from typing import ClassVar, Protocol
 
+from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream, deprecated
 from stridetwin.estimators.contact_terrain.classes import TerrainSvm
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate
-from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
+from stridetwin.estimators.contact_terrain.geometry import (
+    METADATA_KEY,
+    Exoskeleton,
+    parse_exoskeleton,
+    read_exoskeleton,
+)
 from stridetwin.estimators.contact_terrain.published import Published
 from stridetwin.estimators.contact_terrain.stridetwin import StrideTwin
 from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
-from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.samples import Sample
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Ahrs, Encoder, Insole, Sample
 
 METHODS = ("stridetwin", "published")
 
@@ -28,19 +35,59 @@ class ContactTerrain:
     samples of other streams, and those that are lost or spoilt (`ticks`), are passed over.
 
     Args:
-        exo: Geometry; `read_exoskeleton`.
-        method: `stridetwin`, ours, or `published`, Shim et al. 2019.
+        rig: Not read: the geometry says which sensors there are. An `Exoskeleton` in its place is deprecated.
+        method: Deprecated form of `options.method`.
         svm: Classes for `published`; None leaves them unknown.
+        options: `method`, one of `METHODS`: the first, or `published`, Shim et al. 2019; `exoskeleton` or `metadata`.
+        exoskeleton: Geometry, in place of that of the options.
 
     Raises:
         ConfigError: There is no such method.
+        StrideTwinError: There is no geometry, or it cannot be read.
     """
 
-    def __init__(self, exo: Exoskeleton, method: str = "stridetwin", svm: TerrainSvm | None = None) -> None:
+    declaration: ClassVar[Declaration] = Declaration(
+        name="contact_terrain", kind=STEPS, order=1, methods=METHODS, budget_s=0.05,
+        description="slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
+        needs="an exoskeleton's AHRS, encoders and insoles",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        rig: Rig | Exoskeleton,
+        method: str | None = None,
+        svm: TerrainSvm | None = None,
+        *,
+        options: Options | None = None,
+        exoskeleton: Exoskeleton | None = None,
+    ) -> None:
+        options = options or Options()
+        if isinstance(rig, Exoskeleton):
+            deprecated("ContactTerrain(exo)", "ContactTerrain(rig, exoskeleton=exo)")
+            exoskeleton = rig
+        if method is None:
+            method = options.method
+        else:
+            deprecated("ContactTerrain(exo, method)", "ContactTerrain(rig, options=Options(method=...))")
+        exo = exoskeleton or _geometry(options)
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
         self._gather = Gather(exo)
-        self._method: _Method = StrideTwin(exo) if method == "stridetwin" else Published(exo, svm)
+        self._method: _Method = StrideTwin(exo) if method == PROPOSED else Published(exo, svm)
+
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """AHRS, encoders and insoles, as the exoskeleton's geometry names them.
+
+        Raises:
+            StrideTwinError: There is no geometry, or it cannot be read.
+        """
+        exo = _geometry(options)
+        streams = [Stream(role=exo.back.topic, topic=exo.back.topic, kind=Ahrs)]
+        for leg in exo.legs.values():
+            kinds = {leg.thigh.topic: Ahrs, leg.foot.topic: Ahrs, leg.knee.topic: Encoder, leg.sole.topic: Insole}
+            streams += [Stream(role=topic, topic=topic, kind=kind) for topic, kind in kinds.items()]
+        return tuple(streams)
 
     def update(self, sample: Sample) -> StepEstimate | None:
         """Takes one sample; returns what is now known of the last footprint, None where nothing new is."""
@@ -57,3 +104,16 @@ class ContactTerrain:
             if estimate is not None and estimate.step > 0:
                 last[estimate.step] = estimate
         return [last[step] for step in sorted(last)]
+
+
+def _geometry(options: Options) -> Exoskeleton:
+    """The exoskeleton's geometry from the options' file, else from their metadata.
+
+    Raises:
+        StrideTwinError: There is none, or it cannot be read.
+    """
+    if options.exoskeleton is not None:
+        return read_exoskeleton(options.exoskeleton)
+    if METADATA_KEY not in options.metadata:
+        raise StrideTwinError(f"{options.source}: no exoskeleton geometry; pass --exoskeleton FILE")
+    return parse_exoskeleton(options.metadata[METADATA_KEY], f"{options.source}: {METADATA_KEY}")

@@ -18,6 +18,8 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.yaml_node import Node, parse_yaml, read_yaml
 
 SIDES = ("l", "r")
+METADATA_KEY = "exoskeleton"
+"""Under which the metadata of a recording holds the geometry's file."""
 _JOINTS_MAX = 3
 
 

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
+from typing import ClassVar
 
 import cv2
 import numpy as np
 
+from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
 from stridetwin.estimators.dvio.alignment import Alignment
 from stridetwin.estimators.dvio.core import FEW_SIGHTINGS, Core, Picture
 from stridetwin.estimators.dvio.estimate import COASTING, LOST, TRACKING, DvioEstimate
 from stridetwin.estimators.dvio.feet import Feet
-from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
 from stridetwin.estimators.dvio.starter import Starter
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.estimators.dvio.stereo import Stereo, with_depth, with_stereo
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
+from stridetwin.streams.pose import trajectory_of
+from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 
@@ -29,6 +35,8 @@ _LOST_WALK = 1.0  # m/√s; how the wearer goes on meanwhile
 _MOVING_TILT, _RESTING_TILT = 0.15, 0.03  # rad
 _START_SD = 1e-4  # m, rad; the world begins at the first place and heading
 
+_WANTED = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
+
 
 class Dvio:
     """Visual-inertial odometry with depth of a camera on head or chest: causal, of constant memory, deterministic.
@@ -40,8 +48,9 @@ class Dvio:
 
     Args:
         rig: Calibration.
-        mount: `head` or `chest`.
-        parameters: Ours by default; `METHODS` has the published ones.
+        options: `method`, one of `METHODS`, and `mount`, `head` or `chest`.
+        parameters: In place of those of the method.
+        mount: Deprecated form of `options.mount`.
         exoskeleton: Whose legs tell the speed, where the parameters have `feet`; its samples are then taken too.
 
     Raises:
@@ -49,22 +58,36 @@ class Dvio:
         StrideTwinError: The rig has no camera or IMU there.
     """
 
+    declaration: ClassVar[Declaration] = Declaration(
+        name="dvio", kind=PATH, order=3, methods=tuple(METHODS), mounts=MOUNTS, leads=True, label="",
+        description="path of a head- or chest-worn RGB-D camera with IMU",
+        needs="an RGB-D camera with IMU on head or chest",
+        summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
+    )  # fmt: skip
+
     def __init__(
         self,
         rig: Rig,
         *,
-        mount: str = "head",
+        options: Options | None = None,
+        mount: str | None = None,
         parameters: DvioParameters | None = None,
         exoskeleton: Exoskeleton | None = None,
     ) -> None:
+        options = options or Options()
+        if mount is None:
+            mount = _mount(rig, options)
+        else:
+            deprecated("Dvio(mount=...)", "Dvio(rig, options=Options(mount=...))")
         if mount not in MOUNTS:
             raise ConfigError("Dvio", "mount", mount, " or ".join(MOUNTS))
+        self._frame = f"{mount}/imu"
         self._color, self._depth, self._imu = (f"/{mount}/{s}" for s in ("color", "depth", "imu"))
         if self._color not in rig.cameras:
             raise StrideTwinError(f"the rig has no camera {self._color!r}; it has {', '.join(rig.cameras) or 'none'}")
         camera, imu = rig.cameras[self._color], rig.imu(self._imu)
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
-        self._parameters = parameters or DvioParameters()
+        self._parameters = parameters or named(options.method)
         self._feet: Feet | None = None
         if self._parameters.feet:
             if exoskeleton is None:
@@ -81,6 +104,57 @@ class Dvio:
         self._begun_ns: int | None = None
         self._health = ""
         self._sound_p, self._sound_R, self._sound_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
+
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """Camera, IMU, and depth or the second camera of a stereo pair.
+
+        Raises:
+            StrideTwinError: The rig has no camera with IMU on head or chest.
+        """
+        mount = _mount(rig, options)
+        color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
+        streams = [Stream(role="imu", topic=f"/{mount}/imu", kind=Imu), Stream(role="camera", topic=color, kind=Image)]
+        if color in rig.cameras and rig.cameras[color].depth_topic:
+            streams.append(Stream(role="depth", topic=depth, kind=Depth))
+        return (*streams, Stream(role="depth", topic=right, kind=Image, live=False))
+
+    @classmethod
+    def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
+        """The path of the camera's IMU over a whole recording; a stereo pair gives the depth where there is none.
+
+        Raises:
+            StrideTwinError: A topic or calibration is missing, the method is unknown, or the odometry never starts.
+        """
+        there = [m for m in MOUNTS if {f"/{m}/color", f"/{m}/imu"} <= set(recording.topics)]
+        if not there:
+            raise RecordingError(f"{recording.path}: cannot run dvio: needs {_WANTED}")
+        mount = options.mount or there[0]
+        color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
+        rig, parameters = recording.rig, named(options.method)
+        topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
+        samples: Iterable[Sample] = recording.samples(topics)
+        if depth not in recording.topics and right in recording.topics and parameters.uses_depth:
+            stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
+            samples = with_depth(recording.samples([*topics, right]), stereo, right)
+        odometry = cls(rig, options=Options(method=options.method, mount=mount))
+        first, poses = int(recording.picture_times(color)[0]), []
+        for sample in samples:
+            estimate = odometry.update(sample)
+            if progress is not None and isinstance(sample, Image):
+                progress("estimate", min(1.0, (sample.t_ns - first) * 1e-9 / max(recording.duration, 1e-9)))
+            if estimate is not None:
+                poses.append(estimate.pose)
+        if not poses:
+            raise RecordingError(f"{recording.path}: dvio never starts: needs a second of IMU and images together")
+        name = cls.declaration.name
+        return [
+            PathEstimate(
+                name=name if options.method == cls.declaration.methods[0] else f"{name}_{options.method}",
+                frame=f"{mount}/imu", path=trajectory_of(poses), ready_ns=poses[0].t_ns, label=cls.declaration.label,
+                healthy=np.array([pose.valid for pose in poses], bool), leads=True,
+            )
+        ]  # fmt: skip
 
     def update(self, sample: Sample) -> DvioEstimate | None:
         """Takes one sample; returns the new estimate after one of the IMU.
@@ -146,7 +220,7 @@ class Dvio:
             else:
                 self._lose()
                 core.live.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(core.live, self._health)
+        return DvioEstimate.of(core.live, self._health, self._frame)
 
     def _next(self) -> Picture | None:
         """The oldest picture whose time the IMU has reached and whose depth is there, or will not come."""
@@ -268,3 +342,17 @@ def _upright(force: Array, before: Array | None) -> Array:
     x = forward - up * (up @ forward)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(up, x), up])
+
+
+def _mount(rig: Rig, options: Options) -> str:
+    """Who carries the camera: as the options say, else the first that has a camera and an IMU.
+
+    Raises:
+        StrideTwinError: The rig has no such camera.
+    """
+    there = [m for m in MOUNTS if f"/{m}/color" in rig.cameras and f"/{m}/imu" in rig.imus]
+    if not (options.mount or there):
+        raise StrideTwinError(
+            f"the rig cannot run dvio: needs {_WANTED}; it has {', '.join(rig.cameras) or 'no camera'}"
+        )
+    return options.mount or there[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import cv2
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.dvio.tracker import Lens
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration, Rig
-from stridetwin.streams.samples import Depth, Image
+from stridetwin.streams.samples import Depth, Image, Sample
 
 _SHRINK = 2  # matching takes a quarter of the pixels and an eighth of the time
 _DISPARITIES, _BLOCK = 48, 5
@@ -85,6 +86,19 @@ def with_stereo(rig: Rig, left: str, depth: str) -> Rig:
         depth: Topic of its depth to be.
     """
     return replace(rig, cameras={**rig.cameras, left: replace(rig.cameras[left], depth_topic=depth)})
+
+
+def with_depth(samples: Iterable[Sample], stereo: Stereo, right: str) -> Iterator[Sample]:
+    """The samples, in which the depth of each stereo pair replaces the images of the topic `right`."""
+    pair: dict[bool, Image] = {}
+    for sample in samples:
+        if isinstance(sample, Image):
+            pair[sample.topic == right] = sample
+        if not (isinstance(sample, Image) and sample.topic == right):
+            yield sample
+        if len(pair) == 2 and pair[False].t_ns == pair[True].t_ns:
+            yield stereo.depth(pair[False], pair[True])
+            pair.clear()
 
 
 def _grey(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

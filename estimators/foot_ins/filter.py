@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.foot_ins import kernel
 from stridetwin.estimators.foot_ins.memory import (
     ATTITUDE,
@@ -24,10 +27,15 @@ from stridetwin.estimators.foot_ins.memory import (
     blank,
 )
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
-from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.streams.pose import Pose
+from stridetwin.streams.recording import Recording
+from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 from stridetwin.streams.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,8 +81,7 @@ class FootInsEstimate:
 
     Attributes:
         t_ns: Time of the sample.
-        p_imu_in_world: (3,) m.
-        q_world_imu: (4,) unit quaternion (w, x, y, z), sensor to world.
+        pose: Of the sensor, without covariance; valid once the vertical is found.
         v_imu_in_world: (3,) m/s.
         covariance: (15, 15) of the errors of position (m), velocity (m/s), attitude (rad, world axes), gyro
             bias (rad/s) and accelerometer bias (m/s², both sensor axes).
@@ -84,26 +91,37 @@ class FootInsEstimate:
     """
 
     t_ns: int
-    p_imu_in_world: Array
-    q_world_imu: Array
+    pose: Pose
     v_imu_in_world: Array
     covariance: Array
     standing_speed_sd: float
     aligned: bool
 
     @classmethod
-    def of(cls, memory: Memory, phase: int, standing_speed_sd: float) -> FootInsEstimate:
-        """What the memory holds, copied, after a sample that was used in `phase` (ALIGNING or TRACKING)."""
-        x, o = memory.nominal.copy(), memory.row
+    def of(cls, memory: Memory, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
+        """What the memory holds, copied, after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
+        x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
+        p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
         return cls(
-            t_ns=int(memory.clock[T_LAST]),
-            p_imu_in_world=x[POSITION : POSITION + 3],
-            q_world_imu=x[ATTITUDE : ATTITUDE + 4],
+            t_ns=t_ns,
+            pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
             v_imu_in_world=x[VELOCITY : VELOCITY + 3],
             covariance=memory.covariance[o : o + TOLD, o : o + TOLD].copy(),
             standing_speed_sd=standing_speed_sd,
             aligned=phase == TRACKING,
         )
+
+    @property
+    def p_imu_in_world(self) -> Array:
+        """(3,) m; deprecated, see `pose`."""
+        deprecated("FootInsEstimate.p_imu_in_world", "pose.p_frame_in_world")
+        return self.pose.p_frame_in_world
+
+    @property
+    def q_world_imu(self) -> Array:
+        """(4,) unit quaternion; deprecated, see `pose`."""
+        deprecated("FootInsEstimate.q_world_imu", "pose.q_world_frame")
+        return self.pose.q_world_frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,6 +166,28 @@ class FootInsPath:
             aligned=phase[used] == TRACKING,
         )
 
+    def estimate(
+        self, recording: Recording, name: str, foot: str, label: str, nis: Mapping[str, float], world: str = ""
+    ) -> PathEstimate:
+        """The path of the IMU on `foot` as the estimate `name`; see `PathEstimate`.
+
+        Raises:
+            RecordingError: The vertical was never found.
+        """
+        frame = f"foot_{foot}/imu"
+        if not self.aligned.any():
+            raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
+        ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])
+        return PathEstimate(
+            name=f"{name}_{foot}",
+            frame=frame,
+            path=self.trajectory,
+            ready_ns=ready_ns,
+            nis=nis,
+            world=world,
+            label=label,
+        )
+
 
 class FootIns:
     """Zero-velocity-aided inertial navigation of one foot: causal, of constant memory, deterministic.
@@ -159,26 +199,78 @@ class FootIns:
     stays where it was, says how little it knows, and aligns anew.
 
     Args:
-        calibration: Noise and turn-on biases of the sensor; None = any consumer sensor.
+        rig: Noise and turn-on biases of the IMU on the foot; None = any consumer sensor. The calibration of one IMU in
+            its place is deprecated.
         parameters: What holds for any foot and sensor.
         start: Where the sensor stands at the first sample.
+        options: `foot`.
+
+    Raises:
+        StrideTwinError: The rig has no IMU on that foot.
     """
+
+    declaration: ClassVar[Declaration] = Declaration(
+        name="foot_ins", kind=PATH, order=1, per_foot=True, smooths=True, label="", budget_s=0.05,
+        description="path of one foot from its IMU alone (zero-velocity updates)",
+        needs="/foot_l/imu or /foot_r/imu",
+        summary="Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else.",
+    )  # fmt: skip
 
     def __init__(
         self,
-        calibration: ImuCalibration | None = None,
+        rig: Rig | ImuCalibration | None = None,
         parameters: FootInsParameters | None = None,
         start: StartPose | None = None,
+        *,
+        options: Options | None = None,
     ) -> None:
+        calibration = rig.imu(_topic(options or Options())) if isinstance(rig, Rig) else rig
+        if isinstance(rig, ImuCalibration):
+            deprecated("FootIns(calibration)", 'FootIns(rig, options=Options(foot="l"))')
+        self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = blank()
         if start is not None:
             start.place(self._memory)
 
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """The IMU of `options.foot`."""
+        return (Stream(role="imu", topic=_topic(options), kind=Imu),)
+
+    @classmethod
+    def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
+        """The path of one foot over a whole recording, smoothed where the options have a lag.
+
+        Raises:
+            StrideTwinError: The topic or the calibration is missing, or the foot never stands still.
+        """
+        topic = _topic(options)
+        block, estimator = recording.block(topic), cls.batch(recording.rig, options)
+        path = estimator.run(block)
+        nis = {} if math.isnan(estimator.nis) else {"standing": estimator.nis}
+        return [path.estimate(recording, cls.declaration.name, options.foot, "", nis)]
+
+    @classmethod
+    def follow_block(cls, block: Block[Imu], options: Options) -> Trajectory:
+        """The path of an IMU that nothing is known of."""
+        return cls.batch(None, options).run(block).trajectory
+
+    @classmethod
+    def batch(cls, rig: Rig | None, options: Options) -> FootIns | FootInsSmoother:
+        """The filter for whole blocks, or its smoother where the options have a lag."""
+        from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
+
+        if options.lag_s is None:
+            return cls(rig, options=options)
+        return FootInsSmoother(options.lag_s, None if rig is None else rig.imu(_topic(options)))
+
     def update(self, sample: Imu) -> FootInsEstimate | None:
         """Takes one sample; returns the new estimate, or None where the sample is ignored."""
         phase, speed, _, _ = self._run(np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None])
-        return None if phase[0] == IGNORED else FootInsEstimate.of(self._memory, int(phase[0]), float(speed[0]))
+        if phase[0] == IGNORED:
+            return None
+        return FootInsEstimate.of(self._memory, int(phase[0]), float(speed[0]), self._frame)
 
     @property
     def nis(self) -> float:
@@ -209,6 +301,10 @@ class FootIns:
             covariance,
         )
         return phase, speed, state, covariance
+
+
+def _topic(options: Options) -> str:
+    return f"/foot_{options.foot}/imu"
 
 
 def standing_nis(memory: Memory) -> float:

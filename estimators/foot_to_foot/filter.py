@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.memory import ATTITUDE, EMPTY, IGNORED, STATES, TOLD
@@ -23,6 +25,8 @@ from stridetwin.estimators.foot_to_foot.rig import shoes_of, side_by_side
 from stridetwin.estimators.foot_to_foot.samples import RelativePosition
 from stridetwin.estimators.foot_to_foot.worn import Worn
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.pose import Pose
+from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range
 
@@ -47,12 +51,14 @@ class FootToFootEstimate:
         feet: Of each foot that has given a sample, by `l` and `r`, at that foot's newest sample.
         covariance: (30, 30) of the left foot's 15 errors, then the right's; see `FootInsEstimate`.
         sightings: Boards that were seen in the pictures whose time has come with this sample.
+        pose: Of the foot whose IMU gave the sample; None after a sample of another kind.
     """
 
     t_ns: int
     feet: Mapping[str, FootInsEstimate]
     covariance: Array
     sightings: tuple[BoardSighting, ...] = ()
+    pose: Pose | None = None
 
 
 class FootToFoot:
@@ -64,9 +70,10 @@ class FootToFoot:
 
     Args:
         rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.
-        method: `stridetwin`, or one of Jao, Wang, Shkel 2020: `published` (= `zupt_relative_position`),
-            `zupt_relative_distance`, `zupt`.
-        parameters: `FootToFootParameters` for `stridetwin`, `PublishedParameters` for the others.
+        options: `method`, one of `METHODS`: the first, or one of Jao, Wang, Shkel 2020: `published`
+            (= `zupt_relative_position`), `zupt_relative_distance`, `zupt`.
+        parameters: `FootToFootParameters` for the first method, `PublishedParameters` for the others.
+        method: Deprecated form of `options.method`.
         start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without, one foot starts as `FootIns` does,
             two stand side by side.
         earth_rate_in_world: (3,) turning of the Earth, rad/s; 0 where latitude or north are unknown.
@@ -76,18 +83,30 @@ class FootToFoot:
         StrideTwinError: No IMU on either foot.
     """
 
+    declaration: ClassVar[Declaration] = Declaration(
+        name="foot_to_foot", kind=PATH, order=2, methods=tuple(METHODS), label="feet together", budget_s=0.05,
+        parts={"foot_l/imu": "l", "foot_r/imu": "r"},
+        description="paths of both feet, tied together by what shoe cameras and sonars tell of each other",
+        summary="Feet together: both IMUs in one filter, with what shoe cameras and sonars tell of each other.",
+    )  # fmt: skip
+
     def __init__(
         self,
         rig: Rig,
         *,
-        method: str = "stridetwin",
+        options: Options | None = None,
+        method: str | None = None,
         parameters: FootToFootParameters | PublishedParameters | None = None,
         start: Mapping[str, StartPose] | None = None,
         earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
+        if method is None:
+            method = (options or Options()).method
+        else:
+            deprecated("FootToFoot(method=...)", "FootToFoot(rig, options=Options(method=...))")
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
-        kind = FootToFootParameters if method == "stridetwin" else PublishedParameters
+        kind = FootToFootParameters if method == PROPOSED else PublishedParameters
         if not isinstance(parameters := parameters or kind(), kind):
             raise ConfigError("FootToFoot", "parameters", type(parameters).__name__, f"{kind.__name__} for {method}")
         self._listens_to = METHODS[method]
@@ -123,6 +142,29 @@ class FootToFoot:
         self._imu_of = {imu.topic: FEET.index(f) for f, imu in shoes.imus.items()}
         self._sonar_of = {topic: i for i, topic in enumerate(shoes.sonar_topics) if topic}
 
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """IMUs, cameras and sonars of both feet."""
+        on_feet = tuple(f"foot_{foot}" for foot in FEET)
+        cameras = [c.topic for c in rig.cameras.values() if c.mount.body in on_feet]
+        sonars = [s.topic for s in rig.others.values() if s.kind == "range" and s.mount.body in on_feet]
+        return (
+            *(Stream(role=f"imu of {foot}", topic=f"/{foot}/imu", kind=Imu) for foot in on_feet),
+            *(Stream(role="camera", topic=topic, kind=Image, required=False) for topic in cameras),
+            *(Stream(role="sonar", topic=topic, kind=Range, required=False) for topic in sonars),
+        )
+
+    @classmethod
+    def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
+        """The paths of both feet over a whole recording.
+
+        Raises:
+            StrideTwinError: A topic or calibration is missing, or a foot never stands still.
+        """
+        from stridetwin.estimators.foot_to_foot.path import follow_recording
+
+        return follow_recording(cls(recording.rig, options=options), recording, options)
+
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
         """Takes one sample; returns the new estimate, or None where the sample is ignored or has to wait.
 
@@ -143,13 +185,16 @@ class FootToFoot:
         if not used or ((seen := self._look()) is None and isinstance(sample, Image)):
             return None
         feet = {
-            FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f])
+            FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f], f"foot_{FEET[f]}/imu")
             for f in range(2)
             if self._phase[f] != EMPTY
         }
+        pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
         told = np.r_[:TOLD, STATES : STATES + TOLD]
         covariance = self._pair.covariance[np.ix_(told, told)]
-        return FootToFootEstimate(t_ns=sample.t_ns, feet=feet, covariance=covariance, sightings=tuple(seen or ()))
+        return FootToFootEstimate(
+            t_ns=sample.t_ns, feet=feet, covariance=covariance, sightings=tuple(seen or ()), pose=pose
+        )
 
     @property
     def nis(self) -> dict[str, float]:

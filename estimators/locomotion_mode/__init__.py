@@ -1,9 +1,10 @@
 """What the next steps will be, and where the ground changes, before the foot lands."""
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
-from stridetwin.estimators.locomotion_mode.filter import METHODS, LocomotionMode
+from stridetwin.estimators.locomotion_mode.filter import INSOLES, METHODS, LocomotionMode
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 
 __all__ = [
-    "METHODS", "MODES", "LocomotionMode", "LocomotionModeParameters", "ModeEstimate", "NextChange", "StepPrediction",
+    "INSOLES", "METHODS", "MODES", "LocomotionMode", "LocomotionModeParameters", "ModeEstimate", "NextChange",
+    "StepPrediction",
 ]  # fmt: skip

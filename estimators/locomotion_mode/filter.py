@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
+from stridetwin.estimators.base import MODES as MODES_KIND
+from stridetwin.estimators.base import POSE_STREAM, PROPOSED, Declaration, Options, Stream, deprecated
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import next_change
@@ -21,11 +24,13 @@ from stridetwin.estimators.locomotion_mode.rhythm import Rhythm
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
-from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.rig import CameraCalibration, Mount
+from stridetwin.estimators.terrain_map.camera import camera_in_frame, depth_calibration
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
-METHODS = ("stridetwin", "published")
+METHODS = (PROPOSED, "published")
+INSOLES = ("/foot_l/insole", "/foot_r/insole")
 _USUAL_HEIGHT_M = 1.3
 """Of neck and waist, where the ground is not known."""
 _TALLEST_M = 2.2
@@ -46,38 +51,66 @@ class LocomotionMode:
     long, it begins anew, as the map does. Ground that was not seen may be any: the probabilities say so.
 
     Args:
-        ground: Map of the ground; it is fed here, with the same samples.
-        camera: The depth camera; tells where it sits on head or chest.
-        mount: Where the depth camera sits in the frame whose poses come, as the map was told; None: the poses are the
-            camera's own.
-        method: `stridetwin`, or `published`: Zhao et al. 2023, eqs. (16)-(18).
+        rig: With a depth camera. A map in its place, and the camera as second argument, are deprecated.
+        camera: Deprecated; the depth camera.
+        options: `poses_of`, the frame whose poses come; `method`, one of `METHODS`: the first, or `published`, Zhao et
+            al. 2023, eqs. (16)-(18).
+        ground: Map of the ground, built for the same options; it is fed here, with the same samples. None builds one.
+        mount: Deprecated; the camera in the frame whose poses come.
+        method: Deprecated form of `options.method`.
         parameters: One set serves everyone.
 
     Raises:
-        StrideTwinError: There is no such method.
+        StrideTwinError: There is no such method, or the rig has no depth camera.
     """
+
+    declaration: ClassVar[Declaration] = Declaration(
+        name="locomotion_mode", kind=MODES_KIND, order=1, methods=METHODS, budget_s=0.2, window_s=0.06,
+        description="mode, place and time of the coming steps from depth images, poses and insoles",
+    )  # fmt: skip
 
     def __init__(
         self,
-        ground: TerrainMap,
-        camera: CameraCalibration,
+        rig: Rig | TerrainMap,
+        camera: CameraCalibration | None = None,
         *,
+        options: Options | None = None,
+        ground: TerrainMap | None = None,
         mount: Mount | None = None,
-        method: str = "stridetwin",
+        method: str | None = None,
         parameters: LocomotionModeParameters | None = None,
     ) -> None:
+        options = options or Options()
+        if isinstance(rig, Rig):
+            camera, method = depth_calibration(rig), options.method
+            T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
+            ground = ground or TerrainMap(rig, options=options)
+        else:
+            deprecated("LocomotionMode(map, camera)", "LocomotionMode(rig, options=..., ground=map)")
+            ground, method = rig, method or PROPOSED
+            T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, float)
+        assert camera is not None
         if method not in METHODS:
-            raise StrideTwinError(f"there is no method {method!r} of locomotion_mode; valid: {', '.join(METHODS)}")
+            raise ConfigError("LocomotionMode", "method", method, ", ".join(METHODS))
         self.parameters = p = parameters or LocomotionModeParameters()
         self.ground, self.method = ground, method
-        T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, float)
         T_frame_body = T_frame_camera @ np.linalg.inv(camera.mount.T_body_sensor)
-        followed = T_frame_body if method == "stridetwin" else T_frame_camera
+        followed = T_frame_body if method == PROPOSED else T_frame_camera
         self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p.still_m)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._footing = Rhythm(p), Footing(p)
         self._stairs: Flight | None = None
+
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """Poses, insoles, of which one suffices, and depth.
+
+        Raises:
+            StrideTwinError: The rig has no depth camera.
+        """
+        insoles = (Stream(role="insole", topic=topic, kind=Insole) for topic in INSOLES)
+        return POSE_STREAM, *insoles, Stream(role="depth", topic=depth_calibration(rig).depth_topic, kind=Depth)
 
     def update(self, sample: Sample | StepEstimate) -> ModeEstimate | None:
         """Takes one sample; returns what is now known of the coming steps, None where nothing new is."""
@@ -114,7 +147,7 @@ class LocomotionMode:
             self._walking.clear()  # or the next step would be told from two
             return
         self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
-        if self.method == "stridetwin":
+        if self.method == PROPOSED:
             profile = self._profile(line)
             ground = self._ground_along(profile, line)
             behind, _ = moments(self._footing.standing(line), self._footing.s)

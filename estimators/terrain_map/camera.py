@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.terrain_map.outlines import in_range
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Array
 
 _WIDTH = 640.0
@@ -45,12 +45,7 @@ class DepthCamera:
         Raises:
             StrideTwinError: There is none; the message lists those there are.
         """
-        there = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
-        if not there or (topic is not None and topic not in there):
-            raise StrideTwinError(
-                f"the rig has no depth {topic or 'camera'}; it has {', '.join(sorted(there)) or 'none'}"
-            )
-        return cls(there[topic] if topic is not None else next(iter(there.values())))
+        return cls(depth_calibration(rig, topic))
 
     def pixels(self, of_640: float) -> int:
         """So many pixels of a 640-pixel picture in this one, at least one."""
@@ -73,3 +68,36 @@ class DepthCamera:
             return clean, count
         straight = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
         return straight, int(np.count_nonzero(straight))
+
+
+def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
+    """The camera with this depth stream, or the first that has one.
+
+    Raises:
+        StrideTwinError: There is none; the message lists those there are.
+    """
+    there = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
+    if not there or (topic is not None and topic not in there):
+        raise StrideTwinError(f"the rig has no depth {topic or 'camera'}; it has {', '.join(sorted(there)) or 'none'}")
+    return there[topic] if topic is not None else next(iter(there.values()))
+
+
+def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
+    """(4, 4) optical frame of a camera to another sensor's frame on the same body, such as `head/imu`; m.
+
+    Args:
+        rig: Says where both are mounted.
+        camera: Whose optical frame.
+        frame: The other sensor's; "" is the camera's own.
+
+    Raises:
+        StrideTwinError: The rig has no such sensor, or it is on another body.
+    """
+    if not frame:
+        return np.eye(4)
+    sensors: dict[str, ImuCalibration | CameraCalibration] = {**rig.imus, **rig.cameras}
+    there = [topic for topic, sensor in sensors.items() if sensor.mount.body == camera.mount.body]
+    if f"/{frame}" not in there:
+        valid = ", ".join(topic.removeprefix("/") for topic in there)
+        raise StrideTwinError(f"the rig has no frame {frame!r} on the body of {camera.topic}; it has {valid}")
+    return np.asarray(np.linalg.inv(sensors[f"/{frame}"].mount.T_body_sensor) @ camera.mount.T_body_sensor, float)

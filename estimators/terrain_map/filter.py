@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.base import MAP, POSE_STREAM, Declaration, Options, Stream, deprecated
 from stridetwin.estimators.terrain_map.blocks import EDGE, clear, empty_blocks, roll
-from stridetwin.estimators.terrain_map.camera import DepthCamera
+from stridetwin.estimators.terrain_map.camera import DepthCamera, camera_in_frame, depth_calibration
 from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, TerrainEstimate
 from stridetwin.estimators.terrain_map.integrate import integrate, touch
 from stridetwin.estimators.terrain_map.outlines import without_outlines
@@ -46,8 +48,8 @@ class TerrainMap:
 
     Args:
         rig: Tells the camera.
-        mount: Where the depth camera's optical frame sits in the frame whose poses come (`T_body_sensor`); None: the
-            poses are the optical frame's own.
+        options: `poses_of`, the frame whose poses come.
+        mount: Deprecated; the depth camera's optical frame in the frame whose poses come (`T_body_sensor`).
         topic: Depth stream; None: the first that the rig has.
         parameters: One set serves every camera and terrain.
 
@@ -55,17 +57,28 @@ class TerrainMap:
         StrideTwinError: The rig has no such depth camera.
     """
 
+    declaration: ClassVar[Declaration] = Declaration(
+        name="terrain_map", kind=MAP, order=1, budget_s=0.2, window_s=0.06,
+        description="planes, ramps and stairs around the walker from depth images and poses",
+    )  # fmt: skip
+
     def __init__(
         self,
         rig: Rig,
         *,
+        options: Options | None = None,
         mount: Mount | None = None,
         topic: str | None = None,
         parameters: TerrainMapParameters | None = None,
     ) -> None:
         self.parameters = p = parameters or TerrainMapParameters()
         self._camera = DepthCamera.of(rig, topic)
-        self._T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, dtype=float)
+        if mount is None:
+            camera = depth_calibration(rig, topic)
+            self._T_frame_camera = camera_in_frame(rig, camera, (options or Options()).poses_of)
+        else:
+            deprecated("TerrainMap(mount=...)", "TerrainMap(rig, options=Options(poses_of=FRAME))")
+            self._T_frame_camera = np.asarray(mount.T_body_sensor, dtype=float)
         self._poses = Poses(p)
         self._blocks = empty_blocks()
         self._planes = PlaneSet(p)
@@ -74,6 +87,15 @@ class TerrainMap:
         self._last_ns = self._looked_ns = _NEVER_NS
         self._T_grid_camera: Array | None = None
         self._estimate: TerrainEstimate | None = None
+
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """Poses and depth.
+
+        Raises:
+            StrideTwinError: The rig has no depth camera.
+        """
+        return POSE_STREAM, Stream(role="depth", topic=depth_calibration(rig).depth_topic, kind=Depth)
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """Takes one sample; returns what is now known of the ground, None where nothing new is."""

@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain, Exoskeleton
-from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
-from stridetwin.scenarios.leading import LedAhead
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, ModeEstimate
+from stridetwin.scenarios.pipeline import Led
 from stridetwin.sim.config import SIDES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
@@ -60,13 +60,13 @@ class Predicted(Unaware):
 
     def __init__(self, rig: Rig) -> None:
         super().__init__()
-        self._ahead = LedAhead(rig)
+        self._ahead = Led(rig, LocomotionMode)
         self._next: tuple[int, str, str] | None = None
 
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""
-        self._ahead.pose(sample)
-        told = self._ahead.look(sample)
+        self._ahead.lead(sample)
+        told = self._ahead.update(sample)
         if isinstance(told, ModeEstimate):
             self._take(told)
 
@@ -90,7 +90,7 @@ class Felt(Unaware):
 
     def __init__(self, exoskeleton: Exoskeleton) -> None:
         super().__init__()
-        self._legs = ContactTerrain(exoskeleton)
+        self._legs = ContactTerrain(Rig(), exoskeleton=exoskeleton)
 
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""

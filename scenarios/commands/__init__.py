@@ -2,7 +2,7 @@
 
 from stridetwin.scenarios.commands.bridge import live_command, send_command
 from stridetwin.scenarios.commands.campaign import generate_command
-from stridetwin.scenarios.commands.estimate import ESTIMATORS, estimate_command
+from stridetwin.scenarios.commands.estimate import estimate_command
 from stridetwin.scenarios.commands.experiment import experiment_command
 from stridetwin.scenarios.commands.listing import list_command
 from stridetwin.scenarios.commands.outcome import Outcome
@@ -12,7 +12,6 @@ from stridetwin.scenarios.commands.score import history_command, score_command
 from stridetwin.scenarios.commands.walk import run_command
 
 __all__ = [
-    "ESTIMATORS",
     "Outcome",
     "check_command",
     "estimate_command",

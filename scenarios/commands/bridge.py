@@ -25,7 +25,6 @@ FIGURES = {
     "not_finite": "not finite", "before_start": "before the start", "other_kind": "of another kind",
     "other_size": "of another size", "skipped": "left out for having waited",
 }  # fmt: skip
-_WITH_METHOD = ("foot_to_foot", "contact_terrain", "dvio", "locomotion_mode")
 _OVER_BUDGET = 1
 _LEAD_NS = 500_000_000
 """Within which a receiver has understood the hello, so that play begins in time."""
@@ -84,8 +83,10 @@ def _peeked(messages: Iterator[Message]) -> Iterator[Message]:
 
 def live_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`live`."""
+    from stridetwin.estimators import registry
+    from stridetwin.scenarios.commands.estimate import goes_with, options_of
     from stridetwin.scenarios.live import Session, run_live
-    from stridetwin.scenarios.live_chain import Asked
+    from stridetwin.scenarios.live_chain import Request
     from stridetwin.streams.wire import parse_address
 
     name = arguments.estimator
@@ -93,19 +94,15 @@ def live_command(arguments: Namespace, progress: Progress) -> Outcome:
         raise StrideTwinError("live: nothing to do; valid: an estimator, --record FILE, or both")
     if name is None and arguments.output is not None:
         raise StrideTwinError("-o goes with an estimator; a recording is made with --record FILE")
-    if arguments.foot and name != "foot_ins":
-        raise StrideTwinError("--foot goes with foot_ins")
-    if arguments.method != "stridetwin" and name not in _WITH_METHOD:
-        raise StrideTwinError(f"--method {arguments.method} goes with {', '.join(_WITH_METHOD)}")
+    if name is None and arguments.foot:
+        raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
+    asked = None
+    if name is not None:
+        options = options_of(arguments, registry.estimator(name).declaration)
+        asked = Request(estimator=name, options=options, output=arguments.output)
     address = parse_address(arguments.listen, "--listen")
     if not _is_loopback(address[0]):
         _say(f"warning: {address[0]} can be reached from other machines, and who reaches it is believed")
-    asked = None
-    if name is not None:
-        asked = Asked(
-            estimator=name, method=arguments.method, foot=arguments.foot or "l", exoskeleton=arguments.exoskeleton,
-            output=arguments.output,
-        )  # fmt: skip
     session = Session(
         asked=asked, address=address, rig=arguments.rig, record=arguments.record,
         budget_s=None if arguments.budget is None else arguments.budget * 1e-3,

@@ -3,110 +3,115 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.source import imported
 from stridetwin.streams.errors import StrideTwinError
 
-ESTIMATORS = {
-    "foot_ins": "path of one foot from its IMU alone (zero-velocity updates)",
-    "foot_to_foot": "paths of both feet, tied together by what shoe cameras and sonars tell of each other",
-    "contact_terrain": "slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
-    "dvio": "path of a head- or chest-worn RGB-D camera with IMU",
-    "terrain_map": "planes, ramps and stairs around the walker from depth pictures and poses",
-    "locomotion_mode": "mode, place and time of the coming steps from depth pictures, poses and insoles",
-}
+if TYPE_CHECKING:
+    from stridetwin.scenarios.pipeline import Found
+    from stridetwin.streams.trajectory import Trajectory
+
+Written = tuple[list[Path], int, list[str]]
+"""Files, rows, and what to say of them."""
 
 
 def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`estimate`."""
-    from stridetwin.scenarios.estimates import estimate_feet, estimate_foot, foot_filter
+    found = registry.estimator(arguments.estimator)
+    if arguments.mesh and found.declaration.kind != MAP:
+        raise StrideTwinError(f"--mesh goes with {goes_with(lambda d: d.kind == MAP)}")
+    options = options_of(arguments, found.declaration)
+    write = {PATH: _paths, STEPS: _steps, MAP: _terrain, MODES: _modes}[found.declaration.kind]
+    files, rows, lines = write(arguments, found, options, progress)
+    data = {"file": str(files[0]), "files": [str(f) for f in files], "estimator": arguments.estimator, "rows": rows}
+    return Outcome(data=data, lines=lines)
+
+
+def options_of(arguments: Namespace, declaration: Declaration) -> Options:
+    """What the arguments of `estimate` or `live` choose.
+
+    Raises:
+        StrideTwinError: The estimator has no such option or method.
+    """
+    lag_s = getattr(arguments, "lag", None)
+    if arguments.foot and not declaration.per_foot:
+        raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
+    if lag_s is not None and not declaration.smooths:
+        raise StrideTwinError(f"--lag goes with {goes_with(lambda d: d.smooths)}")
+    if arguments.method not in declaration.methods:
+        words = goes_with(lambda d: arguments.method in d.methods)
+        valid = ", ".join(declaration.methods)
+        raise StrideTwinError(f"--method {arguments.method} goes with {words}; {declaration.name} has {valid}")
+    return Options(
+        method=arguments.method, foot=arguments.foot or "l", lag_s=lag_s, exoskeleton=arguments.exoskeleton
+    )  # fmt: skip
+
+
+def goes_with(choose: Callable[[Declaration], bool]) -> str:
+    """Names of the estimators that are chosen."""
+    return ", ".join(name for name, found in registry.estimators().items() if choose(found.declaration))
+
+
+def _paths(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.scenarios.imu_table import TABLES
+    from stridetwin.scenarios.live_chain import part_file
+    from stridetwin.scenarios.pipeline import paths
     from stridetwin.streams.imu_table import read_imu_table
     from stridetwin.streams.tum import write_tum
 
-    if arguments.mesh and arguments.estimator != "terrain_map":
-        raise StrideTwinError("--mesh goes with terrain_map, which writes the ground")
-    if arguments.estimator == "contact_terrain":
-        return _estimate_steps(arguments, progress)
-    if arguments.estimator == "terrain_map":
-        return _estimate_terrain(arguments, progress)
-    if arguments.estimator == "locomotion_mode":
-        return _estimate_modes(arguments, progress)
-    if arguments.estimator == "dvio":
-        from stridetwin.scenarios.odometry import estimate_odometry
-
-        if arguments.foot or arguments.lag is not None:
-            raise StrideTwinError("--foot and --lag go with foot_ins; dvio tells one path, each pose at once")
-        paths = {arguments.output: estimate_odometry(imported(arguments), arguments.method, progress).path}
-    elif arguments.estimator == "foot_to_foot":
-        if arguments.foot:
-            raise StrideTwinError("--foot goes with foot_ins; foot_to_foot writes a file for each foot")
-        if arguments.lag is not None:
-            raise StrideTwinError("--lag goes with foot_ins; foot_to_foot tells each pose at once")
-        progress("estimate", 0.0)
-        made = estimate_feet(imported(arguments), arguments.method)
-        paths = {_for_foot(arguments.output, e.frame[len("foot_")]): e.path for e in made}
-    elif arguments.method != "stridetwin":
-        raise StrideTwinError(f"--method {arguments.method} goes with foot_to_foot; valid for foot_ins: stridetwin")
-    elif arguments.source.suffix in TABLES and not (arguments.rig or arguments.map or arguments.kind):
-        paths = {arguments.output: foot_filter(arguments.lag).run(read_imu_table(arguments.source)).trajectory}
+    follow_block, parts = getattr(found, "follow_block", None), found.declaration.parts
+    is_table = arguments.source.suffix in TABLES and not (arguments.rig or arguments.map or arguments.kind)
+    if follow_block is not None and is_table:
+        made = {arguments.output: follow_block(read_imu_table(arguments.source), options)}
     else:
-        paths = {arguments.output: estimate_foot(imported(arguments), arguments.foot or "l", arguments.lag).path}
-    for file, path in paths.items():
+        estimates = paths(found, imported(arguments), options, progress)
+        made = {part_file(arguments.output, parts.get(e.frame, "")): e.path for e in estimates}
+    for file, path in made.items():
         write_tum(path, file)
-    rows = sum(map(len, paths.values()))
-    data = {"file": str(next(iter(paths))), "files": [str(f) for f in paths], "estimator": arguments.estimator}
-    lines = [f"{file}: {len(path)} poses" for file, path in paths.items()]
-    return Outcome(data=data | {"rows": rows}, lines=lines)
+    return list(made), sum(map(len, made.values())), [f"{file}: {len(path)} poses" for file, path in made.items()]
 
 
-def _estimate_steps(arguments: Namespace, progress: Progress) -> Outcome:
-    from stridetwin.scenarios.estimates import estimate_steps
+def _steps(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
+    from stridetwin.scenarios.pipeline import steps
     from stridetwin.scenarios.steps import write_steps
 
-    if arguments.foot:
-        raise StrideTwinError("--foot goes with foot_ins; contact_terrain writes the steps of both feet")
     progress("estimate", 0.0)
-    made = estimate_steps(imported(arguments), arguments.method, arguments.exoskeleton)
+    made = steps(found, imported(arguments), options)
     write_steps(made, arguments.output)
-    file = str(arguments.output)
-    data = {"file": file, "files": [file], "estimator": arguments.estimator, "rows": len(made)}
-    return Outcome(data=data, lines=[f"{file}: {len(made)} steps"])
+    return [arguments.output], len(made), [f"{arguments.output}: {len(made)} steps"]
 
 
-def _estimate_terrain(arguments: Namespace, progress: Progress) -> Outcome:
-    from stridetwin.scenarios.terrain_files import document, map_recording, write_terrain
-    from stridetwin.streams.tum import read_tum
+def _terrain(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
+    from stridetwin.scenarios.pipeline import mapped
+    from stridetwin.scenarios.terrain_files import document, write_terrain
 
-    if arguments.foot:
-        raise StrideTwinError("--foot goes with foot_ins; terrain_map looks through the depth camera")
     progress("estimate", 0.0)
-    terrain_map = map_recording(imported(arguments), read_tum(arguments.poses) if arguments.poses else None)
-    files = [str(f) for f in write_terrain(terrain_map, arguments.output, mesh=arguments.mesh)]
-    found = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
-    kinds = [t["type"] for t in found["terrains"]]
-    data = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": len(found["planes"])}
-    told = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs"))
-    return Outcome(data=data, lines=[f"{files[0]}: {len(found['planes'])} planes; {told}"])
+    terrain_map = mapped(found, imported(arguments), options, _given(arguments))
+    files = write_terrain(terrain_map, arguments.output, mesh=arguments.mesh)
+    known = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
+    kinds = [t["type"] for t in known["terrains"]]
+    words = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs"))
+    return files, len(known["planes"]), [f"{files[0]}: {len(known['planes'])} planes; {words}"]
 
 
-def _estimate_modes(arguments: Namespace, progress: Progress) -> Outcome:
-    from stridetwin.scenarios.mode_files import predict_recording, predicted_steps, write_modes
-    from stridetwin.streams.tum import read_tum
+def _modes(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
+    from stridetwin.scenarios.mode_files import predicted_steps, write_modes
+    from stridetwin.scenarios.pipeline import predicted
 
-    if arguments.foot:
-        raise StrideTwinError("--foot goes with foot_ins; locomotion_mode tells the steps of both feet")
     progress("estimate", 0.0)
-    path = read_tum(arguments.poses) if arguments.poses else None
-    rows = predicted_steps(predict_recording(imported(arguments), arguments.method, path))
+    rows = predicted_steps(predicted(found, imported(arguments), options, _given(arguments)))
     write_modes(rows, arguments.output)
-    file = str(arguments.output)
-    data = {"file": file, "files": [file], "estimator": arguments.estimator, "rows": len(rows)}
-    return Outcome(data=data, lines=[f"{file}: {len(rows)} steps"])
+    return [arguments.output], len(rows), [f"{arguments.output}: {len(rows)} steps"]
 
 
-def _for_foot(file: Path, foot: str) -> Path:
-    """`path.txt` becomes `path_l.txt`."""
-    return file.with_name(f"{file.stem}_{foot}{file.suffix}")
+def _given(arguments: Namespace) -> Trajectory | None:
+    """The poses of `--poses`."""
+    from stridetwin.streams.tum import read_tum
+
+    return read_tum(arguments.poses) if arguments.poses else None

@@ -6,12 +6,12 @@ import textwrap
 from argparse import Namespace
 from dataclasses import asdict
 
-from stridetwin.scenarios.commands.estimate import ESTIMATORS
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 
 
 def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`list`."""
+    from stridetwin.estimators.registry import estimators
     from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign
     from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
     from stridetwin.scenarios.fault_fields import KINDS
@@ -24,12 +24,13 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
     placements = {name: read_problem(path).description for name, path in problems().items()}
     many = {name: read_campaign(path).description for name, path in campaigns().items()}
+    known = {name: found.declaration.description for name, found in estimators().items()}
     data = {
         "scenarios": scenarios,
         "campaigns": many,
         "placements": placements,
         "sensors": list(SENSORS),
-        "estimators": ESTIMATORS,
+        "estimators": known,
         "experiments": EXPERIMENT_NAMES,
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
         "faults": sorted(KINDS),
@@ -40,7 +41,7 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     lines += ["Campaigns", *(f"  {n:<16} {words}" for n, words in many.items()), ""]
     lines += ["Placements", *(f"  {n:<16} {words}" for n, words in placements.items()), "", "Estimators"]
     lines += [
-        *(f"  {n:<16} {words}" for n, words in ESTIMATORS.items()),
+        *(f"  {n:<16} {words}" for n, words in known.items()),
         "",
         "Experiments",
         *(f"  {n:<16} {words}" for n, words in EXPERIMENT_NAMES.items()),

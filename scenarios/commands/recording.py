@@ -70,8 +70,8 @@ def check_command(arguments: Namespace, progress: Progress) -> Outcome:
 
 def view_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`view`."""
+    from stridetwin.scenarios.ahead import all_estimates
     from stridetwin.scenarios.evaluate import evaluate, true_frames
-    from stridetwin.scenarios.feet_and_head import all_estimates
     from stridetwin.scenarios.rerun_file import rerun_installed, write_rerun
     from stridetwin.streams.files import whole_file
 

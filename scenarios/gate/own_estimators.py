@@ -1,9 +1,9 @@
 """Estimators that are none of the project's: a Python class, a program that writes a TUM file, a TUM file.
 
 A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in order of
-time and returns None, or an object with `t_ns` (int), `p_frame_in_world` ((3,) m) and `q_world_frame` ((4,) unit
-quaternion, w first) of a later time than the one before. It may say `topics`, those that it wants (all but the truth's
-by default), and `frame`, whose pose it tells.
+time and returns None, or a `streams.pose.Pose` of a later time than the one before, or an object whose `pose` is one.
+An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. It may say `topics`, those that it wants
+(all but the truth's by default), and `frame`, whose pose it estimates.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from stridetwin.scenarios.evaluate import Estimate
+from stridetwin.scenarios.pipeline import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.pose import trajectory_of
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.trajectory import Trajectory
 from stridetwin.streams.tum import read_tum
@@ -35,14 +35,6 @@ TRUTH = "/truth/"
 _TAIL = 600  # characters of what a program said last, or of what a class raised
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Of a shell whose stdin ends when this process does, whatever ends it."""
-
-
-class Pose(Protocol):
-    """What an estimator tells."""
-
-    t_ns: int
-    p_frame_in_world: Any
-    q_world_frame: Any
 
 
 class OwnEstimator(Protocol):
@@ -202,14 +194,13 @@ def lead(estimator: Any, recording: Recording) -> Trajectory:
     truths = [topic for topic in wanted if topic.startswith(TRUTH)]
     if truths:
         raise StrideTwinError(f"{type(estimator).__name__}.topics: {truths[0]} is the truth; valid: what sensors say")
-    told: list[Pose] = [e for e in map(estimator.update, recording.samples(wanted)) if e is not None]
-    if not told:
-        raise StrideTwinError(f"{type(estimator).__name__}.update has returned no estimate")
-    return Trajectory(
-        t_ns=np.array([int(e.t_ns) for e in told], np.int64),
-        p_frame_in_world=np.array([e.p_frame_in_world for e in told], float).reshape(len(told), -1),
-        q_world_frame=np.array([e.q_world_frame for e in told], float).reshape(len(told), -1),
-    )
+    name, poses = type(estimator).__name__, []
+    for sample in recording.samples(wanted):
+        if (pose := pose_of(estimator.update(sample), name)) is not None:
+            poses.append(pose)
+    if not poses:
+        raise StrideTwinError(f"{name}.update has returned no estimate")
+    return trajectory_of(poses)
 
 
 @contextmanager

@@ -10,19 +10,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from stridetwin.estimators import registry
 from stridetwin.scenarios.ahead import look_ahead, odometry_of
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.scenarios.commands.source import opened
-from stridetwin.scenarios.estimates import estimates
 from stridetwin.scenarios.evaluate import evaluate
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.gate.own_estimators import OwnEstimator
 from stridetwin.scenarios.gate.score_table import EVERY
+from stridetwin.scenarios.pipeline import all_paths
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.record import Progress
 from stridetwin.scenarios.scoring import Scores
-from stridetwin.scenarios.step_scores import evaluate_steps, feeds_steps
+from stridetwin.scenarios.step_scores import evaluate_every_step
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording import Recording
 
@@ -120,16 +121,12 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
 
 def _built_in(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
     """Every estimator that the recording feeds; those that were done before one fell stand in the scores."""
-    steps = feeds_steps(recording)
-    made = estimates(recording)
-    if not made and not steps:
-        raise StrideTwinError(
-            f"{job.path}: feeds no estimator; valid: a recording with /foot_l/imu or /foot_r/imu, with an "
-            "exoskeleton's AHRS, encoders and insoles, or with an RGB-D camera with IMU on head or chest"
-        )
+    made = all_paths(recording)
     scores |= {r.estimate.name: r.scores for r in evaluate(recording, made, job.alignment)}
-    if steps:
-        scores["contact_terrain"] = evaluate_steps(recording).scores
+    scores |= {name: result.scores for name, result in evaluate_every_step(recording).items()}
+    if not scores:
+        needs = [found.declaration.needs for found in registry.estimators().values() if found.declaration.needs]
+        raise StrideTwinError(f"{job.path}: feeds no estimator: expected a recording with {', or '.join(needs)}")
     odometry = odometry_of(recording, made)
     if odometry is not None:
         scores |= look_ahead(recording, odometry, progress).scores

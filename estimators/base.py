@@ -1,0 +1,189 @@
+"""What an estimator is: one interface, and what each estimator declares of itself.
+
+A class is an estimator when it has a `declaration`, the class method `streams`, the constructor
+`Estimator(rig, *, options=None, parameters=None)` and `update(sample)`. A package offers it under the entry point group
+`stridetwin.estimators` (`registry`). What an estimator returns depends on the kind that it declares, and so does how it
+is written, scored and drawn:
+
+| kind | `update` returns | file |
+|---|---|---|
+| `path` | a `Pose`, or an object whose `pose` is one | TUM trajectory |
+| `steps` | `contact_terrain.StepEstimate` | `.csv`, a row a step |
+| `map` | `terrain_map.TerrainEstimate`; the estimator answers as `TerrainMap` does | `.json` and `.ply` |
+| `modes` | `locomotion_mode.ModeEstimate` | `.csv`, a row a step |
+
+An estimator of paths may also have the class method `follow(recording, options, progress)`, which returns the
+`PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Odometry, Sample
+from stridetwin.streams.trajectory import Trajectory
+
+PATH, STEPS, MAP, MODES = KINDS = ("path", "steps", "map", "modes")
+PROPOSED = "stridetwin"
+"""The method that is no published one; the default of every estimator."""
+POSES = "/poses"
+"""Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
+FEET = {"l": "left", "r": "right"}
+TRUTH = {
+    PATH: "/truth/{frame}/odometry",
+    STEPS: "/truth/footprints",
+    MAP: "/truth/footprints",
+    MODES: "/truth/footprints",
+}
+"""Topic that scores an estimate, by kind; terrain comes from the recording's metadata."""
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Options:
+    """What a user chooses. One form serves all estimators; each reads what concerns it.
+
+    Attributes:
+        method: One of `Declaration.methods`.
+        foot: `l` or `r`, for an estimator of one foot.
+        mount: Who carries the camera, one of `Declaration.mounts`; "" takes the first that the rig has.
+        poses_of: Frame whose poses come under `POSES`, such as `head/imu`; "" means the depth camera's optical frame.
+        lag_s: Smooth each pose with what follows within this time, s; None returns each pose at once.
+        exoskeleton: File of an exoskeleton's geometry; None takes the one in the metadata.
+        metadata: Texts that came with the samples.
+        source: Whose metadata it is, for error messages.
+    """
+
+    method: str = PROPOSED
+    foot: str = "l"
+    mount: str = ""
+    poses_of: str = ""
+    lag_s: float | None = None
+    exoskeleton: Path | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    source: str = "metadata"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stream:
+    """A stream that an estimator takes.
+
+    Attributes:
+        role: What the samples are to the estimator; of the streams of one required role any one suffices.
+        topic: Name of the stream.
+        kind: Type of its samples.
+        required: Without a stream of this role nothing is estimated in `run` and `score`.
+        live: The estimator's `update` takes it; otherwise only `follow` reads it.
+    """
+
+    role: str
+    topic: str
+    kind: type[Sample]
+    required: bool = True
+    live: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declaration:
+    """What the commands, the report and the gate know of an estimator.
+
+    Attributes:
+        name: In commands, files and scores.
+        description: One line for `list`.
+        kind: One of `KINDS`; decides return type, file, truth and scores.
+        needs: What a recording must hold, in words: "a recording with <needs>".
+        order: Place among the estimators of its kind.
+        methods: Names of the algorithms, the default first.
+        per_foot: One instance is the estimator of one foot; both feet are run.
+        mounts: Who may carry its camera; the first that the streams allow is run.
+        parts: Suffix of name and file by frame, for an instance that estimates several paths.
+        leads: Its poses are fed to the estimators of maps and modes.
+        smooths: It takes `Options.lag_s`.
+        label: How figures call its paths, beside "left", "right" or "camera"; None means its name.
+        summary: A sentence for the report.
+        budget_s: Live: time from arrival to estimate that 99 % of the samples keep, s.
+        window_s: Live: how long a sample waits for older ones of other streams, s.
+    """
+
+    name: str
+    description: str
+    kind: str
+    needs: str = ""
+    order: int = 100
+    methods: tuple[str, ...] = (PROPOSED,)
+    per_foot: bool = False
+    mounts: tuple[str, ...] = ()
+    parts: Mapping[str, str] = field(default_factory=dict)
+    leads: bool = False
+    smooths: bool = False
+    label: str | None = None
+    summary: str = ""
+    budget_s: float = 0.1
+    window_s: float = 0.01
+
+
+class Estimator(Protocol):
+    """Causal, bounded in memory, deterministic; never returns a NaN.
+
+    Attributes:
+        declaration: What it is.
+    """
+
+    declaration: ClassVar[Declaration]
+
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+        """Raises StrideTwinError where the rig lacks a sensor or calibration; the message names it."""
+
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """What it takes, the topics by role.
+
+        Raises:
+            StrideTwinError: The rig, or the options' metadata, does not say what these are.
+        """
+
+    def update(self, sample: Any) -> Any:
+        """Takes one sample, in order of time; returns an estimate, or None where nothing new is known."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathEstimate:
+    """The path that an estimator gives for one frame over a whole recording, of N poses.
+
+    Attributes:
+        name: In scores and files, such as `foot_ins_l`.
+        frame: Frame whose path it is, such as `foot_l/imu`.
+        path: Poses in the estimator's own world.
+        ready_ns: From when on it is scored: an estimator may look for the vertical first.
+        nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
+        world: Estimates of one world are aligned with the truth together, as the first of them is; "" = each by itself.
+        healthy: (N,) where the estimator trusts its pose; None where it does not say.
+        label: As `Declaration.label`.
+        leads: As `Declaration.leads`.
+    """
+
+    name: str
+    frame: str
+    path: Trajectory
+    ready_ns: int = 0
+    nis: Mapping[str, float] = field(default_factory=dict)
+    world: str = ""
+    healthy: NDArray[np.bool_] | None = None
+    label: str | None = None
+    leads: bool = False
+
+
+POSE_STREAM = Stream(role="poses", topic=POSES, kind=Odometry)
+
+
+def deprecated(old: str, new: str) -> None:
+    """Warns the caller's caller of a form that the next release no longer has."""
+    warnings.warn(f"{old} is deprecated and will go in the next release; use {new}", DeprecationWarning, stacklevel=3)

@@ -1,0 +1,70 @@
+"""The installed estimators: ours, and those of any package with entry points of the group `stridetwin.estimators`."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, cast
+
+from stridetwin.estimators.base import KINDS, Declaration, Estimator
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+GROUP = "stridetwin.estimators"
+
+
+def names() -> tuple[str, ...]:
+    """Names of all estimators, in alphabetical order; imports none of them.
+
+    Raises:
+        StrideTwinError: Two packages offer the same name.
+    """
+    return tuple(_points())
+
+
+def estimator(name: str) -> type[Estimator]:
+    """The class of one estimator.
+
+    Raises:
+        StrideTwinError: There is none of this name, it cannot be imported, or it is not an estimator.
+    """
+    points = _points()
+    if name not in points:
+        raise ConfigError("estimator", "name", name, ", ".join(points))
+    where = f"{GROUP}: {name} = {points[name].value}"
+    try:
+        found: Any = points[name].load()
+    except Exception as error:
+        raise StrideTwinError(f"{where}: cannot be imported: {type(error).__name__}: {error}") from error
+    declaration = getattr(found, "declaration", None)
+    if not isinstance(declaration, Declaration):
+        raise ConfigError(where, "declaration", type(declaration).__name__, "stridetwin.estimators.base.Declaration")
+    for field, value, valid in (("name", declaration.name, (name,)), ("kind", declaration.kind, KINDS)):
+        if value not in valid:
+            raise ConfigError(where, f"declaration.{field}", value, ", ".join(valid))
+    for method in ("streams", "update"):
+        if not callable(getattr(found, method, None)):
+            raise ConfigError(where, method, getattr(found, method, None), "a method")
+    return cast("type[Estimator]", found)
+
+
+def estimators(kind: str | None = None) -> dict[str, type[Estimator]]:
+    """All estimators, or those of one kind, by name: kinds in the order of `KINDS`, then as they declare.
+
+    Raises:
+        StrideTwinError: As `estimator`.
+    """
+
+    def place(found: type[Estimator]) -> tuple[int, int, str]:
+        declaration = found.declaration
+        return KINDS.index(declaration.kind), declaration.order, declaration.name
+
+    every = sorted(map(estimator, names()), key=place)
+    return {e.declaration.name: e for e in every if kind in (None, e.declaration.kind)}
+
+
+def _points() -> dict[str, EntryPoint]:
+    found: dict[str, EntryPoint] = {}
+    for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
+        if point.value != found.setdefault(point.name, point).value:
+            both = f"{found[point.name].value} and {point.value}"
+            raise StrideTwinError(f"{GROUP}: {point.name}: two packages offer it, {both}; uninstall one")
+    return found
