@@ -16,17 +16,19 @@ from typing import Any
 from benchmarks.command import answer, command, show_summary
 from benchmarks.foot_ins_speed import peak_mib
 from benchmarks.repeated import again
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain, Exoskeleton
 from stridetwin.scenarios.exo_geometry import geometry
 from stridetwin.scenarios.experiments.shim_table5 import SENSORS, walked
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
 
 
 def figures(exo: Exoskeleton, method: str, samples: Sequence[Sample], times: int) -> dict[str, float]:
     """Time and growth of memory over so many repetitions."""
-    estimator, spent_s, before = ContactTerrain(exo, method), 0.0, 0.0
+    estimator, spent_s, before = ContactTerrain(Rig(), options=Options(method=method), exoskeleton=exo), 0.0, 0.0
     instants = len({s.t_ns for s in samples}) * times
     for turn, sample in again(lambda: samples, times, samples[-1].t_ns - samples[0].t_ns + 10_000_000):
         if turn == 1 and not before:

@@ -24,6 +24,7 @@ import numpy as np
 from benchmarks.command import answer, command, show_summary
 from benchmarks.foot_ins_speed import peak_mib
 from benchmarks.repeated import again
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.dvio.filter import HELD
 from stridetwin.scenarios.experiments.odometry_walks import SENSORS, follow, odometry_samples, time_of
@@ -39,7 +40,7 @@ WARM_NS = 4_000_000_000
 
 def figures(walk: Recording, walks: int) -> dict[str, float]:
     """Times, lag and growth of memory over so many walks one after the other."""
-    odometry, before = Dvio(walk.rig, mount=MOUNT), 0.0
+    odometry, before = Dvio(walk.rig, options=Options(mount=MOUNT)), 0.0
     arrived: list[float] = []
     taken: list[tuple[float, float]] = []
     picture: list[bool] = []
@@ -84,7 +85,8 @@ def measure(walks: int, seed: int, scenario: str) -> dict[str, Any]:
         record(Twin(config, seed), path, lambda stage, share: None)
         walk = Recording(path)
         follow(
-            Dvio(walk.rig, mount=MOUNT), takewhile(lambda s: s.t_ns < WARM_NS, odometry_samples(walk, MOUNT))
+            Dvio(walk.rig, options=Options(mount=MOUNT)),
+            takewhile(lambda s: s.t_ns < WARM_NS, odometry_samples(walk, MOUNT)),
         )  # compiles
         return {"experiment": "dvio_speed", "summary": {scenario: figures(walk, max(2, walks))}}
 

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command, show_summary
-from stridetwin.scenarios.estimates import foot_filter
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
 SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down")
@@ -38,23 +39,23 @@ def joined(pieces: Sequence[Block[Any]]) -> Block[Any]:
 
 
 @lru_cache(maxsize=1)
-def feet_of_walk(scenario: str, seed: int) -> dict[str, tuple[ImuCalibration, Block[Imu], TruePath]]:
-    """Calibration, samples and truth of each foot's IMU in one walk."""
+def feet_of_walk(scenario: str, seed: int) -> dict[str, tuple[Rig, Block[Imu], TruePath]]:
+    """Rig, samples and truth of each foot's IMU in one walk."""
     twin = Twin(replace(load_scenario(scenario).config, sensors=("foot_imu",)), seed)
     chunks = [{b.topic: b for b in chunk if isinstance(b, Block)} for chunk in twin.blocks()]
     feet = {}
     for foot in FEET:
         topic = f"/foot_{foot}/imu"
         imu, truth = (joined([c[name] for c in chunks]) for name in (topic, f"/truth{topic}/odometry"))
-        feet[foot] = twin.rig.imu(topic), imu, TruePath.of(truth)
+        feet[foot] = twin.rig, imu, TruePath.of(truth)
     return feet
 
 
 def scores_of_walk(scenario: str, seed: int, lag_s: float | None = None) -> dict[str, Scores]:
     """Scores of each foot in one walk, and `swing_error_m`; by the smoother where there is a lag."""
     scores = {}
-    for foot, (calibration, imu, truth) in feet_of_walk(scenario, seed).items():
-        path = foot_filter(lag_s, calibration).run(imu)
+    for foot, (rig, imu, truth) in feet_of_walk(scenario, seed).items():
+        path = FootIns.batch(rig, Options(foot=foot, lag_s=lag_s)).run(imu)
         ready_ns = int(path.trajectory.t_ns[path.aligned.argmax()])
         comparison = compare(path.trajectory, truth.since(ready_ns))
         scores[foot] = score(comparison) | {"swing_error_m": swing_error(comparison)}

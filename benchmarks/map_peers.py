@@ -29,7 +29,9 @@ import open3d as o3d
 from scipy.spatial import cKDTree
 
 from benchmarks.command import answer, command
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
+from stridetwin.estimators.terrain_map.camera import camera_in_frame
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.map_score import (
     FAR_M,
@@ -42,7 +44,7 @@ from stridetwin.scenarios.map_score import (
 )
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.terrain_files import depth_camera, posed_depth
+from stridetwin.scenarios.terrain_files import depth_camera, given_poses
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.route import Layout, Strip
 from stridetwin.sim.twin import Twin
@@ -82,8 +84,7 @@ class Ours:
     """`TerrainMap`."""
 
     def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
-        mount, _ = posed_depth(recording, camera)
-        self._map = TerrainMap(recording.rig, mount=mount, topic=camera.depth_topic)
+        self._map = TerrainMap(recording.rig, options=Options(poses_of=given_poses(recording, camera)[1]))
 
     def take(self, sample: Odometry | Depth) -> None:
         """As `Map`."""
@@ -106,8 +107,7 @@ class Open3d:
     """Open3D's `VoxelBlockGrid`, and `detect_planar_patches` on its points."""
 
     def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
-        mount, _ = posed_depth(recording, camera)
-        self._T_frame_camera = np.eye(4) if mount is None else mount.T_body_sensor
+        self._T_frame_camera = camera_in_frame(recording.rig, camera, given_poses(recording, camera)[1])
         fx, fy, cx, cy = camera.intrinsics
         self._K = o3d.core.Tensor([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], o3d.core.float64)
         p = TerrainMapParameters()
@@ -189,7 +189,7 @@ def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], 
     camera, layout = depth_camera(recording.rig), from_metadata(recording.metadata)
     assert layout is not None
     ground, tally, due_ns, here = make(recording, camera), Tally(), 0, 0.0
-    for sample in posed_depth(recording, camera)[1]:
+    for sample in recording.samples([given_poses(recording, camera)[0], camera.depth_topic]):
         if isinstance(sample, Odometry):
             here = float(layout.way.project(sample.p_frame_in_world[None, :2], begin=here)[0])
         assert isinstance(sample, Odometry | Depth)

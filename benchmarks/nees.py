@@ -18,6 +18,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.command import answer, command, show_summary
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
 from stridetwin.scenarios.experiments.two_feet import FEET, true_start
@@ -59,7 +60,8 @@ def nees_of_walk(scenario: str, seed: int, cameras: bool) -> dict[str, list[Arra
         found = {"foot_to_foot, cameras" if cameras else "foot_to_foot, sonars": both}
         if not cameras:
             found["foot_ins"] = {
-                f: FootIns(walk.rig.imu(t), start=start[f]).run(walk.block(t)) for f, t in zip(FEET, IMUS)
+                f: FootIns(walk.rig, start=start[f], options=Options(foot=f)).run(walk.block(t))
+                for f, t in zip(FEET, IMUS)
             }
         return {name: [nees_at(paths[f].trajectory, truth[f]) for f in FEET] for name, paths in found.items()}
 

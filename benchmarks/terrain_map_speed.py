@@ -30,14 +30,13 @@ from benchmarks.command import answer, command, show_summary
 from benchmarks.foot_ins_speed import peak_mib
 from benchmarks.memory import LIMIT_MIB, resident_mib
 from benchmarks.repeated import again
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
-from stridetwin.estimators.locomotion_mode import LocomotionMode
-from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
 from stridetwin.scenarios.experiments.odometry_walks import HEALTHY
-from stridetwin.scenarios.mode_files import INSOLES
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample
+from stridetwin.scenarios.terrain_files import depth_camera, given_poses, pose_sample
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Odometry, Sample
@@ -60,9 +59,9 @@ class Estimators:
 
     def __init__(self, walk: Recording, mount: str, poses: str) -> None:
         camera = depth_camera(walk.rig)
-        topic, place = given_poses(walk, camera)
+        topic, frame = given_poses(walk, camera)
         self._rig, self._mount, self._poses = walk.rig, mount, poses
-        self._ground = LocomotionMode(TerrainMap(walk.rig, mount=place), camera, mount=place)
+        self._ground = LocomotionMode(walk.rig, options=Options(poses_of=frame))
         moving = [topic] if poses == "given" else [f"/{mount}/imu", camera.topic]
         self.topics = [*moving, *INSOLES, camera.depth_topic]
         self.spent: Array = np.zeros(4)  # ground by processor and clock, odometry by processor and clock
@@ -70,7 +69,7 @@ class Estimators:
 
     def begin(self) -> None:
         """A walk begins, and with it a new odometry."""
-        self._odometry = Dvio(self._rig, mount=self._mount) if self._poses == "dvio" else None
+        self._odometry = Dvio(self._rig, options=Options(mount=self._mount)) if self._poses == "dvio" else None
 
     def update(self, sample: Sample) -> None:
         """Takes a sample in order of time."""
@@ -81,7 +80,8 @@ class Estimators:
             self.spent[2:] += _now() - start
             taken = [sample] if isinstance(sample, Depth) else []
             if estimate is not None and estimate.health in HEALTHY:
-                taken.insert(0, matrix_sample(estimate.t_ns, estimate.T_world_imu))
+                pose = estimate.pose
+                taken.insert(0, pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame))
         start = _now()
         for one in taken:
             self._ground.update(one)

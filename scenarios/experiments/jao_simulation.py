@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_to_foot import BoardSighting, FootToFoot, RelativePosition
 from stridetwin.scenarios.experiments.case import Case
@@ -230,7 +231,7 @@ def run_seed(seed: int, setup: Setup | None = None, methods: tuple[str, ...] = R
     for method in methods:
         estimator = FootToFoot(
             simulation.rig,
-            method=method,
+            options=Options(method=method),
             start=simulation.start(),
             earth_rate_in_world=simulation.setup.walk.earth_rate_in_world,
         )

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.locomotion_mode import INSOLES
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.mode_walks import SENSORS, posed, scored, tell
 from stridetwin.scenarios.experiments.odometry_walks import recorded
@@ -22,7 +23,6 @@ from stridetwin.scenarios.experiments.spoilt import Samples, Spoilt
 from stridetwin.scenarios.experiments.walks import falls, fell_at_s
 from stridetwin.scenarios.footprints import true_footprints
 from stridetwin.scenarios.mode_figures import mode_figures
-from stridetwin.scenarios.mode_files import INSOLES
 from stridetwin.scenarios.mode_score import ModeScores
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.terrain_files import depth_camera

@@ -76,7 +76,7 @@ def run_case(case: Case) -> dict[str, Any]:
 def felt_steps(recording: Recording) -> list[StepEstimate]:
     """All that the legs tell of steps, in order of time."""
     exo = of_recording(recording)
-    legs = ContactTerrain(exo)
+    legs = ContactTerrain(recording.rig, exoskeleton=exo)
     return [step for s in recording.samples(list(exo.topics)) if (step := legs.update(s)) is not None]
 
 

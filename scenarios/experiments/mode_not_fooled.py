@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
+from stridetwin.estimators.terrain_map.camera import camera_in_frame
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.mode_walks import SENSORS, posed, scored, tell
 from stridetwin.scenarios.experiments.odometry_walks import recorded
@@ -61,7 +62,8 @@ class Trap:
 def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
     """A floor at height 0 that is a mirror in blotches: no depth there, or that of the ceiling under the floor."""
     camera = depth_camera(recording.rig)
-    topic, mount = given_poses(recording, camera)
+    topic, frame = given_poses(recording, camera)
+    T_frame_camera = camera_in_frame(recording.rig, camera, frame)
     truth = TruePath.of(recording.block(topic))
     fu, fv, pu, pv = camera.intrinsics
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
@@ -70,7 +72,7 @@ def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
     low, high = np.quantile(shine, [MIRRORED, 1.0 - HOLES])
 
     def seen(picture: Depth) -> Depth:
-        T = _matrix(truth, picture.t_ns) @ mount.T_body_sensor
+        T = _matrix(truth, picture.t_ns) @ T_frame_camera
         eye, ahead = T[:3, 3], rays @ T[:3, :3].T
         floor = np.where(ahead[..., 2] < -0.05, eye[2] / -np.minimum(ahead[..., 2], -0.05), np.inf)
         xy = (eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * ahead[..., :2]) / (0.5 * BLOTCH_M)

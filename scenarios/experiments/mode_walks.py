@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.estimators.locomotion_mode import METHODS, LocomotionMode, ModeEstimate
+from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.odometry_walks import HEALTHY, dvio, recorded
@@ -23,10 +24,9 @@ from stridetwin.scenarios.experiments.walks import fell_at_s
 from stridetwin.scenarios.footprints import true_footprints
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.laying import Laid
-from stridetwin.scenarios.mode_files import INSOLES
 from stridetwin.scenarios.mode_score import ModeScores, score_modes
 from stridetwin.scenarios.norms import reference
-from stridetwin.scenarios.terrain_files import depth_camera, given_poses, matrix_sample, posed_depth
+from stridetwin.scenarios.terrain_files import depth_camera, given_poses, pose_sample
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.scenarios.walk_spread import walk_spread
 from stridetwin.sim.body import wearer
@@ -145,13 +145,13 @@ class Told:
 
 def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
     """Lets every method take a walk's poses, depth and insoles, and steps that legs felt, in order of time."""
-    camera = depth_camera(recording.rig)
-    place = given_poses(recording, camera)[1]
-    shared = SharedMap(recording.rig, mount=place)
+    rig = recording.rig
+    options = Options(poses_of=given_poses(recording, depth_camera(rig))[1])
+    shared, forgetful = SharedMap(rig, options=options), ForgetfulMap(rig, options=options)
     predictors = {
-        m: LocomotionMode(ForgetfulMap(recording.rig, mount=place), camera, mount=place)
+        m: LocomotionMode(rig, options=options, ground=forgetful)
         if m == FORGETFUL
-        else LocomotionMode(shared, camera, mount=place, method=m)
+        else LocomotionMode(rig, options=replace(options, method=m), ground=shared)
         for m in methods
     }
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
@@ -194,7 +194,8 @@ def posed(
     """
     camera = depth_camera(recording.rig)
     if poses == "given":
-        yield from spoil(posed_depth(recording, camera, more=INSOLES)[1])
+        topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
+        yield from spoil(iter(recording.samples(topics)))
         return
     odometer = dvio("stridetwin", recording.rig, mount)
     arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
@@ -202,7 +203,8 @@ def posed(
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometer.update(sample)
             if estimate is not None and estimate.health in HEALTHY:
-                yield matrix_sample(estimate.t_ns, estimate.T_world_imu)
+                pose = estimate.pose
+                yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
         if isinstance(sample, Depth | Insole):
             yield sample
 

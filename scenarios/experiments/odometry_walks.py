@@ -15,15 +15,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
-from stridetwin.estimators.dvio.parameters import named
 from stridetwin.scenarios.drift import Odometry, drift_figures
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.odometry import PoseEstimate, path_of
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.pose import Pose, trajectory_of
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
@@ -35,13 +35,19 @@ HEALTHY = ("tracking", "coasting")
 FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
 
 
-class Estimate(PoseEstimate, Protocol):
-    """What an odometry tells at one instant, and of itself.
+class Estimate(Protocol):
+    """What an odometry estimates at one instant.
 
     Attributes:
+        t_ns: When.
+        pose: Of the IMU in a world of its own, z up.
         health: `tracking`, `coasting` (the IMU alone, for a while), or anything else where it is lost.
     """
 
+    @property
+    def t_ns(self) -> int: ...  # noqa: D102
+    @property
+    def pose(self) -> Pose: ...  # noqa: D102
     @property
     def health(self) -> str: ...  # noqa: D102
 
@@ -72,7 +78,7 @@ class Ride:
 
 def dvio(method: str, rig: Rig, mount: str) -> Odometer:
     """The odometry of a method (`METHODS`)."""
-    return Dvio(rig, mount=mount, parameters=named(method))
+    return Dvio(rig, options=Options(method=method, mount=mount))
 
 
 def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
@@ -95,7 +101,7 @@ def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
 
 def _odometry(estimates: Mapping[int, Estimate]) -> Odometry:
     inorder = [estimates[t] for t in sorted(estimates)]
-    path = path_of(inorder)
+    path = trajectory_of([e.pose for e in inorder])
     return Odometry(path=path, healthy=np.array([e.health in HEALTHY for e in inorder], bool))
 
 

@@ -214,7 +214,7 @@ def _steps(wrong: Wrong, walk: _Walk, seed: int) -> tuple[list[ScoredStep], int]
     """The steps of a walk as they are told with one fault, and how many are told that are none."""
     told = wrong.told(measured(geometry(walk.twin.size, walk.twin.rig), np.random.default_rng([seed, 4])))
     samples = wrong.arriving(walk.samples, walk.twin.rig, seed, walk.twin.duration_s)
-    estimates = ContactTerrain(told).run(samples)
+    estimates = ContactTerrain(walk.twin.rig, exoskeleton=told).run(samples)
     return score_steps(walk.footprints, estimates), false_steps(walk.footprints, estimates)
 
 

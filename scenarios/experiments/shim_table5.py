@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, TerrainSvm
 from stridetwin.scenarios.exo_geometry import geometry, measured
 from stridetwin.scenarios.experiments.case import Case
@@ -69,7 +70,7 @@ def run_case(case: Case) -> dict[str, Any]:
         told = measured(geometry(twin.size, twin.rig), np.random.default_rng([case.seed, 4]))
         walks[name] = {}
         for method in METHODS:
-            estimates = ContactTerrain(told, method).run(iter(rows))
+            estimates = ContactTerrain(twin.rig, options=Options(method=method), exoskeleton=told).run(iter(rows))
             walks[name][method] = [s.row() for s in score_steps(footprints, estimates)]
             false[method] += false_steps(footprints, estimates)
         if twin.fell_at is not None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
 from stridetwin.scenarios.alignment import vertical_turn
@@ -58,7 +59,7 @@ class Witness(FootToFoot):
             other = FEET[1 - FEET.index(foot)]
             T_imu_camera = _in_imu(self._rig, foot, self._rig.cameras[sighting.topic].mount)
             T_other_board = _in_imu(self._rig, other, self._rig.boards[f"foot_{other}"].mount)
-            R_world = {f: Rotation.from_quat(e.q_world_imu, scalar_first=True) for f, e in estimate.feet.items()}
+            R_world = {f: Rotation.from_quat(e.pose.q_world_frame, scalar_first=True) for f, e in estimate.feet.items()}
             R_imu_other = (R_world[foot].inv() * R_world[other]).as_matrix()
             relative = RelativePosition.of_sighting(
                 sighting,
@@ -97,7 +98,7 @@ def every_method(
     witness, echoes = Witness(rig, start), list[Range]()
     ours = follow(witness, _heard(samples, echoes))
     found = {
-        method: FootToFoot(rig, method=method, start=start).run(imus, [*witness.relative, *echoes])
+        method: FootToFoot(rig, options=Options(method=method), start=start).run(imus, [*witness.relative, *echoes])
         for method in PUBLISHED
     }
     return found | {"stridetwin": ours}, witness.sightings

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
-from stridetwin.scenarios.ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, _samples, mode_scores
+from stridetwin.scenarios.ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
 from stridetwin.scenarios.commands.score import score_table
 from stridetwin.scenarios.figures_ahead import (
     WRONG,
@@ -26,6 +26,7 @@ from stridetwin.scenarios.ground_grid import KINDS
 from stridetwin.scenarios.laying import Laid, Laying
 from stridetwin.scenarios.map_score import MapScores, ScoredChange, TrueChange, map_figures, true_heights
 from stridetwin.scenarios.mode_score import score_modes
+from stridetwin.scenarios.pipeline import merged
 from stridetwin.sim.config import Level, Route, Stairs
 from stridetwin.sim.route import lay_out
 from stridetwin.streams.samples import Depth, Footprint, Odometry
@@ -152,7 +153,7 @@ class Pictures:
 def test_map_and_prediction_are_given_every_picture_and_first_the_pose_of_its_instant():
     t_ns = np.arange(30) * 10**9 // 30
     path = Trajectory(t_ns=t_ns, p_frame_in_world=np.zeros((30, 3)), q_world_frame=np.tile([1.0, 0, 0, 0], (30, 1)))
-    given = list(_samples(Pictures(), path, [], "/head/depth"))
+    given = list(merged(path, Pictures(), ["/head/depth"]))
     assert [s.t_ns for s in given if isinstance(s, Depth)] == t_ns.tolist()
     assert [type(s) for s in given] == [Odometry, Depth] * 30
 

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from stridetwin.scenarios import feet_and_head
-from stridetwin.scenarios.estimates import estimates
+from stridetwin.scenarios import ahead as ahead_module
+from stridetwin.scenarios.pipeline import all_paths
 from stridetwin.streams.recording import Recording
 
 
 def test_two_processes_tell_the_same_as_one(seen, monkeypatch):
     asked = []
-    monkeypatch.setattr(feet_and_head, "feet_see", lambda recording: asked.append(recording.path) or True)
-    made, ahead = feet_and_head.all_estimates(Recording(seen), lambda stage, share: None)
+    monkeypatch.setattr(ahead_module, "two_see", lambda recording: asked.append(recording.path) or True)
+    made, ahead = ahead_module.all_estimates(Recording(seen), lambda stage, share: None)
     assert asked == [seen]
-    alone = estimates(Recording(seen))
+    alone = all_paths(Recording(seen))
     assert [e.name for e in made] == [e.name for e in alone]
     assert {e.name for e in made} >= {"foot_ins_l", "foot_to_foot_r", "dvio"}
     for one, other in zip(made, alone, strict=True):

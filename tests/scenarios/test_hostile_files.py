@@ -21,7 +21,9 @@ MOST_S, MOST_MIB = 2.0, 500.0
 # One process loads the packages; each command runs in a fork of it, whose time and memory the system counts.
 ZYGOTE = """
 import json, os, resource, sys, traceback
-import stridetwin.scenarios.check, stridetwin.scenarios.estimates, stridetwin.scenarios.evaluate
+import stridetwin.scenarios.check, stridetwin.scenarios.evaluate
+import stridetwin.estimators.registry
+stridetwin.estimators.registry.estimators()
 import stridetwin.scenarios.gate.walk_scores, stridetwin.streams.formats.recorded
 from stridetwin.scenarios.cli import main
 from stridetwin.streams.ros_types import typestore

@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 from live_bridge import alive, free_port, outcome, sent
 
-from stridetwin.estimators.locomotion_mode import LocomotionMode
-from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.dvio import Dvio
+from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
 from stridetwin.scenarios import live
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.latency import Latency, Times
-from stridetwin.scenarios.live_fit import Fit
-from stridetwin.scenarios.mode_files import INSOLES, follow_modes, predicted_steps, write_modes
-from stridetwin.scenarios.odometry import estimate_odometry
+from stridetwin.scenarios.live_chain import Fit
+from stridetwin.scenarios.mode_files import predicted_steps, write_modes
 from stridetwin.scenarios.terrain_files import pose_sample, write_terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import write_rig
@@ -106,16 +106,13 @@ def poses_and_rest(recording, odometry):
 
 def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatch):
     recording = Recording(seen)
-    odometry = estimate_odometry(recording)
+    (odometry,) = Dvio.follow(recording, Options())
     assert odometry.healthy.any()
-    rig, camera = recording.rig, recording.rig.cameras["/head/color"]
-    T_body_imu = rig.imu("/head/imu").mount.T_body_sensor
-    mount = Mount(body="head", T_body_sensor=np.linalg.inv(T_body_imu) @ camera.mount.T_body_sensor)
-    ground = TerrainMap(rig, mount=mount)
-    predictor = LocomotionMode(ground, camera, mount=mount)
-    rows = predicted_steps(follow_modes(predictor, poses_and_rest(recording, odometry)))
+    predictor = LocomotionMode(recording.rig, options=Options(poses_of="head/imu"))
+    estimates = map(predictor.update, poses_and_rest(recording, odometry))
+    rows = predicted_steps(e for e in estimates if e is not None)
     write_modes(rows, tmp_path / "offline.csv")
-    write_terrain(ground, tmp_path / "offline.json")
+    write_terrain(predictor.ground, tmp_path / "offline.json")
     made = alive(["locomotion_mode", "-o", tmp_path / "live.csv"], sent(seen))
     assert (tmp_path / "live.csv").read_bytes() == (tmp_path / "offline.csv").read_bytes()
     assert made.data["rows"][str(tmp_path / "live.csv")] == len(rows) > 0

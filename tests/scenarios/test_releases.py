@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from stridetwin.scenarios.estimates import estimate_foot
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios.evaluate import true_path
 from stridetwin.scenarios.scoring import compare, score
 from stridetwin.streams import schema_version
@@ -74,7 +75,7 @@ def test_recordings_of_a_release_are_read_and_scored_as_then(release):
     }  # fmt: skip
     assert {"scenario", "seed", "physics", "terrain", "exoskeleton"} <= set(recording.metadata)
     assert len(list(recording.samples())) == sum(info.count for info in recording.topics.values())
-    estimate = estimate_foot(recording, "l", None)
+    (estimate,) = FootIns.follow(recording, Options())
     scores = score(compare(estimate.path, true_path(recording, estimate.frame)))
     for name, value in SCORES[release].items():
         assert scores[name] == pytest.approx(value, rel=0.02, abs=2e-4), name

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from stridetwin.scenarios.estimates import estimates
 from stridetwin.scenarios.evaluate import evaluate
 from stridetwin.scenarios.figures_gait import level_strides
 from stridetwin.scenarios.norms import level_norm, reference, speed_group
 from stridetwin.scenarios.pictures import colour_of_depth
+from stridetwin.scenarios.pipeline import all_paths
 from stridetwin.scenarios.report import travelled
 from stridetwin.scenarios.rerun_file import recording_id, write_rerun
 from stridetwin.streams.recording import Recording, RecordingWriter
@@ -72,7 +72,7 @@ def test_depth_colours_tell_near_from_far_and_none():
 def test_the_rerun_file_is_small_and_whole(walk, tmp_path):
     recording = Recording(walk / "recording.mcap")
     path = tmp_path / "walk.rrd"
-    write_rerun(path, recording, evaluate(recording, estimates(recording)))
+    write_rerun(path, recording, evaluate(recording, all_paths(recording)))
     assert path.read_bytes()[:4] == b"RRF2"
     assert path.stat().st_size < 3_000_000
 
@@ -103,10 +103,10 @@ def test_viewers_keep_seeds_kinds_of_physics_and_imported_walks_apart(tmp_path):
 
 
 def test_who_travelled_is_said():
-    def result(name, distance_m):
-        return SimpleNamespace(estimate=SimpleNamespace(name=name), scores={"distance_m": distance_m})
+    def result(frame, distance_m):
+        return SimpleNamespace(estimate=SimpleNamespace(frame=frame), scores={"distance_m": distance_m})
 
-    camera, feet = result("dvio", 21.5), [result("foot_ins_l", 20.1), result("foot_to_foot_r", 20.3)]
+    camera, feet = result("head/imu", 21.5), [result("foot_l/imu", 20.1), result("foot_r/imu", 20.3)]
     assert travelled([]) == []
     assert travelled([camera]) == ["21.5 m travelled by the camera"]
     assert travelled([*feet, camera]) == ["20.3 m travelled by a foot"]

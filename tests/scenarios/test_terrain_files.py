@@ -7,10 +7,12 @@ import cv2
 import numpy as np
 import pytest
 
+from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.ground_grid import KINDS, GroundGrid, kinds_at
 from stridetwin.scenarios.map_score import distance_to, mesh_of, true_changes
-from stridetwin.scenarios.terrain_files import COLORS, map_recording
+from stridetwin.scenarios.pipeline import mapped
+from stridetwin.scenarios.terrain_files import COLORS
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
 from stridetwin.sim.route import Slab
 from stridetwin.sim.terrain import Terrain
@@ -97,7 +99,7 @@ def test_a_mesh_is_refused_where_there_is_no_ground(tmp_path, capsys):
 
 
 def test_a_grid_of_the_ground_tells_heights_and_classes_by_direction(folder):
-    terrain_map = map_recording(open_any(folder))
+    terrain_map = mapped(TerrainMap, open_any(folder))
     grid = GroundGrid.of(terrain_map)
     xy = np.random.default_rng(0).uniform([-0.5, -0.4], [0.8, 0.4], (200, 2))
     height, plane = grid.at(xy.reshape(20, 10, 2))

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.live_chain import Asked, chain_of
+from stridetwin.scenarios.live_chain import Request, chain_of
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.warm_up import made_up_rig, made_up_samples
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
@@ -18,7 +18,7 @@ from stridetwin.sim.twin import Twin
 
 def told(estimator):
     """The last row of each estimator of a chain."""
-    chain, rows = chain_of(Asked(estimator=estimator), made_up_rig(), {}), {}
+    chain, rows = chain_of(Request(estimator=estimator), made_up_rig(), {}), {}
     for sample in made_up_samples(chain.takes):
         rows |= {name: row for name, row in chain.update(sample) if row}
     return rows
@@ -50,7 +50,7 @@ def test_the_stair_ahead_is_found():
 LEFT_TO_COMPILE = """
 import gc, json, sys
 from numba.core.dispatcher import Dispatcher
-from stridetwin.scenarios.live_chain import Asked, chain_of
+from stridetwin.scenarios.live_chain import Request, chain_of
 from stridetwin.scenarios.warm_up import made_up_rig, made_up_samples
 from stridetwin.streams.messages import Decoder
 from stridetwin.streams.recording import Recording
@@ -71,7 +71,7 @@ def read(recording, topics):
         decoder = decoders.setdefault(message.topic, Decoder(message.topic, message.typename))
         yield decoder.sample(message)
 
-recording, asked = Recording(sys.argv[1]), Asked(estimator=sys.argv[2])
+recording, asked = Recording(sys.argv[1]), Request(estimator=sys.argv[2])
 chain = chain_of(asked, made_up_rig(), recording.metadata)
 show(chain, made_up_samples(chain.takes))
 before = compiled()

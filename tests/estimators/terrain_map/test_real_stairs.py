@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.real_walks import data_folder
-from stridetwin.scenarios.terrain_files import map_recording
+from stridetwin.estimators.terrain_map import TerrainMap
+from stridetwin.scenarios.pipeline import mapped
 from stridetwin.streams.opening import open_any
 
 FOLDER = data_folder("stairs_depth")
@@ -13,7 +14,7 @@ pytestmark = pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRID
 
 @pytest.fixture(scope="module")
 def terrain_map():
-    return map_recording(open_any(FOLDER / "stairs_depth"))
+    return mapped(TerrainMap, open_any(FOLDER / "stairs_depth"))
 
 
 def test_floor_and_treads_with_their_measures(terrain_map):

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from stridetwin.scenarios.experiments import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.odometry_walks import METHODS, SENSORS, follow, recorded, true_path
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.truth import TruePath
+from stridetwin.streams.pose import Pose
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
@@ -41,11 +41,11 @@ class Standin:
             return None
         t, span = sample.t_ns - self.truth.t_ns[0], self.truth.t_ns[-1] - self.truth.t_ns[0]
         i = np.searchsorted(self.truth.t_ns, sample.t_ns)
-        T = np.eye(4)
-        T[:3, :3] = Rotation.from_quat(self.truth.q_world_frame[i], scalar_first=True).as_matrix()
-        T[:3, 3] = self.truth.p_frame_in_world[i] + [0.0, self.drift_m * t / span, 0.0]
+        p = self.truth.p_frame_in_world[i] + [0.0, self.drift_m * t / span, 0.0]
+        q = self.truth.q_world_frame[i]
+        pose = Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=q, covariance=1e-4 * np.eye(6))
         health = "lost" if self.lost and 0.4 < t / span < 0.5 else "tracking"
-        return SimpleNamespace(t_ns=sample.t_ns, T_world_imu=T, covariance=1e-4 * np.eye(6), health=health)
+        return SimpleNamespace(t_ns=sample.t_ns, pose=pose, health=health)
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +71,9 @@ def test_time_is_counted_from_picture_to_picture_and_the_last_word_of_an_instant
     told = iter(range(len(samples)))
 
     def update(sample: Sample) -> SimpleNamespace:
-        T = np.eye(4)
-        T[0, 3] = next(told)
-        return SimpleNamespace(t_ns=sample.t_ns, T_world_imu=T, covariance=np.eye(6), health="coasting")
+        p = np.array([next(told), 0.0, 0.0])
+        pose = Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=np.eye(3), covariance=np.eye(6))
+        return SimpleNamespace(t_ns=sample.t_ns, pose=pose, health="coasting")
 
     ride = follow(SimpleNamespace(update=update), samples)
     assert ride.told.path.t_ns.tolist() == [0, 5, 10, 15]
