@@ -1,0 +1,49 @@
+"""An estimator of another package: the attitude of a foot that stands, from gravity; its place stays the origin."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.base import PATH, Declaration, Options, Stream
+from stridetwin.streams.pose import Pose
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Imu
+
+SMOOTHING = 0.02
+
+
+class GravityFoot:
+    """Low-pass of the specific force of one foot; causal, of constant memory."""
+
+    declaration: ClassVar[Declaration] = Declaration(
+        name="gravity_foot", kind=PATH, description="attitude of one foot from gravity alone", per_foot=True,
+        needs="/foot_l/imu or /foot_r/imu", summary="Gravity: the attitude of a foot that stands.",
+    )  # fmt: skip
+
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+        self._imu = rig.imu(_topic(options or Options()))
+        self._smoothing = SMOOTHING if parameters is None else float(parameters)
+        self._up: np.ndarray | None = None
+
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """The IMU of the foot."""
+        return (Stream(role="imu", topic=_topic(options), kind=Imu),)
+
+    def update(self, sample: Imu) -> Pose:
+        """The pose after one sample."""
+        up = sample.specific_force if self._up is None else self._up
+        self._up = up = up + self._smoothing * (sample.specific_force - up)
+        x = np.cross([0.0, 1.0, 0.0], up)
+        rows = np.array([x, np.cross(up, x), up])
+        R_world_imu = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+        q = Rotation.from_matrix(R_world_imu).as_quat(scalar_first=True)
+        frame = self._imu.topic.removeprefix("/")
+        return Pose(t_ns=sample.t_ns, frame=frame, p_frame_in_world=np.zeros(3), rotation=q)
+
+
+def _topic(options: Options) -> str:
+    return f"/foot_{options.foot}/imu"
