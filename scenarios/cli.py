@@ -24,11 +24,13 @@ from stridetwin.scenarios.commands import (
     live_command,
     place_command,
     run_command,
+    schema_command,
     score_command,
     send_command,
     view_command,
 )
 from stridetwin.scenarios.commands.outputs import check_outputs
+from stridetwin.scenarios.commands.schema import SCHEMAS
 from stridetwin.scenarios.console import Console
 from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.streams.errors import StrideTwinError
@@ -85,6 +87,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--no-film", action="store_true", help="leave the film out of the report")
 
     command("list", "list scenarios, sensors, parts, estimators and experiments", list_command)
+
+    p = command("schema", "print the JSON Schema of a kind of file, for editors", schema_command)
+    p.add_argument("kind", choices=SCHEMAS, help="kind of file")
 
     p = command(
         "generate", "make a recording of a walk, or the data set of a campaign, without estimates", generate_command
@@ -335,7 +340,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _failed(console: Console, message: str) -> int:
     console.close()
-    print(f"stridetwin: error: {' '.join(message.split())}", file=sys.stderr)
+    for line in message.splitlines():
+        print(f"stridetwin: error: {' '.join(line.split())}", file=sys.stderr)
     return 2
 
 

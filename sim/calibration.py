@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.noise import Noise
+from stridetwin.streams.fields import DEG, MM, number
 from stridetwin.streams.rig import CameraCalibration, Rig
 
 
@@ -28,11 +30,11 @@ class CalibrationSd:
         depth_scale: Of measured depth, as a share of it.
     """
 
-    rotation_rad: float = 0.0
-    position_m: float = 0.0
-    intrinsics: float = 0.0
-    offset_s: float = 0.0
-    depth_scale: float = 0.0
+    rotation_rad: Annotated[float, number(0, 5, key="rotation_deg", scale=DEG)] = 0.0
+    position_m: Annotated[float, number(0, 50, key="position_mm", scale=MM)] = 0.0
+    intrinsics: Annotated[float, number(0, 5, key="intrinsics_pct", scale=0.01)] = 0.0
+    offset_s: Annotated[float, number(0, 50, key="offset_ms", scale=1e-3)] = 0.0
+    depth_scale: Annotated[float, number(0, 5, key="depth_scale_pct", scale=0.01)] = 0.0
 
 
 def told(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:

@@ -4,15 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator, Field
 
 from stridetwin.sim.faults import Fault
 from stridetwin.sim.fitting import Fitting
+from stridetwin.streams.fields import DEG, MM, ReadAs, flag, number, whole, words
 
 if TYPE_CHECKING:
     from stridetwin.sim.own_exo import OwnExo
 
 SIDES = ("l", "r")
+DIRECTIONS = {"up": False, "down": True}
+SPEED_RANGE_MPS = (0.05, 2.1)
+ASYMMETRY_MAX = 0.4
+STAIRS = ("step_over_step", "step_by_step")
+GAZES = ("ahead", "terrain", "wandering")
+SWAY_RANGE_HZ = (0.05, 3.0)
+LANES_MAX = 6
+SCENERIES = ("outdoor", "room", "corridor")
+TEXTURES = ("rich", "plain", "white")
+LIGHT_RANGE = (0.2, 1.4)
+BYSTANDERS_MAX = 4
+THINGS = ("stripe", "shadow", "table", "wall")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,17 +35,16 @@ class Person:
     """Who walks.
 
     Attributes:
-        height_m: Standing height without shoes, 1.50-1.95.
-        mass_kg: Body mass, 45-110.
+        height_m: Standing height without shoes.
+        mass_kg: Body mass.
         sex: `male` or `female` (de Leva's tables).
-        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like), 0.20-0.32; None takes the
-            stature's.
+        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None takes the stature's.
     """
 
-    height_m: float = 1.75
-    mass_kg: float = 75.0
-    sex: str = "male"
-    shoe_m: float | None = None
+    height_m: Annotated[float, number(1.5, 1.95)] = 1.75
+    mass_kg: Annotated[float, number(45, 110)] = 75.0
+    sex: Annotated[str, words(("male", "female"))] = "male"
+    shoe_m: Annotated[float | None, number(200, 320, key="shoe_mm", scale=MM)] = None
 
 
 DRIVES = ("idle", "assist")
@@ -56,24 +70,39 @@ class Exo:
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """Level ground, `length_m` along the route; `cross_slope_rad` tilts it sideways, the left side up positive."""
+    """Level ground.
 
-    length_m: float
-    cross_slope_rad: float = 0.0
+    Attributes:
+        length_m: Along the route.
+        cross_slope_rad: Tilt sideways, the left side up positive.
+    """
+
+    length_m: Annotated[float, number(0.5, 500)]
+    cross_slope_rad: Annotated[float, number(-5, 5, key="cross_slope_deg", scale=DEG)] = 0.0
+
+
+Riser = Annotated[float, number(20, 250, scale=MM)]
+"""Height of a riser: mm in files, m here."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stairs:
-    """Straight stair; `down` from the walker's view.
+    """Straight stair.
 
-    The first riser stands where the segment begins; `risers` risers with `risers - 1` treads between them, so that
-    the next segment is the landing. `riser_m` is the height of every riser, or of each in the order of the walk.
+    The first riser is where the segment begins; `risers` risers with `risers - 1` treads between them, so that
+    the next segment is the landing.
+
+    Attributes:
+        risers: Number of risers.
+        riser_m: Height of every riser, or of each in the order of the walk.
+        tread_m: Depth of a tread.
+        down: Which way it leads from the walker's view.
     """
 
-    risers: int
-    riser_m: float | tuple[float, ...] = 0.165
-    tread_m: float = 0.29
-    down: bool = False
+    risers: Annotated[int, whole(1, 60)]
+    riser_m: Annotated[float | tuple[float, ...], ReadAs(Riser), Field(alias="riser_mm")] = 0.165
+    tread_m: Annotated[float, number(200, 600, key="tread_mm", scale=MM)] = 0.29
+    down: Annotated[bool, words(DIRECTIONS, key="direction")] = False
 
     @property
     def heights_m(self) -> tuple[float, ...]:
@@ -83,19 +112,30 @@ class Stairs:
 
 @dataclass(frozen=True, kw_only=True)
 class Ramp:
-    """Straight ramp; positive angle goes up."""
+    """Straight ramp.
 
-    angle_rad: float
-    rise_m: float
-    down: bool = False
+    Attributes:
+        angle_rad: Slope, positive.
+        rise_m: Height from its lower to its upper end.
+        down: Which way it leads from the walker's view.
+    """
+
+    angle_rad: Annotated[float, number(1, 20, key="angle_deg", scale=DEG)]
+    rise_m: Annotated[float, number(0.05, 10)]
+    down: Annotated[bool, words(DIRECTIONS, key="direction")] = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Turn:
-    """Turn on the level, left positive: an arc of `radius_m`, or on the spot where that is 0."""
+    """Turn on the level.
 
-    angle_rad: float
-    radius_m: float = 3.0
+    Attributes:
+        angle_rad: Of the turn, left positive.
+        radius_m: Of the arc; 0 turns on the spot.
+    """
+
+    angle_rad: Annotated[float, number(-360, 360, key="angle_deg", scale=DEG)]
+    radius_m: Annotated[float, number(0, 100)] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,12 +208,22 @@ class Gaze:
         sway_hz: How often; 2 pi times this and the amplitude is the head's highest rate, rad/s.
     """
 
-    kind: str = "ahead"
-    pitch_rad: float = 0.0
-    yaw_rad: float = 0.0
-    sway_yaw_rad: float = 0.0
-    sway_pitch_rad: float = 0.0
-    sway_hz: float = 0.5
+    kind: Annotated[str, words(GAZES)] = "ahead"
+    pitch_rad: Annotated[float, number(-34, 45, key="pitch_deg", scale=DEG)] = 0.0
+    yaw_rad: Annotated[float, number(-40, 40, key="yaw_deg", scale=DEG)] = 0.0
+    sway_yaw_rad: Annotated[float, number(0, 40, key="sway_yaw_deg", scale=DEG)] = 0.0
+    sway_pitch_rad: Annotated[float, number(0, 40, key="sway_pitch_deg", scale=DEG)] = 0.0
+    sway_hz: Annotated[float, number(*SWAY_RANGE_HZ)] = 0.5
+
+
+def _short_gaze(node: object) -> object:
+    """A gaze by its kind alone, as a mapping."""
+    return {"kind": node} if isinstance(node, str) else node
+
+
+def _share(node: object) -> object:
+    """`true` or `false` as a share."""
+    return float(node) if isinstance(node, bool) else node
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,26 +232,31 @@ class Gait:
 
     Attributes:
         pattern: `walk`; `wander`, a stroll of changing speed with pauses; or `jog`, the fastest walk (no flight).
-        speed_mps: Preferred speed on level ground, 0.05-2.1.
+        speed_mps: Preferred speed on level ground.
         step_sd: Step-to-step variability of length and time, as a fraction (SD).
         stand_s: Standing at the start and at the end.
         stairs: `step_over_step`, or `step_by_step` with both feet on every tread.
         leading_foot: Which foot goes first on stairs that are walked step by step, `l` or `r`.
-        asymmetry: Limp, -0.4-0.4: steps of the left leg are longer in space and time by this fraction, those of the
+        asymmetry: Limp: steps of the left leg are longer in space and time by this fraction, those of the
             right leg shorter; the left leg so stands for a shorter time (Balasubramanian et al. 2007).
         shuffle: From 0, feet that are lifted, to 1, feet that slide along flat in short steps.
         gaze: Where the walker looks.
     """
 
-    pattern: str = "walk"
-    speed_mps: float = 1.2
-    step_sd: float = 0.015
-    stand_s: float = 2.0
-    stairs: str = "step_over_step"
-    leading_foot: str = "r"
-    asymmetry: float = 0.0
-    shuffle: float = 0.0
-    gaze: Gaze = field(default_factory=Gaze)
+    pattern: Annotated[str, words(("walk", "wander", "jog"))] = "walk"
+    speed_mps: Annotated[float, number(*SPEED_RANGE_MPS)] = 1.2
+    step_sd: Annotated[float, number(0, 0.1)] = 0.015
+    stand_s: Annotated[float, number(0.5, 60)] = 2.0
+    stairs: Annotated[str, words(STAIRS)] = "step_over_step"
+    leading_foot: Annotated[str, words({"left": "l", "right": "r"})] = "r"
+    asymmetry: Annotated[float, number(-ASYMMETRY_MAX, ASYMMETRY_MAX)] = 0.0
+    shuffle: Annotated[
+        Annotated[float, number(0, 1)],
+        BeforeValidator(_share, json_schema_input_type=bool | Annotated[float, number(0, 1)]),
+    ] = 0.0
+    gaze: Annotated[Gaze, BeforeValidator(_short_gaze, json_schema_input_type=Annotated[str, words(GAZES)] | Gaze)] = (
+        field(default_factory=Gaze)
+    )
 
     @classmethod
     def of_pattern(cls, pattern: str = "walk", **rest: Any) -> Gait:
@@ -227,10 +282,10 @@ class Push:
         forward_n, left_n: Force along and across the way, N; negative backward and to the right.
     """
 
-    at_s: float
-    duration_s: float = 0.1
-    forward_n: float = 0.0
-    left_n: float = 0.0
+    at_s: Annotated[float, number(0, 3600)]
+    duration_s: Annotated[float, number(0.01, 5)] = 0.1
+    forward_n: Annotated[float, number(-500, 500)] = 0.0
+    left_n: Annotated[float, number(-500, 500)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,9 +297,9 @@ class Misstep:
         forward_m, left_m: How far from its place, along and across the way.
     """
 
-    at_s: float
-    forward_m: float = 0.0
-    left_m: float = 0.0
+    at_s: Annotated[float, number(0, 3600)]
+    forward_m: Annotated[float, number(-200, 200, key="forward_mm", scale=MM)] = 0.0
+    left_m: Annotated[float, number(-100, 100, key="left_mm", scale=MM)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,13 +316,13 @@ class Dynamics:
         missteps: Feet that land beside their places.
     """
 
-    assist: bool = False
-    mass_error: float = 0.0
-    torque_noise: float = 0.0
-    floor_offset_m: float = 0.0
-    friction: float = 0.9
-    pushes: tuple[Push, ...] = ()
-    missteps: tuple[Misstep, ...] = ()
+    assist: Annotated[bool, flag()] = False
+    mass_error: Annotated[float, number(-0.2, 0.2)] = 0.0
+    torque_noise: Annotated[float, number(0, 0.5)] = 0.0
+    floor_offset_m: Annotated[float, number(-14, 6, key="floor_offset_mm", scale=MM)] = 0.0
+    friction: Annotated[float, number(0.2, 1.5)] = 0.9
+    pushes: Annotated[tuple[Push, ...], Field(min_length=1)] = ()
+    missteps: Annotated[tuple[Misstep, ...], Field(min_length=1)] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

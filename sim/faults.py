@@ -11,10 +11,11 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from stridetwin.streams.fields import DEG, MM, number, text
 from stridetwin.streams.ros_samples import block_of
 from stridetwin.streams.samples import (
     Actuator,
@@ -32,6 +33,7 @@ from stridetwin.streams.samples import (
 
 NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
 PICTURES = (Image, Depth)
+_LONGEST_S = 36_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,11 +165,11 @@ class Fault:
     kind: ClassVar[str]
     fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + PICTURES
     common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
-    topic: str
-    at_s: float | None = None
-    duration_s: float | None = None
-    rate_per_min: float | None = None
-    name: str = ""
+    topic: Annotated[str, text()]
+    at_s: Annotated[float | None, number(0, _LONGEST_S)] = None
+    duration_s: Annotated[float | None, number(0.001, _LONGEST_S)] = None
+    rate_per_min: Annotated[float | None, number(0.001, 600)] = None
+    name: Annotated[str, text()] = ""
 
     @property
     def own_name(self) -> str:
@@ -222,5 +224,5 @@ class LooseStrap(Fault):
     kind = "loose_strap"
     common_to = "body"
     fits = (Imu, Image, Depth, Ahrs, Range)
-    angle_rad: float = math.radians(10)
-    shift_m: float = 0.01
+    angle_rad: Annotated[float, number(0, 90, key="angle_deg", scale=DEG)] = math.radians(10)
+    shift_m: Annotated[float, number(0, 100, key="shift_mm", scale=MM)] = 0.01

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from stridetwin.sim.calibration import CalibrationSd
+from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import ideal, part
+from stridetwin.streams.fields import DEG, MM, flag, number, words
 
 KIND = {
     "foot_imu": "imu",
@@ -40,6 +44,8 @@ STANDARD = {
 }
 """The part of each group where nothing else is asked for; the back's AHRS is `STANDARD_BACK_AHRS`."""
 
+_Length = Annotated[float, number(-300, 300, scale=MM)]
+_Angle = Annotated[float, number(-180, 180, scale=DEG)]
 STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
 
 
@@ -55,11 +61,11 @@ class Clock:
         told: Whether the rig's calibration knows the constant part (offset and latency).
     """
 
-    offset_s: float = 0.0
-    drift_ppm: float = 0.0
-    jitter_s: float = 0.0
-    latency_s: float = 0.0
-    told: bool = False
+    offset_s: Annotated[float, number(-1, 1)] = 0.0
+    drift_ppm: Annotated[float, number(-1000, 1000)] = 0.0
+    jitter_s: Annotated[float, number(0, 0.1)] = 0.0
+    latency_s: Annotated[float, number(0, 1)] = 0.0
+    told: Annotated[bool, flag()] = False
 
     @property
     def shift_s(self) -> float:
@@ -68,19 +74,28 @@ class Clock:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seat:
+class Facing:
     """Where something sits on the body that carries it; on shoes the same numbers serve both, mirrored.
 
     Attributes:
         position_m: In the body's frame: forward, aside, up. Aside is towards the other foot on shoes, and left on head
             and chest.
         faces_rad: From forward aside, and up: where a camera or a sonar looks, or what a board faces.
-        roll_rad: A camera's turn about where it looks, the picture's top aside positive.
     """
 
-    position_m: tuple[float, float, float]
-    faces_rad: tuple[float, float]
-    roll_rad: float = 0.0
+    position_m: Annotated[tuple[_Length, _Length, _Length], Field(alias="position_mm")]
+    faces_rad: Annotated[tuple[_Angle, _Angle], Field(alias="faces_deg")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seat(Facing):
+    """Where something sits, and how it is rolled.
+
+    Attributes:
+        roll_rad: A camera's rotation about where it looks, the image's top aside positive.
+    """
+
+    roll_rad: Annotated[_Angle, Field(alias="roll_deg")] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,17 +120,17 @@ class Fitting:
     """
 
     part: Part | None = None
-    ideal: bool = False
-    rate_hz: float | None = None
+    ideal: Annotated[bool, flag()] = False
+    rate_hz: Annotated[float | None, number(1, 2000)] = None
     clock: Clock = field(default_factory=Clock)
-    strike: float = 0.0
-    light: float = 1.0
-    exposure_s: float | None = None
+    strike: Annotated[float, number(0, 5, key="strike_g", scale=G)] = 0.0
+    light: Annotated[float, number(0.001, 10)] = 1.0
+    exposure_s: Annotated[float | None, number(0, 100, key="exposure_ms", scale=1e-3)] = None
     calibration_sd: CalibrationSd = field(default_factory=CalibrationSd)
-    pitch_down_rad: float | None = None
-    frames: str = "board"
-    position_m: tuple[float, float, float] | None = None
-    rotation_rad: tuple[float, float, float] | None = None
+    pitch_down_rad: Annotated[float | None, number(-30, 75, key="pitch_down_deg", scale=DEG)] = None
+    frames: Annotated[str, words(("board", "full"))] = "board"
+    position_m: Annotated[tuple[_Length, _Length, _Length] | None, Field(alias="position_mm")] = None
+    rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle] | None, Field(alias="rotation_deg")] = None
     mount: Seat | None = None
     board: Seat | None = None
 

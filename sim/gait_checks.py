@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 
-from stridetwin.sim.config import PATTERNS, Gait
+from stridetwin.sim.config import ASYMMETRY_MAX, GAZES, PATTERNS, SPEED_RANGE_MPS, STAIRS, SWAY_RANGE_HZ, Gait
 from stridetwin.streams.errors import ConfigError
 
-SPEED_RANGE_MPS = (0.05, 2.1)
-ASYMMETRY_MAX = 0.4
-STAIRS = ("step_over_step", "step_by_step")
-GAZES = ("ahead", "terrain", "wandering")
 GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
 GAZE_YAW_MAX_RAD = 0.7
-SWAY_MAX_RAD, SWAY_RANGE_HZ, SWAY_MAX_RADPS = 0.7, (0.05, 3.0), 5.0
+SWAY_MAX_RAD, SWAY_MAX_RADPS = 0.7, 5.0
 
 
 def check_gait(gait: Gait) -> None:

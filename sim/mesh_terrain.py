@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from stridetwin.sim.config import Level, Ramp, Route, Stairs
 from stridetwin.sim.mesh_file import read_triangles
 from stridetwin.sim.route_checks import RAMP_MAX_RAD, RISER_RANGE_M, TREAD_MIN_M
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.fields import DEG, file_beside, number, words
 from stridetwin.streams.samples import Array
 
 LARGEST_DEVIATION_M = 0.010
@@ -35,6 +37,7 @@ _SHORTEST_M = 0.5
 _ROWS = (-0.9, -0.45, 0.0, 0.45, 0.9)  # of half the width
 
 Part = Level | Ramp | Stairs
+_Start = Annotated[float, number(-1000, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,12 +66,12 @@ class MeshWay:
         length_m: How long it is; None to where the mesh ends.
     """
 
-    path: Path
-    scale: float = 1.0
-    up: str = "z"
-    start_m: tuple[float, float] = (0.0, 0.0)
-    heading_rad: float = 0.0
-    length_m: float | None = None
+    path: Annotated[Path, file_beside(key="file")]
+    scale: Annotated[float, words({"m": 1.0, "mm": 1e-3}, key="unit")] = 1.0
+    up: Annotated[str, words(("z", "y"))] = "z"
+    start_m: tuple[_Start, _Start] = (0.0, 0.0)
+    heading_rad: Annotated[float, number(-360, 360, key="heading_deg", scale=DEG)] = 0.0
+    length_m: Annotated[float | None, number(1, 500)] = None
 
 
 def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:

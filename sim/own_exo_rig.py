@@ -20,7 +20,7 @@ from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
 from stridetwin.sim.parts.library import kind_of, library, part, read_part
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
-from stridetwin.streams.yaml_node import Node, read_yaml
+from stridetwin.streams.yaml_node import Node, read_node
 
 P = TypeVar("P", bound=Part)
 _FLEXION_Y = {"hip": -1, "knee": 1, "ankle": -1}
@@ -50,7 +50,7 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
         ConfigError: A value in one of them that is not valid; names file, field, value and what is valid.
         StrideTwinError: One of them cannot be read.
     """
-    root = read_yaml(rig)
+    root = read_node(rig)
     root.only(_KEYS)
     base = root.at("base")
     base.only(("link", "position_mm", "rpy_deg"))

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import cv2
 import numba
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.faults import PICTURES, Arrival, Event, Fault, at
+from stridetwin.streams.fields import number, whole
 from stridetwin.streams.samples import Depth, Image
 
 _CLOTH = 28  # grey value of what hangs before the lens
@@ -62,7 +63,7 @@ class Occlusion(_PictureFault):
     """
 
     kind = "occlusion"
-    share: float = 0.3
+    share: Annotated[float, number(0.01, 1)] = 0.3
 
     def seen(self, picture: NDArray, event: Event) -> NDArray:
         """The picture, partly covered."""
@@ -84,8 +85,8 @@ class LensDirt(_PictureFault):
     """
 
     kind = "lens_dirt"
-    spots: int = 6
-    size: float = 0.08
+    spots: Annotated[int, whole(1, 50)] = 6
+    size: Annotated[float, number(0.01, 0.5)] = 0.08
 
     def seen(self, picture: NDArray, event: Event) -> NDArray:
         """The picture through the dirty lens."""

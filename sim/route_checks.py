@@ -5,7 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from stridetwin.sim.config import Lanes, Level, Ramp, Route, Segment, Stairs, Turn
+from stridetwin.sim.config import (
+    BYSTANDERS_MAX,
+    LANES_MAX,
+    LIGHT_RANGE,
+    SCENERIES,
+    TEXTURES,
+    THINGS,
+    Lanes,
+    Level,
+    Ramp,
+    Route,
+    Segment,
+    Stairs,
+    Turn,
+)
 from stridetwin.streams.errors import ConfigError
 
 RISER_RANGE_M = (0.02, 0.25)
@@ -16,12 +30,6 @@ TURN_RADIUS_MIN_M = 1.0
 TURN_MAX_RAD = math.radians(360.0)
 LEVEL_BY_TURN_M = 0.5
 WIDTH_MIN_M = 0.8
-LANES_MAX = 6
-SCENERIES = ("outdoor", "room", "corridor")
-TEXTURES = ("rich", "plain", "white")
-LIGHT_RANGE = (0.2, 1.4)
-BYSTANDERS_MAX = 4
-THINGS = ("stripe", "shadow", "table", "wall")
 PASSING_WIDTH_M = 1.6
 _TINY = 1e-9
 

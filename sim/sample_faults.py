@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from stridetwin.sim.faults import NUMBERS, Arrival, Event, Fault, at
 from stridetwin.sim.parts.full_scale import full_scales
+from stridetwin.streams.fields import flag, number, words
 from stridetwin.streams.samples import Array, Imu, Insole, Interaction, Sample
 
 CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
@@ -78,7 +79,7 @@ class Late(Fault):
     """
 
     kind = "late"
-    delay_s: float = 0.25
+    delay_s: Annotated[float, number(0.001, 60)] = 0.25
 
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
@@ -124,7 +125,7 @@ class ClockJump(Fault):
     """
 
     kind = "clock_jump"
-    jump_s: float
+    jump_s: Annotated[float, number(-3600, 3600)]
 
     def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with a shifted stamp."""
@@ -141,7 +142,7 @@ class Saturation(Fault):
 
     kind = "saturation"
     fits = (Imu, Insole, Interaction)
-    fraction: float = 0.5
+    fraction: Annotated[float, number(0.001, 1)] = 0.5
 
     def suits(self, sample: type[Sample], part: str) -> bool:
         """Whether the full scale of the part is known."""
@@ -164,8 +165,8 @@ class DeadCell(Fault):
 
     kind = "dead_cell"
     fits = (Insole,)
-    cell: str = "heel"
-    stuck: bool = False
+    cell: Annotated[str, words(CELLS)] = "heel"
+    stuck: Annotated[bool, flag()] = False
 
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]

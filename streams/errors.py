@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 _LONGEST_SHOWN = 400
+_MOST_LINES = 30
 
 
 class StrideTwinError(Exception):
@@ -30,6 +31,26 @@ class ConfigError(StrideTwinError):
     def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
         """Between processes it travels by what it was made of; an exception would by its message alone."""
         return type(self), (self.source, self.field, self.value, self.valid)
+
+
+class ConfigFileError(ConfigError):
+    """Several values of one file that are not allowed: a line each. As a ConfigError it is the first of them.
+
+    Args:
+        errors: The errors, in the order of the file.
+    """
+
+    def __init__(self, errors: Sequence[StrideTwinError]) -> None:
+        first = next((e for e in errors if isinstance(e, ConfigError)), None)
+        if first is not None:
+            self.source, self.field, self.value, self.valid = first.source, first.field, first.value, first.valid
+        more = [f"... and {len(errors) - _MOST_LINES} more errors"] if len(errors) > _MOST_LINES else []
+        self.errors = tuple(errors)
+        StrideTwinError.__init__(self, "\n".join([*map(str, errors[:_MOST_LINES]), *more]))
+
+    def __reduce__(self) -> tuple[type[ConfigFileError], tuple[tuple[StrideTwinError, ...]]]:  # type: ignore[override]
+        """As `ConfigError`."""
+        return type(self), (self.errors,)
 
 
 def _shown(value: object) -> str:

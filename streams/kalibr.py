@@ -20,7 +20,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
-from stridetwin.streams.yaml_node import Node, parse_yaml, read_yaml
+from stridetwin.streams.yaml_node import Node, parse_node, read_node
 
 KINDS = ("range", "insole", "ahrs", "encoder", "interaction", "actuator")
 DISTORTIONS = ("radtan", "equidistant")
@@ -113,7 +113,7 @@ def rig_from_yaml(text: str, source: str) -> Rig:
         StrideTwinError: The text is no YAML, or a value in it is not valid; names the key path and what is
             valid.
     """
-    return _rig(parse_yaml(text, source))
+    return _rig(parse_node(text, source))
 
 
 def read_rig(path: str | Path, *more: str | Path) -> Rig:
@@ -123,7 +123,7 @@ def read_rig(path: str | Path, *more: str | Path) -> Rig:
         StrideTwinError: A file cannot be read, or a value in it is not valid; names file, key path and what
             is valid.
     """
-    roots = [read_yaml(p) for p in (path, *more)]
+    roots = [read_node(p) for p in (path, *more)]
     if len(roots) == 1:
         return _rig(roots[0])
     merged: dict[str, Any] = {}

@@ -29,7 +29,7 @@ from stridetwin.streams.recording_index import Problem
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
 from stridetwin.streams.topic_reader import finite, increasing
-from stridetwin.streams.yaml_node import read_yaml
+from stridetwin.streams.yaml_file import read_yaml
 
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 TABLE_TOPIC = "/foot_l/imu"
@@ -195,7 +195,7 @@ def _files_of_bag(path: Path) -> list[Path]:
     if not metadata.is_file():
         return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
     try:
-        told = read_yaml(metadata).value["rosbag2_bagfile_information"]
+        told = read_yaml(metadata)["rosbag2_bagfile_information"]
         names = [str(n) for n in told["relative_file_paths"]]
         compressed = str(told.get("compression_mode") or "none").lower() != "none"
     except (KeyError, TypeError, AttributeError, ValueError) as error:

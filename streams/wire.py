@@ -32,7 +32,7 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml, rig_to_yaml
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.ros_pictures import PICTURES
-from stridetwin.streams.yaml_node import check_yaml
+from stridetwin.streams.yaml_file import check_yaml
 
 VERSION = 1
 PORT = 7365

@@ -9,93 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from stridetwin.streams.bounded import LARGEST_SETTING, read_text
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
+from stridetwin.streams.yaml_file import parse_yaml, read_yaml
 
-MOST_VALUES, DEEPEST = 20_000, 40
 LARGEST_INTEGER = 2**31 - 1
 _MISSING: Any = object()
-SafeLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one, where there is one
 
 
-UNFIT = (ValueError, LookupError, AttributeError, TypeError, RecursionError)
-"""What reading YAML raises of numbers and dates that are none, tags that do not fit, aliases of what is around them."""
+def parse_node(text: str, source: str) -> Node:
+    """A YAML text as its root node; errors as those of `yaml_file.parse_yaml`."""
+    return Node(source, "", parse_yaml(text, source))
 
 
-def parse_yaml(text: str, source: str) -> Node:
-    """A YAML text as its root node, safely loaded: plain data alone, of a bounded size.
-
-    Raises:
-        StrideTwinError: The text is no YAML, or larger than any of ours; the message names the line.
-    """
-    check_yaml(text, source)
-    try:
-        return Node(source, "", yaml.load(text, SafeLoader))
-    except yaml.YAMLError as error:
-        raise _no_yaml(source, error) from error
-    except UNFIT as error:
-        raise StrideTwinError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
-
-
-def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_aliases: int = MOST_VALUES) -> None:
-    """Refuses YAML that grows when it is read, before anything is made of it.
-
-    Raises:
-        StrideTwinError: Too long, too deep, too many values once every alias is written out, or no YAML.
-    """
-    if len(text) > LARGEST_SETTING:
-        raise ConfigError(source, "length in characters", len(text), f"up to {LARGEST_SETTING}")
-    sizes: dict[str | None, int] = {}
-    open_: list[tuple[str | None, int]] = []
-    count = aliases = 0
-    try:
-        for event in yaml.parse(text, Loader=SafeLoader):
-            if isinstance(event, yaml.AliasEvent):
-                aliases += 1
-                count += sizes.get(event.anchor, most_values + 1)  # one inside itself has no end
-            elif isinstance(event, yaml.NodeEvent):
-                count += 1
-                if isinstance(event, yaml.ScalarEvent) and "\0" in event.value:  # no file can have such a name
-                    raise ConfigError(source, _line_of(event), event.value, "text without NUL")
-                if isinstance(event, yaml.CollectionStartEvent):
-                    open_.append((event.anchor, count))
-                elif event.anchor is not None:
-                    sizes[event.anchor] = 1
-            elif isinstance(event, yaml.CollectionEndEvent):
-                anchor, before = open_.pop()
-                if anchor is not None:
-                    sizes[anchor] = count - before + 1
-            if count > most_values or len(open_) > DEEPEST or aliases > most_aliases:
-                valid = f"up to {most_values} values, {DEEPEST} levels, {most_aliases} aliases"
-                raise ConfigError(source, _line_of(event), "...", valid)
-    except yaml.YAMLError as error:
-        raise _no_yaml(source, error) from error
-
-
-def _line_of(event: yaml.Event) -> str:
-    return f"line {event.start_mark.line + 1}" if event.start_mark else ""
-
-
-def _no_yaml(source: str, error: yaml.YAMLError) -> StrideTwinError:
-    mark = getattr(error, "problem_mark", None)
-    where = f" line {mark.line + 1}:" if mark else ""
-    what = " ".join(str(getattr(error, "problem", error)).split())
-    return StrideTwinError(f"{source}:{where} not YAML: {what}")
-
-
-def read_yaml(path: str | Path) -> Node:
-    """A YAML file as its root node.
-
-    Raises:
-        StrideTwinError: The file cannot be read or is no YAML.
-    """
-    try:
-        return parse_yaml(read_text(Path(path), LARGEST_SETTING), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+def read_node(path: str | Path) -> Node:
+    """A YAML file as its root node; errors as those of `yaml_file.read_yaml`."""
+    return Node(str(path), "", read_yaml(path))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from stridetwin.streams.samples import Array
-from stridetwin.streams.yaml_node import Node, parse_yaml, read_yaml
+from stridetwin.streams.yaml_node import Node, parse_node, read_node
 
 SIDES = ("l", "r")
 METADATA_KEY = "exoskeleton"
@@ -144,12 +144,12 @@ def read_exoskeleton(path: str | Path) -> Exoskeleton:
         ConfigError: A key that is missing, unknown or makes no sense; the message names file, key and what is valid.
         StrideTwinError: The file cannot be read or is no YAML.
     """
-    return _exoskeleton(read_yaml(path))
+    return _exoskeleton(read_node(path))
 
 
 def parse_exoskeleton(text: str, source: str) -> Exoskeleton:
     """An exoskeleton from the text of a file; `source` names it in errors, which are those of `read_exoskeleton`."""
-    return _exoskeleton(parse_yaml(text, source))
+    return _exoskeleton(parse_node(text, source))
 
 
 def to_text(exo: Exoskeleton) -> str:

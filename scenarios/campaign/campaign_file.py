@@ -17,8 +17,8 @@ from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable
 from stridetwin.scenarios.campaign.people import Group, group
 from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, one_word, sequence, suggest, text
 from stridetwin.scenarios.scenario_file import catalogue
-from stridetwin.scenarios.strict_yaml import read_plain
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SAMPLINGS = ("sobol", "latin_hypercube")
 MOST_WALKS = 1_000_000
@@ -108,7 +108,7 @@ def find_campaign(name: str) -> Path | None:
     path = Path(name)
     if path.suffix.lower() not in _SUFFIXES or not path.is_file():
         return None
-    node = read_plain(path)
+    node = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     return path if isinstance(node, dict) and _CAMPAIGNS_ONLY & set(node) else None
 
 
@@ -120,7 +120,7 @@ def read_campaign(path: Path) -> Campaign:
         StrideTwinError: A file cannot be read.
     """
     where = Where(source=str(path))
-    found: dict[str, Any] = mapping(_FIELDS, dict)(read_plain(path), where)
+    found: dict[str, Any] = mapping(_FIELDS, dict)(read_yaml(path, most_values=LARGEST_FILE_VALUES), where)
     files = NamedFiles(path, "the campaign's folder")
     common, bases = found.get("variables", {}), found["bases"]
     campaign = Campaign(

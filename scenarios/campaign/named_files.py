@@ -15,7 +15,7 @@ from stridetwin.scenarios.campaign.distributions import Distribution, Fixed, dis
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
 from stridetwin.scenarios.fields import Field, Reader, Where, mapping, suggest, text
 from stridetwin.scenarios.scenario_file import catalogue
-from stridetwin.scenarios.strict_yaml import read_plain
+from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 FILES = "files"
 _SUFFIXES = (".yaml", ".yml")
@@ -104,7 +104,7 @@ class NamedFiles:
             path = self._inside(self._home, name, at)
         else:
             raise at.error(name, f"{suggest(name, known)}, or the path of a .yaml file in {self._folder}")
-        scenario = read_plain(path)
+        scenario = read_yaml(path, most_values=LARGEST_FILE_VALUES)
         if not isinstance(scenario, dict):
             raise at.error(name, "a scenario file")
         for key in _NAMING & scenario.keys():
@@ -179,7 +179,7 @@ def names_files(paths: tuple[FieldPath, ...]) -> bool:
 def _named_in(path: Path) -> Iterator[str]:
     """What a file of the user's own names in turn: meshes of a model, parts of a rig file."""
     if path.suffix.lower() in _SUFFIXES:
-        yield from _parts_in(read_plain(path))
+        yield from _parts_in(read_yaml(path, most_values=LARGEST_FILE_VALUES))
     elif path.suffix.lower() in _MODELS:
         from stridetwin.sim.own_exo_model import files_of  # takes the simulator
 

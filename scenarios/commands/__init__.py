@@ -8,6 +8,7 @@ from stridetwin.scenarios.commands.listing import list_command
 from stridetwin.scenarios.commands.outcome import Outcome
 from stridetwin.scenarios.commands.place import place_command
 from stridetwin.scenarios.commands.recording import check_command, export_command, import_command, view_command
+from stridetwin.scenarios.commands.schema import schema_command
 from stridetwin.scenarios.commands.score import history_command, score_command
 from stridetwin.scenarios.commands.walk import run_command
 
@@ -24,6 +25,7 @@ __all__ = [
     "live_command",
     "place_command",
     "run_command",
+    "schema_command",
     "score_command",
     "send_command",
     "view_command",

@@ -14,9 +14,9 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     from stridetwin.estimators.registry import estimators
     from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign
     from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
-    from stridetwin.scenarios.fault_fields import KINDS
     from stridetwin.scenarios.placement.problem_file import problems, read_problem
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
+    from stridetwin.scenarios.scenario_model import FAULTS
     from stridetwin.sim.parts.library import kind_of, library, part
     from stridetwin.sim.people import PEOPLE
 
@@ -33,7 +33,7 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         "estimators": known,
         "experiments": EXPERIMENT_NAMES,
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
-        "faults": sorted(KINDS),
+        "faults": sorted(FAULTS),
         "physics": list(PHYSICS),
         "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
@@ -53,7 +53,7 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         *(f"  {n:<16} {kind_of(p):<11} {p.description}" for n, p in parts.items()),
         "",
         "Faults",
-        *textwrap.wrap(", ".join(sorted(KINDS)), 110, initial_indent="  ", subsequent_indent="  "),
+        *textwrap.wrap(", ".join(sorted(FAULTS)), 110, initial_indent="  ", subsequent_indent="  "),
         "",
         "People",
         *(f"  {n:<16} {p.sex}, {p.height_m:.3g} m, {p.mass_kg:.3g} kg" for n, p in PEOPLE.items()),

@@ -17,8 +17,8 @@ from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, 
 from stridetwin.scenarios.placement.free import Free, Knob, free_field, grid_size
 from stridetwin.scenarios.placement.scores import Score, read_scores
 from stridetwin.scenarios.placement.sight import Seeing
-from stridetwin.scenarios.strict_yaml import read_plain
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 MOST_PLACES = 100_000
 _SUFFIXES = (".yaml", ".yml")
@@ -114,7 +114,7 @@ def read_problem(path: Path) -> Problem:
         StrideTwinError: A file cannot be read.
     """
     where = Where(source=str(path))
-    found: dict[str, Any] = mapping(_FIELDS, dict)(read_plain(path), where)
+    found: dict[str, Any] = mapping(_FIELDS, dict)(read_yaml(path, most_values=LARGEST_FILE_VALUES), where)
     files = NamedFiles(path, "the placement's folder")
     bases = tuple(files.base(item, where.key("scenarios").item(i)) for i, item in enumerate(found.pop("bases")))
     common = files.variables(found.pop("variables", {}), where.key("set"))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, TypeVar, get_type_hints
+from functools import cache
+from typing import Annotated, Any, TypeVar, get_type_hints
 
-from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.yaml_node import Node
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+
+from stridetwin.streams.fields import number, refused, words
 
 DEG = math.pi / 180
 G = 9.80665
@@ -20,7 +20,7 @@ _SOURCED = ("value", "source")
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """How one attribute of a part stands in its file.
+    """How one attribute of a part is written in its file.
 
     Attributes:
         key: Name in the file, with the unit.
@@ -40,22 +40,32 @@ class Figure:
     words: tuple[str, ...] = ()
     count: int = 0
 
-    def read(self, node: Node) -> Any:
-        """The value in SI of a node `{value: ..., source: ...}` or a bare value."""
-        if isinstance(node.value, Mapping):
-            node.only(_SOURCED)
-            node = node.at("value")
+    @property
+    def type(self) -> Any:
+        """Type of the value in the file: bare, or `{value: ..., source: ...}`."""
         if self.words:
-            return node.choice(self.words)
-        if self.count:
-            values = node.numbers(self.count)
-            if not all(self.low <= v <= self.high for v in values):
-                raise node.error(f"{self.count} numbers, {self.low:g} to {self.high:g}")
-            return tuple(v * self.scale for v in values)
-        value = node.number()
-        if not self.low <= value <= self.high:
-            raise node.error(f"{self.low:g} to {self.high:g}")
-        return value * self.scale
+            bare: Any = Annotated[str, words(self.words)]
+        else:
+            bare = Annotated[float, number(self.low, self.high, scale=self.scale)]
+            if self.count:
+                bare = tuple[(bare,) * self.count]  # type: ignore[misc]
+        return Annotated[bare, BeforeValidator(_bare, json_schema_input_type=bare | _sourced(bare))]
+
+
+def _sourced(bare: Any) -> Any:
+    """A figure that says where it comes from."""
+    return create_model("Sourced", __config__=ConfigDict(extra="forbid"), value=(bare, ...), source=(str, ""))
+
+
+def _bare(node: object) -> object:
+    if not isinstance(node, dict):
+        return node
+    for key in node:
+        if key not in _SOURCED:
+            raise refused(key, f"keys {', '.join(_SOURCED)}")
+    if "value" not in node:
+        raise refused("no value", "the key value is required")
+    return node["value"]
 
 
 def figure(
@@ -85,32 +95,38 @@ def _field(entry: Figure, default: Any) -> Any:
 D = TypeVar("D")
 
 
-def read_figures(kind: type[D], node: Node, **given: Any) -> D:
-    """A dataclass of figures from a mapping; a field that is such a dataclass itself is a mapping within.
+@cache
+def file_model(kind: type) -> type[BaseModel]:
+    """The pydantic model of what a file says of a dataclass of figures; dataclasses inside it are mappings within.
 
     Args:
-        kind: Dataclass whose fields are made by `figure`, `numbers` or `word`, or are dataclasses.
-        node: Mapping of the file.
-        given: Attributes that do not stand in the file.
-
-    Raises:
-        ConfigError: An unknown or missing key, or a value that makes no sense; names file, key, value and what is
-            valid.
+        kind: Dataclass whose fields are made by `figure`, `numbers` or `word`, or are such dataclasses, or plain text.
     """
+    hints, made = get_type_hints(kind), dict[str, Any]()
+    for entry in dataclasses.fields(kind):
+        if entry.name == "name":  # of the part: the file's
+            continue
+        if _FIGURE in entry.metadata:
+            of = entry.metadata[_FIGURE].type
+        else:
+            of = file_model(hints[entry.name]) if dataclasses.is_dataclass(hints[entry.name]) else hints[entry.name]
+        made[entry.name] = (of, _file_field(entry))
+    model: type[BaseModel] = create_model(kind.__name__, __config__=ConfigDict(extra="forbid"), **made)
+    model.__doc__ = kind.__doc__
+    return model
+
+
+def _file_field(entry: dataclasses.Field[Any]) -> Any:
+    default = ... if entry.default is dataclasses.MISSING else entry.default
+    return Field(default, alias=entry.metadata[_FIGURE].key) if _FIGURE in entry.metadata else Field(default)
+
+
+def built(kind: type[D], read: BaseModel, **given: Any) -> D:
+    """The dataclass from what its file model has read; `given` are attributes that the file lacks."""
     hints = get_type_hints(kind)
-    entries = {_key(f): f for f in dataclasses.fields(kind) if f.name not in given}  # type: ignore[arg-type]
-    for key in node.mapping():
-        if key not in entries:
-            raise ConfigError(node.source, _at(node, key), node.mapping()[key], f"the keys {', '.join(entries)}")
-    values: dict[str, Any] = dict(given)
-    for key, entry in entries.items():
-        if key in node:
-            inner = node.at(key)
-            read = entry.metadata[_FIGURE].read if _FIGURE in entry.metadata else partial(read_figures, hints[key])
-            values[entry.name] = read(inner)
-        elif entry.default is dataclasses.MISSING:
-            raise ConfigError(node.source, _at(node, key), "nothing", "a value, because this key is required")
-    return kind(**values)
+    values = {name: getattr(read, name) for name in type(read).model_fields}
+    inner = {name: built(hints[name], v) for name, v in values.items() if isinstance(v, BaseModel)}
+    return kind(**values | inner | given)
 
 
 def idealised(part: D) -> D:
@@ -123,11 +139,3 @@ def idealised(part: D) -> D:
         elif _FIGURE in entry.metadata and entry.metadata[_FIGURE].ideal is not None:
             changes[entry.name] = entry.metadata[_FIGURE].ideal
     return dataclasses.replace(part, **changes)  # type: ignore[type-var]
-
-
-def _key(entry: dataclasses.Field[Any]) -> str:
-    return entry.metadata[_FIGURE].key if _FIGURE in entry.metadata else entry.name
-
-
-def _at(node: Node, key: str) -> str:
-    return f"{node.path}.{key}" if node.path else key

@@ -5,15 +5,19 @@ from __future__ import annotations
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, TypeVar
 
-from stridetwin.sim.parts.figure import idealised, read_figures
+from stridetwin.sim.parts.figure import built, file_model, idealised
 from stridetwin.sim.parts.kinds import KINDS, Part
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.yaml_node import Node, read_yaml
+from stridetwin.streams.fields import OneKind
+from stridetwin.streams.validation import validated
+from stridetwin.streams.yaml_file import read_yaml
 
 IDEAL = "-ideal"
 P = TypeVar("P", bound=Part)
+PartFile = Annotated[Any, OneKind({name: file_model(kind) for name, kind in KINDS.items()})]
+"""Type of the data in a part file."""
 
 
 def library() -> dict[str, Path]:
@@ -44,11 +48,9 @@ def read_part(path: Path) -> Part:
             key, value and what is valid.
         StrideTwinError: The file cannot be read or is no YAML.
     """
-    root = read_yaml(path)
-    kind = root.at("kind").choice(tuple(KINDS))
-    description = root.at("description").text()
-    figures = {k: v for k, v in root.mapping().items() if k not in ("kind", "description")}
-    return read_figures(KINDS[kind], Node(root.source, "", figures), name=path.stem, description=description)
+    data = read_yaml(path)
+    read = validated(PartFile, data, path)
+    return built(KINDS[data["kind"]], read, name=path.stem)
 
 
 def ideal(of: P) -> P:

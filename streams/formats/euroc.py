@@ -24,7 +24,7 @@ from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbe
 from stridetwin.streams.imported import Notes, Pictures, Source, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
-from stridetwin.streams.yaml_node import Node, parse_yaml
+from stridetwin.streams.yaml_node import Node, parse_node
 
 IMU_COLUMNS = ("w_RS_S_x", "w_RS_S_y", "w_RS_S_z", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z")
 IMU_UNITS = ("rad s^-1",) * 3 + ("m s^-2",) * 3
@@ -162,7 +162,7 @@ def _sensor(folder: Path) -> Node | None:
     except (OSError, UnicodeDecodeError) as error:
         raise unreadable(file, error) from error
     # OpenCV's own YAML marks: a directive and a tag that other parsers do not know
-    return parse_yaml(re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE), str(file))
+    return parse_node(re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE), str(file))
 
 
 def _imu_calibration(folder: Path, topic: str) -> ImuCalibration | None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.scenarios.cli import main
 from stridetwin.streams.recording import Recording
-from stridetwin.streams.yaml_node import parse_yaml
+from stridetwin.streams.yaml_file import parse_yaml
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "bring_your_own.md").read_text()
@@ -51,7 +51,7 @@ def test_every_command_of_the_page_works(outcomes):
 def test_files_of_the_page_are_those_of_the_example(folder):
     assert (folder / "walk.yaml").exists()
     rig = next(t for t in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL) if "cuffs:" in t)
-    told, example = (parse_yaml(t, "rig").mapping() for t in (rig, (ROOT / "examples/own_exo/my_exo.yaml").read_text()))
+    told, example = (parse_yaml(t, "rig") for t in (rig, (ROOT / "examples/own_exo/my_exo.yaml").read_text()))
     assert set(told) == set(example)
     assert told["motors"]["hip_l"]["torque_max_nm"] == example["motors"]["hip_l"]["torque_max_nm"]
 

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.fault_fields import KINDS
 from stridetwin.scenarios.injected import from_metadata
 from stridetwin.scenarios.scenario_file import load_scenario, read_scenario
+from stridetwin.scenarios.scenario_model import FAULTS
 from stridetwin.sim.faults import LooseStrap
 from stridetwin.sim.sample_faults import Dropout
 from stridetwin.streams.errors import ConfigError
@@ -40,7 +40,7 @@ def written(tmp_path, faults):
 
 def test_every_kind_is_read_and_the_demo_has_them_all(tmp_path):
     faults = read_scenario(written(tmp_path, EVERY)).config.faults
-    assert {f.kind for f in faults} == set(KINDS) == {f.kind for f in load_scenario("demo_faults").config.faults}
+    assert {f.kind for f in faults} == set(FAULTS) == {f.kind for f in load_scenario("demo_faults").config.faults}
     assert faults[0] == Dropout(topic="/foot_l/imu", rate_per_min=30.0, duration_s=0.05)
     strap = next(f for f in faults if isinstance(f, LooseStrap))
     assert (strap.angle_rad, strap.shift_m) == (pytest.approx(0.0873, abs=1e-4), pytest.approx(0.01))
@@ -58,7 +58,7 @@ def test_every_kind_is_read_and_the_demo_has_them_all(tmp_path):
         ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 1, "rate_per_min": 2, "duration_s": 1}, "faults[0]", "either"),
         ({"kind": "nan", "topic": "/foot_l/imu", "rate_per_min": 2}, "faults[0]: 'no duration_s'", "required"),
         ({"kind": "nan", "topic": "/foot_l/imu", "at_s": -1}, "faults[0].at_s: -1", "0-36000"),
-        ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 1, "delay_s": 1}, "faults[0]: 'delay_s'", "keys topic, at_s"),
+        ({"kind": "nan", "topic": "/foot_l/imu", "at_s": 1, "delay_s": 1}, "faults[0]: 'delay_s'", "keys kind, topic, at_s"),
         ({"kind": "nan", "topic": "/foot_l/camera", "at_s": 1}, "faults[0].topic: '/foot_l/camera'", "/foot_l/imu"),
         ({"kind": "clock_jump", "topic": "/foot_l/imu", "at_s": 1}, "faults[0]: 'no jump_s'", "required"),
         ({"kind": "saturation", "topic": "/foot_l/imu", "at_s": 1, "fraction": 2}, "faults[0].fraction: 2", "0.001-1"),

@@ -1,17 +1,19 @@
 import math
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stridetwin.scenarios.fields import Where, number
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
 from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Thing, Turn
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.fields import number
+from stridetwin.streams.validation import validated
 
 GOOD = {
     "description": "a walk",
@@ -149,7 +151,7 @@ def test_patterns_and_manners_of_walking(tmp_path):
         (lambda n: n.update(sensors="sonar"), "sensors: 'sonar'", "a list of foot_imu"),
         (lambda n: n.update(physics="ragdoll"), "physics: 'ragdoll'", "valid: kinematic, dynamic"),
         (lambda n: n.update(gait=5), "gait: 5", "keys pattern, speed_mps"),
-        (lambda n: n.update(gait={"pattern": "jogg"}), "gait.pattern: 'jogg'", "wander, walk, jog"),
+        (lambda n: n.update(gait={"pattern": "jogg"}), "gait.pattern: 'jogg'", "walk, wander, jog"),
         (lambda n: n.update(gait={"stairs": "hop"}), "gait.stairs", "step_over_step, step_by_step"),
         (lambda n: n.update(gait={"leading_foot": "r"}), "gait.leading_foot", "left, right"),
         (lambda n: n.update(gait={"asymmetry": 1}), "gait.asymmetry: 1", "-0.4 to 0.4"),
@@ -195,10 +197,30 @@ def test_an_error_names_file_key_value_and_what_is_valid(tmp_path, change, where
     assert "\n" not in message
 
 
+def test_all_errors_of_a_file_are_reported_at_once(tmp_path):
+    def change(node):
+        stairs(node).update(riser_mm=500, tread=300)
+        node.update(gait={"speed_mps": "fast", "gaze": {"yaw_deg": 90}}, sensors={"sonar": {"rate_hz": 0}}, terrian=1)
+        node["faults"] = [{"kind": "nan", "topic": "/foot_l/imu", "at_s": -1}, {"kind": "nam"}]
+        del node["description"]
+
+    path = written(tmp_path, change)
+    with pytest.raises(ConfigError) as error:
+        read_scenario(path)
+    lines = str(error.value).splitlines()
+    assert all(line.startswith(f"{path}: ") and len(line) < 600 for line in lines)
+    wanted = (
+        "terrain[1].stairs.riser_mm: 500", "terrain[1].stairs: 'tread'", "gait.speed_mps: 'fast'", "gait.gaze.yaw_deg: 90",
+        "sensors.sonar.rate_hz: 0", "faults[0].at_s: -1", "faults[1].kind: 'nam'", "'terrian'", "'no description'",
+    )  # fmt: skip
+    assert len(lines) == len(wanted)
+    assert all(sum(line.startswith(f"{path}: {place} ") for line in lines) == 1 for place in wanted)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("description: a\ndescription: b\n", "line 2: the key 'description' stands twice"),
+        ("description: a\ndescription: b\n", "line 2: duplicate key 'description'"),
         ("terrain: [\n", "line 2"),
         ("- 1\n", "keys description, terrain"),
         ("", "keys description, terrain"),
@@ -221,9 +243,9 @@ def test_unknown_scenarios_are_told_with_the_names_there_are(tmp_path):
 
 @given(st.floats(allow_nan=True, allow_infinity=True) | st.integers() | st.none() | st.text() | st.booleans())
 def test_numbers_outside_their_range_never_pass(value):
-    read = number(20, 250, scale=1e-3)
+    kind = Annotated[float, number(20, 250, scale=1e-3)]
     try:
-        got = read(value, Where(source="f"))
+        got = validated(kind, value, "f")
     except ConfigError as error:
         assert "20-250" in str(error)  # noqa: PT017 (both outcomes are checked)
     else:

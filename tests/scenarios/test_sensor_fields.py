@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.fields import Where
-from stridetwin.scenarios.sensor_fields import sensors
+from stridetwin.scenarios.sensor_model import SensorsInFile
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.fitting import KIND
 from stridetwin.sim.standard_rig import outfit
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.validation import validated
 
 ROUTE = Route(segments=(Level(length_m=3.0),))
 MINE = """kind: imu
@@ -20,7 +20,7 @@ accelerometer: {noise_density_ug_per_rthz: 100, bias_instability_ug: 20, turn_on
 
 
 def read(node, folder="."):
-    return sensors(node, Where(source=f"{folder}/scenario.yaml").key("sensors"))
+    return validated(SensorsInFile, node, f"{folder}/scenario.yaml", at="sensors", context={"folder": folder})
 
 
 def fitted(node, folder="."):
@@ -153,7 +153,7 @@ def test_camera_with_depth_sonar_and_imu_sit_and_face_where_the_file_says():
         np.testing.assert_allclose(sonar[:3, 0], [0.0, inward * np.cos(np.pi / 6), -0.5], atol=1e-12)
         np.testing.assert_allclose(sonar[:3, :3] @ sonar[:3, :3].T, np.eye(3), atol=1e-12)
     with pytest.raises(
-        ConfigError, match=r"sensors\.head_camera\.pitch_down_deg: 8 is not valid; valid: no pitch_down"
+        ConfigError, match=r"sensors\.head_camera\.pitch_down_deg: 8.0 is not valid; valid: no pitch_down"
     ):
         read({"head_camera": {"mount": sits, "pitch_down_deg": 8}})
     turned = fitted({"foot_imu": {"rotation_deg": [0, 0, 90]}}).rig.imus

@@ -8,7 +8,7 @@ import pytest
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.imu_table import read_imu_table
 from stridetwin.streams.wire import parse_address
-from stridetwin.streams.yaml_node import parse_yaml
+from stridetwin.streams.yaml_file import parse_yaml
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [p for part in ("streams", "sim", "estimators", "scenarios", "examples") for p in (ROOT / part).rglob("*.py")]
@@ -16,7 +16,7 @@ PIPES = {
     "sim/rendering.py",
     "sim/camera_processes.py",
 }  # between the twin and its own rendering processes, never a file
-SAFE = {"SafeLoader", "_StrictLoader"}
+SAFE = {"_StrictLoader"}
 
 
 def calls(path):
@@ -97,12 +97,15 @@ ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         ("[" * 1000, "levels"),
         ("x" * (2 << 20), "length in characters"),
         ("a: " + "9" * 5000, "not YAML"),
-        ("a: 2001-99-99", "not YAML"),
         ("a: !!python/object/apply:os.getcwd []", "not YAML"),
         ("a: [1, 2", "line [12]"),
         ("a: !!bool foo", "not YAML"),
         ("a: !!int ''", "not YAML"),
         ("a: !!timestamp foo", "not YAML"),
+        ("a: 1\nb: {c: 2, c: 3}", "line 2: duplicate key 'c'"),
+        ("a: {1: 2}", "a: 1 .*keys that are text"),
+        ("a: !!binary aGFsbG8=", "a: .*text, numbers"),
+        ("[a]: 1", "a key must be text"),
         ('a: "b\\0.yaml"', "line 1: 'b.*text without NUL"),
     ],
 )
@@ -113,4 +116,15 @@ def test_yaml_that_grows_is_refused(text, said):
 
 def test_yaml_with_aliases_that_share_a_little_is_read():
     """As PyYAML writes lists that are used twice."""
-    assert parse_yaml("a: &x [1, 2]\nb: *x\n", "f").value == {"a": [1, 2], "b": [1, 2]}
+    assert parse_yaml("a: &x [1, 2]\nb: *x\n", "f") == {"a": [1, 2], "b": [1, 2]}
+
+
+def test_numbers_with_an_exponent_are_numbers_and_dates_are_text():
+    assert parse_yaml("[1e-3, 2.5E+2, .5e1, 2001-99-99, 2001-01-01]", "f") == [
+        1e-3, 250.0, 5.0, "2001-99-99", "2001-01-01"
+    ]  # fmt: skip
+
+
+def test_data_that_aliases_name_are_copies():
+    read = parse_yaml("a: &x [1, 2]\nb: *x\n", "f")
+    assert read["a"] is not read["b"]

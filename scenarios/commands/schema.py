@@ -1,0 +1,45 @@
+"""`schema`: the JSON Schemas of configuration files, for editors."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from stridetwin.scenarios.commands.outcome import Outcome, Progress
+
+SCHEMAS = ("scenario", "part")
+
+
+def schema_command(arguments: Namespace, progress: Progress) -> Outcome:
+    """`schema`."""
+    found = file_schema(arguments.kind)
+    return Outcome(data=found, lines=as_text(found).splitlines())
+
+
+def file_schema(kind: str) -> dict[str, Any]:
+    """The JSON Schema of a kind of file, one of `SCHEMAS`."""
+    from stridetwin.streams.json_schema import schema_of
+
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema_of(_type(kind))
+
+
+def as_text(schema: dict[str, Any]) -> str:
+    """A schema as its file holds it."""
+    return json.dumps(schema, indent=1, ensure_ascii=False)
+
+
+def shipped(kind: str) -> Path:
+    """The file of a schema that comes with the project."""
+    return Path(__file__).parents[1] / "schema" / f"{kind}.json"
+
+
+def _type(kind: str) -> Any:
+    if kind == "part":
+        from stridetwin.sim.parts.library import PartFile
+
+        return PartFile
+    from stridetwin.scenarios.scenario_model import ScenarioFile
+
+    return ScenarioFile

@@ -1,0 +1,155 @@
+"""The key `sensors` of a scenario file: which groups are on, and which part, rate, clock and place each has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Tag,
+    ValidationInfo,
+    create_model,
+)
+
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.fitting import KIND, Clock, Facing, Fitting, Seat
+from stridetwin.sim.parts.kinds import Part
+from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.fields import elsewhere, flag, refused, unique, words
+from stridetwin.streams.json_schema import described
+from stridetwin.streams.validation import suggest
+
+_FILE_SUFFIXES = (".yaml", ".yml")
+_SHIFTED = ("foot_camera", "foot_imu", "head_camera", "head_imu")
+"""Groups whose clock a calibration can know: cameras against the IMUs beside them."""
+_OPTIONS = {
+    "foot_camera": ("light", "exposure_s", "frames", "board", "mount"),
+    "head_camera": ("light", "exposure_s", "calibration_sd", "pitch_down_rad", "mount"),
+    "head_imu": ("strike",),
+    "foot_imu": ("position_m", "rotation_rad"),
+    "sonar": ("mount",),
+}
+"""Attributes of a `Fitting` that a group has beside those that all groups have."""
+_EVERY = ("ideal", "rate_hz", "clock")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """What a scenario says of its sensors.
+
+    Attributes:
+        groups: That are on.
+        asked: Key path of every group that the file names.
+        fittings: What a group has that the standard one has not.
+    """
+
+    groups: tuple[str, ...]
+    asked: dict[str, str]
+    fittings: dict[str, Fitting] = field(default_factory=dict)
+
+
+def _of_part(group: str, node: object, info: ValidationInfo) -> Fitting:
+    """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
+    if not isinstance(node, str):
+        raise refused(node, _valid(group))
+    plain = node.removesuffix(IDEAL)
+    if plain in library():
+        found: Part = part(plain)
+    elif node.endswith(_FILE_SUFFIXES):
+        try:
+            found, plain = read_part(Path(info.context["folder"]) / node), node
+        except StrideTwinError as error:
+            raise elsewhere(error) from None
+    else:
+        raise refused(node, _valid(group, node))
+    if kind_of(found) != KIND[group]:
+        raise refused(node, _valid(group))
+    return Fitting(part=found, ideal=node != plain)
+
+
+def _valid(group: str, near: str = "") -> str:
+    names: Iterable[str] = [n for n in library() if kind_of(part(n)) == KIND[group]]
+    return f"{suggest(near, names)}, each with or without {IDEAL}, or the path of a .yaml file of kind {KIND[group]}"
+
+
+def _untold(clock: Clock) -> Clock:
+    if clock.told:
+        raise refused("told", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock")
+    return clock
+
+
+def _unrolled(facing: Facing) -> Seat:
+    return Seat(position_m=facing.position_m, faces_rad=facing.faces_rad)
+
+
+def _one_aim(options: Any) -> Any:
+    if {"mount", "pitch_down_rad"} <= options.model_fields_set:
+        shown = options.pitch_down_rad * 180 / 3.141592653589793
+        raise refused(round(shown, 6), "no pitch_down_deg, as mount says how it faces", "pitch_down_deg")
+    return options
+
+
+def _group(group: str) -> Any:
+    """Type of what a file says of a group: `true`, `false`, a part, or keys."""
+    hints = get_type_hints(Fitting, include_extras=True)
+    if group not in _SHIFTED:
+        hints["clock"] = Annotated[Clock, AfterValidator(_untold)]
+    hints["board"] = Annotated[Facing, AfterValidator(_unrolled)]
+    hints["mount"] = hints["board"] if group == "sonar" else Seat
+    names = (*_EVERY, *_OPTIONS.get(group, ()))
+    made: dict[str, Any] = {
+        "part": (Annotated[Any, BeforeValidator(partial(_of_part, group), json_schema_input_type=str)], None)
+    }
+    made |= {name: (hints[name], None) for name in names}
+    model = create_model(group, __config__=ConfigDict(extra="forbid"), **made)
+    told = described(Fitting)
+    model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {told[n]}\n" for n in made)
+    options: Any = Annotated[model, BeforeValidator(_short, json_schema_input_type=str | model)]
+    if group == "head_camera":
+        options = Annotated[options, AfterValidator(_one_aim)]
+    return Annotated[
+        Annotated[Annotated[bool, flag()], Tag("=switch")] | Annotated[options, Tag("=options")],
+        Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=options"),
+    ]
+
+
+def _short(node: object) -> object:
+    return {"part": node} if isinstance(node, str) else node
+
+
+def _fitting(options: BaseModel) -> Fitting:
+    given = {name: getattr(options, name) for name in options.model_fields_set}
+    return replace(given.pop("part", Fitting()), **given)
+
+
+def _of_names(names: tuple[str, ...]) -> Sensors:
+    return Sensors(groups=names, asked={group: f"sensors[{i}]" for i, group in enumerate(names)})
+
+
+def _of_groups(groups: BaseModel) -> Sensors:
+    given = {name: getattr(groups, name) for name in KIND if name in groups.model_fields_set}
+    return Sensors(
+        groups=tuple(g for g in KIND if given.get(g, g in TwinConfig.sensors) is not False),
+        asked={name: f"sensors.{name}" for name, value in given.items() if value is not False},
+        fittings={name: _fitting(value) for name, value in given.items() if isinstance(value, BaseModel)},
+    )
+
+
+_Groups: Any = create_model(
+    "Sensors", __config__=ConfigDict(extra="forbid"), **{group: (_group(group), None) for group in KIND}
+)
+_Names = Annotated[tuple[Annotated[str, words(tuple(KIND))], ...], AfterValidator(unique), AfterValidator(_of_names)]
+SensorsInFile = Annotated[
+    Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_of_groups), Tag("=groups")],
+    Discriminator(lambda node: "=groups" if isinstance(node, dict) else "=names"),
+]
+"""Type of `sensors`: a list of groups, beside which none is on, or a mapping of those that differ from `TwinConfig`."""

@@ -1,0 +1,219 @@
+"""Fields of configuration files: range, unit and name in the file of a dataclass field, in the terms of pydantic.
+
+A dataclass says once what its field is: `riser_m: Annotated[float, number(20, 250, key="riser_mm", scale=1e-3)]` is a
+number from 20 to 250 under the key `riser_mm` in a file, and metres in the object. Errors and JSON Schemas follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from stridetwin.streams.errors import StrideTwinError
+
+DEG, MM = 0.017453292519943295, 1e-3
+TAG = "="
+"""First character of the tags of tagged unions, which are no keys of a file."""
+
+
+def number(low: float, high: float, *, key: str | None = None, scale: float = 1.0) -> Any:
+    """A finite number in [low, high] in the file's unit.
+
+    Args:
+        low: Smallest valid value.
+        high: Largest valid value.
+        key: Name in the file; None for that of the attribute.
+        scale: Factor from the file's unit to that of the attribute.
+    """
+    info = _named(key, ge=low, le=high, strict=True, allow_inf_nan=False)
+    if scale != 1.0:
+        info.metadata.append(AfterValidator(lambda value: value * scale))
+    return info
+
+
+def whole(low: int, high: int, *, key: str | None = None) -> Any:
+    """A whole number in [low, high]."""
+    return _named(key, ge=low, le=high, strict=True)
+
+
+def flag(*, key: str | None = None) -> Any:
+    """`true` or `false`."""
+    return _named(key, strict=True)
+
+
+def text(*, key: str | None = None) -> Any:
+    """A non-empty line of text; blanks are joined."""
+    info = _named(key, strict=True, pattern=r"\S")
+    info.metadata.append(AfterValidator(lambda value: " ".join(value.split())))
+    return info
+
+
+def words(valid: Iterable[str] | Mapping[str, Any], *, key: str | None = None) -> Any:
+    """One of a few words; of a mapping the value that it stands for."""
+    info = _named(key)
+    info.metadata.append(Words(dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}))
+    return info
+
+
+def _named(key: str | None, **rules: Any) -> FieldInfo:
+    found: FieldInfo = Field(alias=key, **rules) if key else Field(**rules)
+    return found
+
+
+def file_beside(*, key: str | None = None) -> Any:
+    """The path of a file, from the folder that the validation context names under `folder`."""
+    info = _named(key)
+    info.metadata += [ReadAs(Annotated[str, text()]), AfterValidator(_beside)]
+    return info
+
+
+def _beside(name: str, info: ValidationInfo) -> Path:
+    return Path(info.context["folder"]) / name
+
+
+class ReadAs:
+    """Annotation: a file holds a value of this type, whatever the attribute may hold otherwise."""
+
+    def __init__(self, kind: Any) -> None:
+        self._kind = kind
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The schema of the type in the file."""
+        return handler.generate_schema(self._kind)
+
+
+class Required:
+    """Annotation of a dataclass: these keys must be in the file, though the attributes have defaults."""
+
+    def __init__(self, *keys: str) -> None:
+        self._keys = keys
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The dataclass, after a look at the keys."""
+        return core_schema.no_info_before_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """The keys are required."""
+        found = handler.resolve_ref_schema(handler(schema))
+        found["required"] = [*found.get("required", ()), *(k for k in self._keys if k not in found.get("required", ()))]
+        return found
+
+    def _check(self, node: Any) -> Any:
+        if isinstance(node, dict):
+            for key in self._keys:
+                if key not in node:
+                    raise refused(f"no {key}", f"the key {key} is required")
+        return node
+
+
+class Words:
+    """Annotation: one of the words, which is replaced by what it stands for."""
+
+    def __init__(self, valid: Mapping[str, Any]) -> None:
+        self._valid = valid
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """A literal of the words."""
+        literal = core_schema.literal_schema(list(self._valid))
+        return core_schema.no_info_after_validator_function(self._valid.__getitem__, literal)
+
+
+class OneKey:
+    """Annotation: a mapping of exactly one key, which says what its value is.
+
+    Args:
+        kinds: Type of the value by key.
+        build: Makes the result of key and value; None takes the value.
+    """
+
+    def __init__(self, kinds: Mapping[str, Any], build: Callable[[str, Any], Any] | None = None) -> None:
+        self._kinds, self._build = kinds, build or (lambda key, value: value)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """A union of mappings, tagged by the key."""
+        return core_schema.tagged_union_schema(
+            {TAG + kind: self._mapping(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()},
+            discriminator=self._tag,
+        )
+
+    def _mapping(self, kind: str, value: CoreSchema) -> CoreSchema:
+        only = core_schema.typed_dict_schema(
+            {kind: core_schema.typed_dict_field(value, required=True)}, extra_behavior="forbid"
+        )
+        return core_schema.no_info_after_validator_function(lambda found: self._build(kind, found[kind]), only)
+
+    def _tag(self, node: Any) -> str | None:
+        if not isinstance(node, dict) or len(node) != 1:
+            return None
+        return TAG + str(next(iter(node)))
+
+
+class OneKind:
+    """Annotation: a mapping whose key `kind` says what the other keys are.
+
+    Args:
+        kinds: Type of the other keys by kind.
+    """
+
+    def __init__(self, kinds: Mapping[str, Any]) -> None:
+        self._kinds = kinds
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """A union that is tagged by the kind."""
+        return core_schema.tagged_union_schema(
+            {
+                TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)])  # type: ignore[valid-type]
+                for kind, of in self._kinds.items()
+            },
+            discriminator=lambda node: f"{TAG}{node['kind']}" if isinstance(node, dict) and "kind" in node else None,
+        )
+
+
+class _OfKind:
+    """Annotation: one member of `OneKind`."""
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The type without the key."""
+        return core_schema.no_info_before_validator_function(
+            lambda node: {k: v for k, v in node.items() if k != "kind"}, handler(source)
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """The type with the key."""
+        found = handler.resolve_ref_schema(handler(schema))
+        found["properties"] = {"kind": {"const": self._kind}, **found["properties"]}
+        found["required"] = list(dict.fromkeys(["kind", *found.get("required", ())]))
+        return found
+
+
+def unique(values: tuple[str, ...]) -> tuple[str, ...]:
+    """A validator: no value twice."""
+    for i, value in enumerate(values):
+        if value in values[:i]:
+            raise refused(value, "every name once", i)
+    return values
+
+
+def elsewhere(error: StrideTwinError) -> PydanticCustomError:
+    """The error to raise in a validator for one in another file that the value names."""
+    return PydanticCustomError("elsewhere", "{error}", {"error": error})
+
+
+def refused(value: object, valid: str, *below: str | int) -> PydanticCustomError:
+    """The error to raise in a validator.
+
+    Args:
+        value: What is wrong.
+        valid: What would be valid, in words.
+        below: Keys from the validated value down to the wrong one.
+    """
+    return PydanticCustomError("refused", "{valid}", {"value": value, "valid": valid, "below": below})

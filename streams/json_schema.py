@@ -1,0 +1,68 @@
+"""JSON Schemas of configuration types; a property is described by the line of its class' docstring."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from pydantic import TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
+from pydantic_core import core_schema
+
+_ENTRY = re.compile(r"^    (\w[\w, ]*): (.*(?:\n     +.*)*)", re.MULTILINE)
+
+
+@cache
+def schema_of(kind: Any) -> dict[str, Any]:
+    """The JSON Schema of what files may say for a type (dataclass, pydantic model or other)."""
+    return TypeAdapter(kind).json_schema(schema_generator=_Described)
+
+
+def described(kind: type) -> Mapping[str, str]:
+    """What docstrings say of attributes, those of base classes included."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        section = (inspect.cleandoc(base.__dict__.get("__doc__") or "")).partition("Attributes:\n")[2]
+        for names, words in _ENTRY.findall(section):
+            found |= {name.strip(): " ".join(words.split()) for name in names.split(",")}
+    return found
+
+
+class _Described(GenerateJsonSchema):
+    """Generates schemas with a description for each property, and the first line of a docstring for each class."""
+
+    def model_schema(self, schema: core_schema.ModelSchema) -> dict[str, Any]:
+        """Of a pydantic model."""
+        return self._describe(super().model_schema(schema), schema["cls"], schema["schema"])
+
+    def dataclass_schema(self, schema: core_schema.DataclassSchema) -> dict[str, Any]:
+        """Of a dataclass."""
+        return self._describe(super().dataclass_schema(schema), schema["cls"], schema["schema"])
+
+    def _describe(self, found: dict[str, Any], kind: type, inner: Any) -> dict[str, Any]:
+        doc = inspect.cleandoc(kind.__dict__.get("__doc__") or "")
+        found.pop("description", None)
+        if doc and not doc.startswith(f"{kind.__name__}("):
+            found["description"] = " ".join(doc.split("\n\n")[0].split())
+        words = described(kind)
+        for name, key in _keys(inner):
+            prop = found.get("properties", {}).get(key)
+            if isinstance(prop, dict):
+                prop.pop("title", None)
+                if key != name or prop.get("default") not in prop.get("enum", [prop.get("default")]):
+                    prop.pop("default", None)  # it is in the attribute's unit
+                if name in words:
+                    prop["description"] = words[name]
+        return found
+
+
+def _keys(schema: Any) -> list[tuple[str, str]]:
+    """Attribute and key in the file of each field, from the schema of arguments inside a class' schema."""
+    while "fields" not in schema and "schema" in schema:
+        schema = schema["schema"]
+    fields = schema.get("fields", [])
+    pairs = fields.items() if isinstance(fields, dict) else [(f["name"], f) for f in fields]
+    return [(name, str(f.get("validation_alias") or name)) for name, f in pairs]

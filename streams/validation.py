@@ -1,0 +1,195 @@
+"""Data of a file against a pydantic type: all errors at once, one line each, with what is expected.
+
+What is expected at a place comes from the type's JSON Schema, the one description of fields, ranges and words.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError
+from stridetwin.streams.fields import TAG
+from stridetwin.streams.json_schema import schema_of
+
+T = TypeVar("T")
+_ROOT = ""
+_MISSING = ("missing", "missing_keyword_only_argument", "missing_argument")
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+_COUNTED = {2: "two", 3: "three", 4: "four"}
+Schema = Mapping[str, Any]
+
+
+def validated(kind: type[T], data: object, source: object, *, at: str = _ROOT, context: Any = None) -> T:
+    """An object from plain data.
+
+    Args:
+        kind: Dataclass, pydantic model or other type.
+        data: What a file says.
+        source: File, for errors.
+        at: Path of the data inside the file.
+        context: What validators need beside the data.
+
+    Raises:
+        ConfigError: One line for each error (`ConfigFileError` where there are several).
+    """
+    try:
+        return adapter(kind).validate_python(data, context=context)
+    except ValidationError as error:
+        raise config_error(error, kind, data, source, at) from None
+
+
+@cache
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """The validator of a type, built once."""
+    return TypeAdapter(kind)
+
+
+def config_error(error: ValidationError, kind: Any, data: object, source: object, at: str = _ROOT) -> StrideTwinError:
+    """A pydantic error as errors of ours."""
+    root = schema_of(kind)
+    every = [_one(entry, root, data, source, at) for entry in error.errors(include_url=False)]
+    found = list({str(e): e for e in every if e is not None}.values())
+    return found[0] if len(found) == 1 else ConfigFileError(found)
+
+
+def suggest(value: object, names: Iterable[str]) -> str:
+    """The valid names in words, with the nearest to `value` pointed out."""
+    names = list(names)
+    near = difflib.get_close_matches(str(value), names, n=1)
+    return ", ".join(names) + (f" (did you mean {near[0]!r}?)" if near else "")
+
+
+def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> StrideTwinError | None:
+    """One line of a pydantic error; None where another one says it."""
+    kind, steps, context = entry["type"], list(entry["loc"]), entry.get("ctx", {})
+    if kind == "elsewhere":
+        return context["error"]  # type: ignore[no-any-return]
+    last = steps.pop() if kind in _MISSING + _UNKNOWN else None
+    path, value = _place(data, [*steps, *context.get("below", ())], at), entry["input"]
+    schemas = _below(root, steps)
+    if kind == "refused":
+        return ConfigError(source, path, context["value"], context["valid"])
+    if isinstance(last, int):  # an item of a list of fixed length
+        value = _value(data, steps)
+    if kind == "too_short" and value:  # items of it are wrong
+        return None
+    if isinstance(last, int) or not (last or isinstance(value, dict)):
+        return ConfigError(source, path, value, expected(schemas, root, value))
+    if kind in _MISSING:
+        words = expected(_below(root, [*steps, last]), root)
+        return ConfigError(source, path, f"no {last}", f"the key {last} is required: {words}")
+    if kind in _UNKNOWN or kind == "invalid_key":
+        return ConfigError(source, path, last, f"keys {suggest(last, _keys(schemas))}")
+    if kind == "union_tag_invalid":
+        if kinds := [s["properties"]["kind"]["const"] for s in schemas if "kind" in s.get("properties", {})]:
+            return ConfigError(source, f"{path}.kind" if path else "kind", value["kind"], suggest(value["kind"], kinds))
+        value = next(iter(value))
+    return ConfigError(source, path, value, expected(schemas, root, value))
+
+
+def _place(data: object, steps: Iterable[Any], at: str) -> str:
+    """The path of a place in the data; steps that the data lack, such as those of short forms, are left out."""
+    for step, _ in _walk(data, steps):
+        at += f"[{step}]" if isinstance(step, int) else f".{step}" if at else step
+    return at
+
+
+def _value(data: object, steps: Iterable[Any]) -> object:
+    """What is at a place."""
+    return [data, *(value for _, value in _walk(data, steps))][-1]
+
+
+def _walk(data: Any, steps: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+    for step in steps:
+        if (
+            step in data
+            if isinstance(data, dict)
+            else isinstance(step, int) and isinstance(data, list) and step < len(data)
+        ):
+            data = data[step]
+            yield step, data
+
+
+def _below(root: Schema, steps: list[Any]) -> list[Schema]:
+    """The schemas that a place may have."""
+    found = _forms(root, root)
+    for step in steps:
+        if isinstance(step, str) and step.startswith(TAG):
+            tagged = [s for s in found if step[len(TAG) :] == s.get("properties", {}).get("kind", {}).get("const")]
+            found = tagged or found
+            continue
+        inner = [child for schema in found for child in _children(schema, step)]
+        found = [form for child in inner for form in _forms(child, root)] or found
+    return found
+
+
+def _children(schema: Schema, step: str | int) -> list[Schema]:
+    if isinstance(step, int):
+        ahead = schema.get("prefixItems", [])
+        return [ahead[step]] if step < len(ahead) else [schema["items"]] if schema.get("items") else []
+    named = schema.get("properties", {})
+    rest = schema.get("additionalProperties")
+    return [named[step]] if step in named else [rest] if isinstance(rest, dict) else []
+
+
+def _forms(schema: Schema, root: Schema) -> list[Schema]:
+    """A schema with its references and alternatives written out."""
+    if "$ref" in schema:
+        return _forms(root["$defs"][schema["$ref"].rpartition("/")[2]], root)
+    either = schema.get("anyOf") or schema.get("oneOf")
+    return [form for one in either for form in _forms(one, root)] if either else [schema]
+
+
+def _keys(schemas: list[Schema]) -> list[str]:
+    return list(dict.fromkeys(key for schema in schemas for key in schema.get("properties", {})))
+
+
+def expected(schemas: list[Schema], root: Schema, value: object = None) -> str:
+    """What is valid at a place, in words.
+
+    Args:
+        schemas: That it may have.
+        root: The schema that holds the definitions.
+        value: What is there; a valid word near it is pointed out.
+    """
+    names = [word for schema in schemas for word in _enumerated(schema)]
+    said = [suggest(value, names)] if names else []
+    said += [words for schema in schemas if (words := _in_words(schema, root))]
+    if keys := _keys(schemas):
+        one = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
+        said.append(f"one of the keys {suggest(value, keys)}" if one else f"keys {', '.join(keys)}")
+    return ", or ".join(dict.fromkeys(said))
+
+
+def _enumerated(schema: Schema) -> list[str]:
+    return [schema["const"]] if "const" in schema else list(schema.get("enum", ()))
+
+
+def _in_words(schema: Schema, root: Schema) -> str:
+    """A schema that has neither words nor keys to list."""
+    kind = schema.get("type")
+    if _enumerated(schema) or "properties" in schema or kind == "null":
+        return ""
+    if kind in ("number", "integer"):
+        return ("a whole number, " if kind == "integer" else "") + _range(schema)
+    if kind == "array":
+        item = expected(_forms(schema.get("items") or (schema.get("prefixItems") or [{}])[0], root), root)
+        least = schema.get("minItems", 0)
+        if least and least == schema.get("maxItems"):
+            return f"a list of {_COUNTED.get(least, least)} items, each {item}"
+        return f"a list with at least one item, each {item}" if least else f"a list of {item}"
+    return {"boolean": "true, false", "string": "text", "object": "keys with values"}.get(str(kind), "a value")
+
+
+def _range(schema: Schema) -> str:
+    low, high = schema.get("minimum"), schema.get("maximum")
+    if low is not None and high is not None:
+        return f"{low:g}-{high:g}" if low >= 0 else f"{low:g} to {high:g}"
+    if "exclusiveMinimum" in schema:
+        return f"a number above {schema['exclusiveMinimum']:g}"
+    return f"a number of at least {low:g}" if low is not None else "a number"

@@ -1,0 +1,151 @@
+"""The one reader of YAML files: safe, every key once, plain data alone, of a bounded size once aliases are written out.
+
+Numbers such as 1e-3, which YAML 1.1 reads as text, are numbers; dates are text.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from stridetwin.streams.bounded import LARGEST_SETTING, read_text
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+MOST_VALUES, DEEPEST = 20_000, 40
+LARGEST_FILE_VALUES = 100_000
+"""Values of a scenario, campaign or placement, which may list many."""
+SafeLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one, where there is one
+_EXPONENT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)[eE][-+]?[0-9]+$")
+_TIMESTAMP = "tag:yaml.org,2002:timestamp"
+_UNFIT = (ValueError, LookupError, AttributeError, TypeError, RecursionError)
+"""What PyYAML raises for malformed numbers, tags that do not fit, and aliases inside what they name."""
+
+
+class _StrictLoader(SafeLoader):  # type: ignore[misc, valid-type]
+    """Safe YAML with the numbers of YAML 1.2 and without dates."""
+
+
+_StrictLoader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != _TIMESTAMP]
+    for first, resolvers in SafeLoader.yaml_implicit_resolvers.items()
+}
+_StrictLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+
+
+def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> Any:
+    """The plain data of a YAML file; no two places of it share an object.
+
+    Raises:
+        ConfigError: The file is too large, or holds something else than plain data.
+        StrideTwinError: The file cannot be read or is not such YAML; the message names the line.
+    """
+    try:
+        return parse_yaml(read_text(Path(path), LARGEST_SETTING), str(path), most_values=most_values)
+    except UnicodeDecodeError as error:
+        raise StrideTwinError(f"{path}: is not text in UTF-8") from error
+    except OSError as error:
+        raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> Any:
+    """The plain data of a YAML text; `source` names it in errors, which are those of `read_yaml`."""
+    check_yaml(text, source, most_values=most_values)
+    try:
+        return _plain(yaml.load(text, _StrictLoader), source, "")
+    except yaml.YAMLError as error:
+        raise _no_yaml(source, error) from error
+    except _UNFIT as error:
+        raise StrideTwinError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
+
+
+@dataclass
+class _Open:
+    """A list or mapping that is being scanned; `keys` is None for a list."""
+
+    anchor: str | None
+    before: int
+    keys: set[str] | None
+    key_next: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.key_next = self.keys is not None
+
+
+def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_aliases: int | None = None) -> None:
+    """Refuses YAML that grows when it is read, or repeats a key, before anything is made of it.
+
+    Raises:
+        StrideTwinError: Too long, too deep, too many values once every alias is written out, a key twice, or no YAML.
+    """
+    if len(text) > LARGEST_SETTING:
+        raise ConfigError(source, "length in characters", len(text), f"up to {LARGEST_SETTING}")
+    most_aliases = most_values if most_aliases is None else most_aliases
+    sizes: dict[str | None, int] = {}
+    open_: list[_Open] = []
+    count = aliases = 0
+    try:
+        for event in yaml.parse(text, Loader=SafeLoader):
+            if isinstance(event, yaml.CollectionEndEvent):
+                closed = open_.pop()
+                if closed.anchor is not None:
+                    sizes[closed.anchor] = count - closed.before + 1
+            elif isinstance(event, yaml.NodeEvent):
+                _check_key(event, open_[-1] if open_ else None, source)
+                count += 1
+                if isinstance(event, yaml.AliasEvent):
+                    aliases += 1
+                    count += sizes.get(event.anchor, most_values + 1) - 1  # one inside itself has no end
+                elif isinstance(event, yaml.CollectionStartEvent):
+                    keys: set[str] | None = set() if isinstance(event, yaml.MappingStartEvent) else None
+                    open_.append(_Open(event.anchor, count, keys))
+                elif event.anchor is not None:
+                    sizes[event.anchor] = 1
+            if count > most_values or len(open_) > DEEPEST or aliases > most_aliases:
+                valid = f"up to {most_values} values, {DEEPEST} levels, {most_aliases} aliases"
+                raise ConfigError(source, _line_of(event), "...", valid)
+    except yaml.YAMLError as error:
+        raise _no_yaml(source, error) from error
+
+
+def _check_key(event: yaml.NodeEvent, inside: _Open | None, source: str) -> None:
+    """Refuses a key that is repeated or no scalar, and text with a NUL, which no file name can hold."""
+    if isinstance(event, yaml.ScalarEvent) and "\0" in event.value:
+        raise ConfigError(source, _line_of(event), event.value, "text without NUL")
+    if inside is None or inside.keys is None:
+        return
+    if inside.key_next:
+        if not isinstance(event, yaml.ScalarEvent):
+            raise StrideTwinError(f"{source}: {_line_of(event)}: not YAML of plain data: a key must be text")
+        if event.value in inside.keys:
+            raise StrideTwinError(f"{source}: {_line_of(event)}: duplicate key {event.value!r}")
+        inside.keys.add(event.value)
+    inside.key_next = not inside.key_next
+
+
+def _plain(node: Any, source: str, path: str) -> Any:
+    """A copy without shared objects; `check_yaml` has bounded its size."""
+    if isinstance(node, dict):
+        for key in node:
+            if not isinstance(key, str):
+                raise ConfigError(source, path, key, "keys that are text")
+        return {k: _plain(v, source, f"{path}.{k}" if path else k) for k, v in node.items()}
+    if isinstance(node, list):
+        return [_plain(v, source, f"{path}[{i}]") for i, v in enumerate(node)]
+    if node is None or isinstance(node, (str, bool, int, float)):
+        return node
+    raise ConfigError(source, path, str(node), "text, numbers, true, false, lists and keys with values")
+
+
+def _line_of(event: yaml.Event) -> str:
+    return f"line {event.start_mark.line + 1}" if event.start_mark else ""
+
+
+def _no_yaml(source: str, error: yaml.YAMLError) -> StrideTwinError:
+    mark = getattr(error, "problem_mark", None)
+    where = f" line {mark.line + 1}:" if mark else ""
+    what = " ".join(str(getattr(error, "problem", error)).split())
+    return StrideTwinError(f"{source}:{where} not YAML: {what}")

@@ -1,0 +1,47 @@
+"""The JSON Schemas that come with the project are those of the code, and its files name and satisfy them."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.commands.schema import SCHEMAS, as_text, file_schema, shipped
+from stridetwin.scenarios.scenario_file import catalogue
+from stridetwin.sim.parts.library import library
+
+FILES = {"scenario": catalogue(), "part": library()}
+LINE = re.compile(r"# yaml-language-server: \$schema=(\S+)")
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_the_shipped_schema_is_that_of_the_code(kind):
+    """Written by `stridetwin schema KIND > scenarios/schema/KIND.json`."""
+    assert shipped(kind).read_text(encoding="utf-8") == as_text(file_schema(kind)) + "\n"
+
+
+@pytest.mark.parametrize(("kind", "path"), [(kind, p) for kind, files in FILES.items() for p in files.values()])
+def test_every_file_of_the_project_names_its_schema_in_the_first_line(kind, path):
+    found = LINE.fullmatch(path.read_text(encoding="utf-8").splitlines()[0])
+    assert found
+    assert (path.parent / Path(found[1])).resolve() == shipped(kind).resolve()
+
+
+def test_the_command_prints_a_schema(capsys):
+    assert main(["schema", "scenario"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert set(schema["required"]) == {"description", "terrain"}
+    assert schema["properties"]["width_m"] == {
+        "default": 2.4, "description": "Of the way, or of each lane.", "maximum": 10, "minimum": 1.2, "type": "number"
+    }  # fmt: skip
+    segments = schema["properties"]["terrain"]["oneOf"][0]["items"]["oneOf"]
+    stairs = next(s["properties"]["stairs"]["oneOf"][0] for s in segments if s["required"] == ["stairs"])
+    assert stairs["required"] == ["risers", "direction"]
+    assert stairs["properties"]["direction"]["enum"] == ["up", "down"]
+
+
+def test_every_property_of_a_scenario_is_described():
+    for name, made in {**file_schema("scenario")["$defs"], "": file_schema("scenario")}.items():
+        for key, entry in made.get("properties", {}).items():
+            assert key == "kind" or "description" in entry or name == "Sensors", (name, key)
