@@ -173,7 +173,7 @@ def measure(folder: Path) -> dict[str, Any]:
     ours |= {f"armse_{name}_m": spread(armse_of(map(make, walks)).values()) for name, make in variants.items()}
     return {
         "experiment": "foot_ins_real",
-        "summary": {"stridetwin": ours},
+        "summary": {"proposed": ours},
         "paper": PUBLISHED,
         "cases": [{"walk": n, "armse_m": error[n], "end_height_error_m": height[n]} for n in error],
     }

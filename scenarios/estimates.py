@@ -9,6 +9,7 @@ from pathlib import Path
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate, read_exoskeleton
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.scenarios.evaluate import Estimate
 from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.scenarios.odometry import estimate_odometry, feeds_odometry
@@ -44,7 +45,7 @@ def estimate_foot(recording: Recording, foot: str, lag_s: float | None = None) -
     return _estimate(recording, "foot_ins", foot, path, nis)
 
 
-def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Estimate]:
+def estimate_feet(recording: Recording, method: str = PROPOSED) -> list[Estimate]:
     """Both feet together, with what their cameras and sonars say of each other, where there are any.
 
     Args:
@@ -54,7 +55,7 @@ def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Esti
     Raises:
         StrideTwinError: As `estimate_foot`.
     """
-    rig = recording.rig
+    method, rig = current_name(method), recording.rig
     cameras = _on_feet(recording, rig.cameras.values())
     sonars = _on_feet(recording, (s for s in rig.others.values() if s.kind == "range"))
     imus = {foot: f"/foot_{foot}/imu" for foot in FEET}
@@ -64,7 +65,7 @@ def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Esti
     else:  # nothing has to be looked for where the feet were believed to be by then: the same numbers, at once
         blocks = {foot: recording.block(topic) for foot, topic in imus.items()}
         paths = estimator.run(blocks, [s for topic in sonars for s in recording.block(topic)])
-    world = "foot_to_foot" if method == "stridetwin" else f"foot_to_foot_{method}"
+    world = "foot_to_foot" if method == PROPOSED else f"foot_to_foot_{method}"
     common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
     found = []
     for foot, path in paths.items():
@@ -74,9 +75,7 @@ def estimate_feet(recording: Recording, method: str = "stridetwin") -> list[Esti
     return found
 
 
-def estimate_steps(
-    recording: Recording, method: str = "stridetwin", exoskeleton: Path | None = None
-) -> list[StepEstimate]:
+def estimate_steps(recording: Recording, method: str = PROPOSED, exoskeleton: Path | None = None) -> list[StepEstimate]:
     """Slope, elevation and class of each step of someone in an exoskeleton.
 
     Args:

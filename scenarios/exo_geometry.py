@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.contact_terrain.geometry import (
     SIDES,
     Attitude,
+    Compliance,
     DhRow,
     Exoskeleton,
     Knee,
@@ -82,7 +83,10 @@ def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
         for side in SIDES
     }  # fmt: skip
     return Exoskeleton(
-        description="Exoskeleton of Shim et al. 2019, set to its wearer", back=mount("/exo/back/ahrs", 0), legs=legs
+        description="Exoskeleton of Shim et al. 2019, set to its wearer",
+        back=mount("/exo/back/ahrs", 0),
+        legs=legs,
+        compliance=Compliance(),
     )
 
 

@@ -29,7 +29,7 @@ class LedOdometry:
         StrideTwinError: The rig does not feed it; says what is missing.
     """
 
-    def __init__(self, rig: Rig, method: str = "stridetwin") -> None:
+    def __init__(self, rig: Rig, method: str = "proposed") -> None:
         there = [m for m in MOUNTS if f"/{m}/color" in rig.cameras and f"/{m}/imu" in rig.imus]
         if not there:
             wanted = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
@@ -60,7 +60,7 @@ class LedAhead:
         StrideTwinError: The rig does not feed it; says what is missing.
     """
 
-    def __init__(self, rig: Rig, method: str | None = "stridetwin") -> None:
+    def __init__(self, rig: Rig, method: str | None = "proposed") -> None:
         self._odometry = LedOdometry(rig)
         mount, camera = self._odometry.mount, depth_camera(rig)
         if (wanted := f"/{mount}/depth") != camera.depth_topic:

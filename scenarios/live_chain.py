@@ -46,7 +46,7 @@ class Asked:
     """
 
     estimator: str
-    method: str = "stridetwin"
+    method: str = "proposed"
     foot: str = "l"
     exoskeleton: Path | None = None
     output: Path | None = None

@@ -43,7 +43,7 @@ class PredictedStep:
 
 
 def predict_recording(
-    recording: Recording, method: str = "stridetwin", path: Trajectory | None = None
+    recording: Recording, method: str = "proposed", path: Trajectory | None = None
 ) -> list[ModeEstimate]:
     """Leads a recording's poses, depth and insoles through map and prediction.
 

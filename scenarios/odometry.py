@@ -12,6 +12,7 @@ from stridetwin.estimators.dvio import MOUNTS, Dvio
 from stridetwin.estimators.dvio.estimate import LOST
 from stridetwin.estimators.dvio.parameters import named
 from stridetwin.estimators.dvio.stereo import Stereo, with_stereo
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.scenarios.evaluate import Estimate
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording import Recording
@@ -59,7 +60,7 @@ def _mounts(recording: Recording) -> list[str]:
 
 
 def estimate_odometry(
-    recording: Recording, method: str = "stridetwin", progress: Callable[[str, float], None] | None = None
+    recording: Recording, method: str = PROPOSED, progress: Callable[[str, float], None] | None = None
 ) -> Estimate:
     """Path of the camera's IMU.
 
@@ -72,7 +73,7 @@ def estimate_odometry(
     Raises:
         StrideTwinError: A topic or calibration is missing, or the method is unknown.
     """
-    mount = mount_of(recording)
+    method, mount = current_name(method), mount_of(recording)
     color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
     rig, parameters = recording.rig, named(method)
     topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
@@ -94,7 +95,7 @@ def estimate_odometry(
     if not estimates:
         raise RecordingError(f"{recording.path}: dvio never starts; it needs a second of IMU and pictures together")
     path = path_of(estimates)
-    name = "dvio" if method == "stridetwin" else f"dvio_{method}"
+    name = "dvio" if method == PROPOSED else f"dvio_{method}"
     healthy = np.array([e.health != LOST for e in estimates], bool)
     return Estimate(name=name, frame=f"{mount}/imu", path=path, ready_ns=int(path.t_ns[0]), healthy=healthy)
 

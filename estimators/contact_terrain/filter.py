@@ -8,13 +8,15 @@ from typing import Protocol
 from stridetwin.estimators.contact_terrain.classes import TerrainSvm
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate
 from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
+from stridetwin.estimators.contact_terrain.proposed import Proposed
 from stridetwin.estimators.contact_terrain.published import Published
-from stridetwin.estimators.contact_terrain.stridetwin import StrideTwin
 from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Sample
 
-METHODS = ("stridetwin", "published")
+METHODS = (PROPOSED, "published")
 
 
 class _Method(Protocol):
@@ -29,18 +31,28 @@ class ContactTerrain:
 
     Args:
         exo: Geometry; `read_exoskeleton`.
-        method: `stridetwin`, ours, or `published`, Shim et al. 2019.
+        method: `proposed` or `published`, Shim et al. 2019.
         svm: Classes for `published`; None leaves them unknown.
+        parameters: Of sensors, walkers and buildings; one set serves all.
 
     Raises:
         ConfigError: There is no such method.
     """
 
-    def __init__(self, exo: Exoskeleton, method: str = "stridetwin", svm: TerrainSvm | None = None) -> None:
+    def __init__(
+        self,
+        exo: Exoskeleton,
+        method: str = PROPOSED,
+        svm: TerrainSvm | None = None,
+        parameters: ContactTerrainParameters = DEFAULTS,
+    ) -> None:
+        method = current_name(method)
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
-        self._gather = Gather(exo)
-        self._method: _Method = StrideTwin(exo) if method == "stridetwin" else Published(exo, svm)
+        self._gather = Gather(exo, parameters.ticks)
+        self._method: _Method = (
+            Proposed(exo, parameters) if method == PROPOSED else Published(exo, svm, parameters.published)
+        )
 
     def update(self, sample: Sample) -> StepEstimate | None:
         """Takes one sample; returns what is now known of the last footprint, None where nothing new is."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from stridetwin.estimators.dvio.memory import ImuNoise
 from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.rig import ImuCalibration
 
@@ -201,12 +202,12 @@ _PUBLISHED: dict[str, Any] = {
     "steps": 2,
 }
 METHODS: dict[str, DvioParameters] = {
-    "stridetwin": DvioParameters(),
+    PROPOSED: DvioParameters(),
     "dvio": DvioParameters(**_PUBLISHED),
     "vins_rgbd": DvioParameters(**_PUBLISHED, host_depth="fixed", projection_depth=False),
     "vins_mono": DvioParameters(**_PUBLISHED, host_depth="none", projection_depth=False),
 }
-"""Ours; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
+"""The proposed method; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
 
 
 def named(method: str) -> DvioParameters:
@@ -215,6 +216,7 @@ def named(method: str) -> DvioParameters:
     Raises:
         ConfigError: No such method; the message lists those there are.
     """
+    method = current_name(method)
     if method not in METHODS:
         raise ConfigError("Dvio", "method", method, ", ".join(METHODS))
     return METHODS[method]

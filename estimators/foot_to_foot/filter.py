@@ -22,13 +22,14 @@ from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, 
 from stridetwin.estimators.foot_to_foot.rig import shoes_of, side_by_side
 from stridetwin.estimators.foot_to_foot.samples import RelativePosition
 from stridetwin.estimators.foot_to_foot.worn import Worn
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range
 
 # Which aids each method listens to; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {
-    "stridetwin": (BoardSighting, Range),
+    PROPOSED: (BoardSighting, Range),
     "published": (RelativePosition,),
     "zupt_relative_position": (RelativePosition,),
     "zupt_relative_distance": (Range,),
@@ -64,9 +65,9 @@ class FootToFoot:
 
     Args:
         rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.
-        method: `stridetwin`, or one of Jao, Wang, Shkel 2020: `published` (= `zupt_relative_position`),
+        method: `proposed`, or one of Jao, Wang, Shkel 2020: `published` (= `zupt_relative_position`),
             `zupt_relative_distance`, `zupt`.
-        parameters: `FootToFootParameters` for `stridetwin`, `PublishedParameters` for the others.
+        parameters: `FootToFootParameters` for `proposed`, `PublishedParameters` for the others.
         start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without, one foot starts as `FootIns` does,
             two stand side by side.
         earth_rate_in_world: (3,) turning of the Earth, rad/s; 0 where latitude or north are unknown.
@@ -80,14 +81,15 @@ class FootToFoot:
         self,
         rig: Rig,
         *,
-        method: str = "stridetwin",
+        method: str = PROPOSED,
         parameters: FootToFootParameters | PublishedParameters | None = None,
         start: Mapping[str, StartPose] | None = None,
         earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
+        method = current_name(method)
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
-        kind = FootToFootParameters if method == "stridetwin" else PublishedParameters
+        kind = FootToFootParameters if method == PROPOSED else PublishedParameters
         if not isinstance(parameters := parameters or kind(), kind):
             raise ConfigError("FootToFoot", "parameters", type(parameters).__name__, f"{kind.__name__} for {method}")
         self._listens_to = METHODS[method]

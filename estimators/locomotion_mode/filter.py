@@ -20,12 +20,13 @@ from stridetwin.estimators.locomotion_mode.published import Division, WalkingInf
 from stridetwin.estimators.locomotion_mode.rhythm import Rhythm
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import CameraCalibration, Mount
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
-METHODS = ("stridetwin", "published")
+METHODS = (PROPOSED, "published")
 _USUAL_HEIGHT_M = 1.3
 """Of neck and waist, where the ground is not known."""
 _TALLEST_M = 2.2
@@ -50,7 +51,7 @@ class LocomotionMode:
         camera: The depth camera; tells where it sits on head or chest.
         mount: Where the depth camera sits in the frame whose poses come, as the map was told; None: the poses are the
             camera's own.
-        method: `stridetwin`, or `published`: Zhao et al. 2023, eqs. (16)-(18).
+        method: `proposed`, or `published`: Zhao et al. 2023, eqs. (16)-(18).
         parameters: One set serves everyone.
 
     Raises:
@@ -63,16 +64,17 @@ class LocomotionMode:
         camera: CameraCalibration,
         *,
         mount: Mount | None = None,
-        method: str = "stridetwin",
+        method: str = PROPOSED,
         parameters: LocomotionModeParameters | None = None,
     ) -> None:
+        method = current_name(method)
         if method not in METHODS:
             raise StrideTwinError(f"there is no method {method!r} of locomotion_mode; valid: {', '.join(METHODS)}")
         self.parameters = p = parameters or LocomotionModeParameters()
         self.ground, self.method = ground, method
         T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, float)
         T_frame_body = T_frame_camera @ np.linalg.inv(camera.mount.T_body_sensor)
-        followed = T_frame_body if method == "stridetwin" else T_frame_camera
+        followed = T_frame_body if method == PROPOSED else T_frame_camera
         self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p.still_m)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
@@ -114,7 +116,7 @@ class LocomotionMode:
             self._walking.clear()  # or the next step would be told from two
             return
         self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
-        if self.method == "stridetwin":
+        if self.method == PROPOSED:
             profile = self._profile(line)
             ground = self._ground_along(profile, line)
             behind, _ = moments(self._footing.standing(line), self._footing.s)

@@ -95,7 +95,7 @@ def live_command(arguments: Namespace, progress: Progress) -> Outcome:
         raise StrideTwinError("-o goes with an estimator; a recording is made with --record FILE")
     if arguments.foot and name != "foot_ins":
         raise StrideTwinError("--foot goes with foot_ins")
-    if arguments.method != "stridetwin" and name not in _WITH_METHOD:
+    if arguments.method != "proposed" and name not in _WITH_METHOD:
         raise StrideTwinError(f"--method {arguments.method} goes with {', '.join(_WITH_METHOD)}")
     address = parse_address(arguments.listen, "--listen")
     if not _is_loopback(address[0]):

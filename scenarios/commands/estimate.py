@@ -48,8 +48,8 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
         progress("estimate", 0.0)
         made = estimate_feet(imported(arguments), arguments.method)
         paths = {_for_foot(arguments.output, e.frame[len("foot_")]): e.path for e in made}
-    elif arguments.method != "stridetwin":
-        raise StrideTwinError(f"--method {arguments.method} goes with foot_to_foot; valid for foot_ins: stridetwin")
+    elif arguments.method != "proposed":
+        raise StrideTwinError(f"--method {arguments.method} goes with foot_to_foot; valid for foot_ins: proposed")
     elif arguments.source.suffix in TABLES and not (arguments.rig or arguments.map or arguments.kind):
         paths = {arguments.output: foot_filter(arguments.lag).run(read_imu_table(arguments.source)).trajectory}
     else:

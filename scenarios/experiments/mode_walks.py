@@ -196,7 +196,7 @@ def posed(
     if poses == "given":
         yield from spoil(posed_depth(recording, camera, more=INSOLES)[1])
         return
-    odometer = dvio("stridetwin", recording.rig, mount)
+    odometer = dvio("proposed", recording.rig, mount)
     arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
     for sample in spoil(arriving):
         if isinstance(sample, Imu | Image | Depth):

@@ -54,11 +54,11 @@ def short() -> tuple[Simulation, dict[str, Block[Imu]], list]:
     return simulation, simulation.inertial(rng)[0], simulation.aids(rng)
 
 
-def estimator_for(simulation: Simulation, method: str = "stridetwin", **options: object) -> FootToFoot:
+def estimator_for(simulation: Simulation, method: str = "proposed", **options: object) -> FootToFoot:
     return FootToFoot(simulation.rig, **{"method": method, "start": simulation.start()} | options)
 
 
-def ends(simulation: Simulation, imus: dict[str, Block[Imu]], aids: list, method: str = "stridetwin") -> np.ndarray:
+def ends(simulation: Simulation, imus: dict[str, Block[Imu]], aids: list, method: str = "proposed") -> np.ndarray:
     paths = estimator_for(simulation, method).run(imus, aids)
     return np.array([simulation.end_error(f, paths[f].trajectory.p_frame_in_world[-1]) for f in imus])
 
@@ -174,7 +174,7 @@ def test_two_feet_without_cameras_that_hear_nothing_are_two_one_foot_filters(sho
         )
 
 
-@pytest.mark.parametrize("method", ["stridetwin", "published", "zupt_relative_distance"])
+@pytest.mark.parametrize("method", ["proposed", "published", "zupt_relative_distance"])
 def test_sample_by_sample_and_block_give_identical_numbers(short, method: str) -> None:
     simulation, imus, aids = short
     paths = estimator_for(simulation, method).run(imus, aids)
@@ -268,7 +268,7 @@ def test_an_imu_that_dies_leaves_the_other_foot_as_it_was(short) -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e9])
-@pytest.mark.parametrize("method", ["stridetwin", "published"])
+@pytest.mark.parametrize("method", ["proposed", "published"])
 def test_impossible_repeated_and_late_samples_are_ignored(short, value: float, method: str) -> None:
     simulation, imus, _ = short
     clean, troubled = estimator_for(simulation, method), estimator_for(simulation, method)
@@ -308,7 +308,7 @@ def test_a_sighting_too_late_is_left_out(short) -> None:
 
 def test_wrong_use_is_named(short) -> None:
     simulation, imus, _ = short
-    with pytest.raises(ConfigError, match="stridetwin"):
+    with pytest.raises(ConfigError, match="proposed"):
         FootToFoot(simulation.rig, method="magic")
     with pytest.raises(ConfigError, match="PublishedParameters"):
         FootToFoot(simulation.rig, method="zupt", parameters=FootToFootParameters())

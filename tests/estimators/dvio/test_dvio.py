@@ -121,7 +121,7 @@ def tilt_and_speed_errors(wall, e):
     return tilt, np.linalg.norm(R.T @ v - told.T @ e.v_imu_in_world)
 
 
-@pytest.mark.parametrize("method", ["stridetwin", "dvio", "vins_mono"])
+@pytest.mark.parametrize("method", ["proposed", "dvio", "vins_mono"])
 @pytest.mark.parametrize("begin_s", [3.0, 4.1])
 def test_starts_in_motion(method, begin_s):
     wall = moving(4.0, begin_s=begin_s)
