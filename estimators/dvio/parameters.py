@@ -9,6 +9,7 @@ from stridetwin.estimators.dvio.memory import ImuNoise
 from stridetwin.estimators.dvio.terms import Terms
 from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError, check_numbers
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 
 HOST_DEPTHS = ("none", "fixed", "factor")
@@ -118,7 +119,7 @@ class DvioParameters:
     time_offset_sd: float = 5e-3
     depth_scale_sd: float = 6e-3
     focal_sd: float = 2e-3
-    gravity: float = 9.81
+    gravity: float = NOMINAL_GRAVITY_MPS2
     imu_noise_factor: float = 5.6
     walk_factor: float = 4.2
     rate_share: float = 5.6e-3

@@ -99,12 +99,12 @@ class FootToFoot:
         if isinstance(parameters, PublishedParameters):
             foot = parameters.noise_of_the_calibration_alone
         else:
-            variance[:2] = np.repeat([parameters.camera_position_sd, parameters.camera_rotation_sd], 3) ** 2
-            variance[2:] = np.repeat([parameters.board_position_sd, parameters.board_rotation_sd], 3) ** 2
-            clock_variance = parameters.camera_clock_sd**2
+            variance[:2] = np.repeat([parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad], 3) ** 2
+            variance[2:] = np.repeat([parameters.board_position_sd_m, parameters.board_rotation_sd_rad], 3) ** 2
+            clock_variance = parameters.camera_clock_sd_s**2
             if shoes.cameras:
                 foot, scale_variance = (
-                    replace(foot, gyro_noise=parameters.scaled_gyro_noise),
+                    replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz),
                     parameters.gyro_scale_sd**2,
                 )
         left, right = (for_sensor(foot, shoes.imus.get(f)) for f in FEET)

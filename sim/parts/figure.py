@@ -10,10 +10,11 @@ from functools import partial
 from typing import Any, TypeVar, get_type_hints
 
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.yaml_node import Node
 
 DEG = math.pi / 180
-G = 9.80665
+G = STANDARD_GRAVITY_MPS2
 _FIGURE = "figure"
 _SOURCED = ("value", "source")
 
