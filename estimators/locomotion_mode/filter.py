@@ -27,10 +27,6 @@ from stridetwin.streams.rig import CameraCalibration, Mount
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
 METHODS = (PROPOSED, "published")
-_USUAL_HEIGHT_M = 1.3
-"""Of neck and waist, where the ground is not known."""
-_TALLEST_M = 2.2
-_BACK_M = 2.4
 
 
 class LocomotionMode:
@@ -75,7 +71,7 @@ class LocomotionMode:
         T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, float)
         T_frame_body = T_frame_camera @ np.linalg.inv(camera.mount.T_body_sensor)
         followed = T_frame_body if method == PROPOSED else T_frame_camera
-        self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p.still_m)
+        self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._footing = Rhythm(p), Footing(p)
@@ -128,7 +124,8 @@ class LocomotionMode:
     def _body_height(self) -> float:
         """Of the body over the ground under it, m."""
         height = float(self._body.p[2]) - self._height(self._body.p[:2])
-        return height if 0.0 < height < _TALLEST_M else _USUAL_HEIGHT_M
+        p = self.parameters
+        return height if 0.0 < height < p.tallest_m else p.usual_height_m
 
     def _line(self) -> Line:
         heading = self._body.heading(2.0 * self._rhythm.step_s)
@@ -138,9 +135,9 @@ class LocomotionMode:
     def _profile(self, line: Line) -> Profile:
         """From farther back than the line: where a flight is hidden, what is known is where it began."""
         p, heading = self.parameters, math.atan2(line.forward[1], line.forward[0])
-        far = self.ground.profile(line.origin - _BACK_M * line.forward, heading, _BACK_M + p.behind_m + p.reach_m)
-        changes = tuple(replace(change, s=change.s - _BACK_M) for change in far.changes)
-        return replace(far, s=far.s - _BACK_M, changes=changes)
+        far = self.ground.profile(line.origin - p.back_m * line.forward, heading, p.back_m + p.behind_m + p.reach_m)
+        changes = tuple(replace(change, s=change.s - p.back_m) for change in far.changes)
+        return replace(far, s=far.s - p.back_m, changes=changes)
 
     def _ground_along(self, profile: Profile, line: Line) -> list[Piece]:
         """The pieces of a profile; where nobody has seen the ground ahead, as the legs felt it last."""
@@ -152,7 +149,7 @@ class LocomotionMode:
                 return going_on(step, foot, self.parameters)
         estimate = self.ground.estimate
         if estimate is not None:
-            self._stairs = seen_last(estimate, self._stairs)
+            self._stairs = seen_last(estimate, self._stairs, self.parameters)
         return pieces(profile, estimate, line.forward, self.parameters, self._stairs)
 
     def _predicted(self, t_ns: int) -> ModeEstimate:

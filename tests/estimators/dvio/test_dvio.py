@@ -324,7 +324,7 @@ def test_refuses_what_it_cannot_use():
         Dvio(Rig())
     with pytest.raises(ConfigError, match="host_depth"):
         DvioParameters(host_depth="some")
-    with pytest.raises(ConfigError, match="sight_sd_px"):
-        DvioParameters(sight_sd_px=0.0)
+    with pytest.raises(ConfigError, match="pixel_noise_px"):
+        DvioParameters(pixel_noise_px=0.0)
     with pytest.raises(StrideTwinError, match="/foot_l/imu"):
         Dvio(rig()).update(Imu(topic="/foot_l/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.zeros(3)))
