@@ -36,10 +36,10 @@ from stridetwin.sim.config import (
     TwinConfig,
 )
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.gait.style import GRAVITY
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
 SPEEDS_MPS = (0.6, 1.4)
@@ -135,7 +135,7 @@ def measure(case: Case) -> dict[str, float]:
     walk = twin.walk
     took = time.process_time() - planned
     assert isinstance(walk, SimulatedWalk)
-    weight = GRAVITY * float(twin.model.body_subtreemass[0])
+    weight = NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0])
     lift = walk.foot_force[:, :, 2].sum(1) / weight
     help_force, help_torque = root_help(twin, walk)
     steady = (walk.t > _STEADY_S) & (walk.t < walk.duration_s - _STEADY_S)
@@ -162,14 +162,14 @@ def measure(case: Case) -> dict[str, float]:
 
 def root_help(twin: Twin, walk: SimulatedWalk) -> tuple[Array, Array]:
     """(N,) force at the root, % of the body weight, and (N,) torque, % of the body weight x 1 m."""
-    percent = 100 / (GRAVITY * float(twin.model.body_subtreemass[0]))
+    percent = 100 / (NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0]))
     force, torque = (np.linalg.norm(walk.torque[:, k : k + 3], axis=1) * percent for k in (0, 3))
     return force, torque
 
 
 def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
     """How far the toe hinge wanders over the ground in each stance while the ball carries firmly, m."""
-    weight, found = GRAVITY * float(twin.model.body_subtreemass[0]), []
+    weight, found = NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0]), []
     hinge = np.array([twin.size.shoe.toe_hinge_x, 0.0, twin.size.shoe.toe_hinge_z])
     for k, side in enumerate(SIDES):
         for step in walk.steps[side]:

@@ -15,14 +15,14 @@ from benchmarks.real_walks import ViconWalk, armse, spread
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters
 
 START = {  # orders of magnitude that a consumer sensor and a shoe suggest
-    "gyro_noise": 0.003,
-    "accel_noise": 0.003,
-    "accel_motion_noise": 0.003,
-    "lever_sd": 0.03,
-    "still_velocity": 0.01,
+    "gyro_noise_radps_rthz": 0.003,
+    "accel_noise_mps2_rthz": 0.003,
+    "accel_motion_noise_per_rthz": 0.003,
+    "lever_sd_m": 0.03,
+    "still_velocity_mps": 0.01,
     "still_level": 1000.0,
     "still_share": 0.01,
-    "floor_sd": 0.01,
+    "floor_sd_m": 0.01,
 }
 STEPS = (3.0, 3.0**0.5, 3.0**0.25)  # factors, one sweep each
 BOUND = 10.0  # no parameter leaves its start by more than this factor

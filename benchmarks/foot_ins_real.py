@@ -62,7 +62,7 @@ def stretched(walk: ViconWalk, factor: float) -> ViconWalk:
     p = FootInsParameters()
     path = FootIns(parameters=p).run(walk.imu)
     R = Rotation.from_quat(path.trajectory.q_world_frame, scalar_first=True)
-    up = np.array([0.0, 0.0, p.gravity])
+    up = np.array([0.0, 0.0, p.gravity_mps2])
     force = R.inv().apply((R.apply(walk.imu.columns["specific_force"]) - up) / factor**2 + up)
     columns = {"angular_rate": walk.imu.columns["angular_rate"] / factor, "specific_force": force}
     return replace(walk, imu=replace(walk.imu, t_ns=(walk.imu.t_ns * factor).astype(np.int64), columns=columns))
@@ -173,7 +173,7 @@ def measure(folder: Path) -> dict[str, Any]:
     ours |= {f"armse_{name}_m": spread(armse_of(map(make, walks)).values()) for name, make in variants.items()}
     return {
         "experiment": "foot_ins_real",
-        "summary": {"stridetwin": ours},
+        "summary": {"proposed": ours},
         "paper": PUBLISHED,
         "cases": [{"walk": n, "armse_m": error[n], "end_height_error_m": height[n]} for n in error],
     }

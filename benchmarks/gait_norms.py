@@ -25,6 +25,7 @@ from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
 SPEEDS_MPS = (0.8, 1.1, 1.3)
@@ -62,7 +63,7 @@ NORM_LEG = 0.967  # the norms' leg (pelvis to ankle) in legs of the model (hip c
 # (assets/mjcf/shoe_*.xml): the foot in it points down by so much more than the sole that the ankle's angle refers to.
 SHOE_DROP_DEG = float(np.degrees(np.arctan2(0.028 - 0.022, 0.176)))
 _CYCLE = np.linspace(0.0, 100.0, 51)
-_G, _RATE_HZ, _EDGE_STEPS = 9.81, 200, 5
+_RATE_HZ, _EDGE_STEPS = 200, 5
 _LOADED_BW = 0.05
 _BEYOND = 0.03  # of the shoe's length that a centre of pressure may lie beyond its ends: 8 mm
 _IMU_IN_FOOT_M = (-0.045, 0.0, 0.05)
@@ -138,7 +139,9 @@ def level_case(twin: Twin, labels: dict[str, str | float]) -> Case:
         torque = {s: -loads.joint_torque[:, names.index(f"{name}_{s}")] / mass for s in SIDES}
         curves[MOMENTS[joint]] = _both(strides, torque)
     curves |= _pelvis(strides, matrix_from_quat(motion.tracks["pelvis"].q_world_body))
-    curves["vertical_force_bw"] = _both(strides, {s: loads.feet[s].force[:, 2] / (mass * _G) for s in SIDES})
+    curves["vertical_force_bw"] = _both(
+        strides, {s: loads.feet[s].force[:, 2] / (mass * NOMINAL_GRAVITY_MPS2) for s in SIDES}
+    )
     row = {"speed_mps": speed, "fell": float(twin.fell_at is not None)}
     for joint, name in ANGLES.items():
         for sd in (1.0, 2.0):
@@ -188,7 +191,7 @@ def _ground_reaction(curve: Array, stance: float) -> dict[str, float]:
 
 def _pressure(twin: Twin, side: str, strides: Strides, load: FootLoad, motion: Motion) -> dict[str, float]:
     """Where the centre of pressure is early and late, shares of the shoe from the heel, and how much lies inside."""
-    shoe, t, weight = twin.size.shoe, motion.t_ns * 1e-9, float(twin.model.body_subtreemass[0]) * _G
+    shoe, t, weight = twin.size.shoe, motion.t_ns * 1e-9, float(twin.model.body_subtreemass[0]) * NOMINAL_GRAVITY_MPS2
     x, early, late = [], [], []
     for step, _ in strides.steps:
         on = (t >= step.t_touch) & (t <= step.t_off) & (load.force[:, 2] > _LOADED_BW * weight)
@@ -227,7 +230,9 @@ def slope_case(twin: Twin, terrain: str, labels: dict[str, str | float]) -> Case
     t_ns = np.round(t * 1e9).astype(np.int64)
     motion = player.motion(t_ns)
     loads = player.loads(t_ns, motion)
-    total = sum(loads.feet[s].force[:, 2] for s in SIDES) / (_G * float(twin.model.body_subtreemass[0]))
+    total = sum(loads.feet[s].force[:, 2] for s in SIDES) / (
+        NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0])
+    )
     row = {"fell": float(twin.fell_at is not None)}
     for way, mode in _MODES[terrain].items():
         peaks: dict[str, list[float]] = {}

@@ -22,9 +22,9 @@ from stridetwin.sim.config import Gait
 from stridetwin.sim.fitting import Fitting
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
-from stridetwin.sim.sensors.imu import GRAVITY
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array, Block, Imu
 
 SEEDS = range(1000, 1006)
@@ -68,7 +68,7 @@ def figures(imu: Block[Imu], range_mps2: float) -> dict[str, float]:
     high = np.fft.rfftfreq(int(walking.sum()), 1 / hz) > ABOVE_HZ
     return {
         "stance_rate_rms_radps": float(np.sqrt(np.mean(speed[stance] ** 2))),
-        "stance_force_rms_mps2": float(np.sqrt(np.mean((push[stance] - GRAVITY) ** 2))),
+        "stance_force_rms_mps2": float(np.sqrt(np.mean((push[stance] - NOMINAL_GRAVITY_MPS2) ** 2))),
         "peak_rate_radps": _peak(speed[walking], hz),
         "peak_force_mps2": _peak(push[walking], hz),
         "force_above_20hz_pct": float(100 * density[high].sum() / density.sum()),

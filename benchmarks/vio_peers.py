@@ -156,9 +156,9 @@ def one_walk(recording: Recording, environment: Environment, vocabulary: Path, m
     """Figures by method; of a peer that could not be run, `error`."""
     mount = "head" if "/head/color" in recording.topics else "chest"
     found: dict[str, Any] = {}
-    if "stridetwin" in methods:
-        ride = follow(dvio("stridetwin", recording.rig, mount), odometry_samples(recording, mount))
-        found["stridetwin"] = figures(ride, true_path(recording, mount))
+    if "proposed" in methods:
+        ride = follow(dvio("proposed", recording.rig, mount), odometry_samples(recording, mount))
+        found["proposed"] = figures(ride, true_path(recording, mount))
     with TemporaryDirectory() as temporary:
         folder, file = Path(temporary) / "walk", Path(temporary) / "settings.yaml"
         folder.mkdir()
@@ -227,7 +227,7 @@ def main() -> int:
     parser.add_argument("recordings", nargs="*", type=Path, help="walks with a camera with depth; default: --walks")
     parser.add_argument("--walks", nargs="+", default=list(WALKS), help="scenarios that are walked")
     parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument("--methods", nargs="+", choices=["stridetwin", *PEERS], default=["stridetwin", *PEERS])
+    parser.add_argument("--methods", nargs="+", choices=["proposed", *PEERS], default=["proposed", *PEERS])
     parser.add_argument(
         "--environment", type=Path, default=Path("runs/vio_peers"), help="where the peers are installed"
     )

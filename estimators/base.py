@@ -27,13 +27,12 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
 PATH, STEPS, MAP, MODES = KINDS = ("path", "steps", "map", "modes")
-PROPOSED = "stridetwin"
-"""The method that is no published one; the default of every estimator."""
 POSES = "/poses"
 """Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
 FEET = {"l": "left", "r": "right"}
@@ -70,6 +69,9 @@ class Options:
     exoskeleton: Path | None = None
     metadata: Mapping[str, str] = field(default_factory=dict)
     source: str = "metadata"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "method", current_name(self.method))
 
 
 @dataclass(frozen=True, kw_only=True)

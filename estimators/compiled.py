@@ -1,57 +1,69 @@
-"""How the estimators are compiled: what Python calls is cached, what only compiled functions call costs less."""
+"""How the estimators are compiled: what Python calls is cached, what only compiled functions call costs less.
+
+Numba has no public way to either. `INTERNALS` names what is used of its inside; `SUPPORTED` the versions in which that
+means what it means here. With any other version everything is compiled by plain `numba.njit(cache=True)`: the numbers
+are the same, compilation takes about twice as long, and a cached function does not notice changes in other files.
+"""
 
 from __future__ import annotations
 
+import importlib
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from numba import _dynfunc, njit  # type: ignore[attr-defined]
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import register_pass
-from numba.core.typed_passes import NativeLowering
+import numba
+from numba import njit
+
+SUPPORTED = ((0, 61), (0, 69))
+"""First version of Numba that is supported, and the first one beyond."""
+INTERNALS = (
+    ("numba._dynfunc", "make_function"),
+    ("numba.core.caching", "IndexDataCacheFile"),
+    ("numba.core.codegen", "JITCodeLibrary._optimize_final_module"),
+    ("numba.core.codegen", "JITCodeLibrary._finalize_final_module"),
+    ("numba.core.codegen", "JITCodeLibrary._finalize_dynamic_globals"),
+    ("numba.core.compiler", "CompilerBase"),
+    ("numba.core.compiler", "DefaultPassBuilder.define_nopython_pipeline"),
+    ("numba.core.compiler_machinery", "register_pass"),
+    ("numba.core.typed_passes", "NativeLowering.run_pass"),
+)
+"""Modules of Numba and what of them is used, beside `_cache._cache_file._source_stamp` of a cached function."""
 
 
-class _PartLibrary(JITCodeLibrary):
-    """Code of a function that only goes into others: it is optimised and made machine code there, not here as well."""
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class _PartLowering(NativeLowering):
-    _name = "part_lowering"
-
-    def run_pass(self, state: Any) -> bool:
-        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.no_compile = True
-        super().run_pass(state)
-        key = _dynfunc.make_function(state.cr.fndesc.lookup_module(), "part", "", 0, state.cr.env, (state.library,))
-        state.targetctx.insert_user_function(key, state.cr.fndesc, [state.library])
-        state.cr = state.cr._replace(cfunc=key)
-        return True
+def missing_internals() -> list[str]:
+    """What the installed Numba lacks of `INTERNALS`."""
+    lacking = []
+    for module, names in INTERNALS:
+        try:
+            found: Any = importlib.import_module(module)
+            for name in names.split("."):
+                found = getattr(found, name)
+        except (ImportError, AttributeError):
+            lacking.append(f"{module}.{names}")
+    return lacking
 
 
-class _PartCompiler(CompilerBase):
-    def define_pipelines(self) -> list[Any]:
-        made = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        made.passes = [(_PartLowering if p is NativeLowering else p, why) for p, why in made.passes]
-        made.finalize()
-        return [made]
+def is_supported(version: str) -> bool:
+    """Whether a version of Numba lies within `SUPPORTED`."""
+    parts = version.split(".")[:2]
+    numbers = tuple(int(part) for part in parts if part.isdecimal())
+    return SUPPORTED[0] <= numbers < SUPPORTED[1]
 
 
-_NO_C: dict[str, Any] = {"no_cfunc_wrapper": True}
-INSIDE: dict[str, Any] = {"no_cpython_wrapper": True, "pipeline_class": _PartCompiler, **_NO_C}
+_WITH_INTERNALS = is_supported(numba.__version__) and not missing_internals()
+_NO_C: dict[str, Any] = {}
+INSIDE: dict[str, Any] = {}
 """Options of a function that Python never calls: its arguments are not taken apart, and LLVM sees it only as a part of
 what calls it. Otherwise every function is optimised and made machine code again for each one further out; that was
 half of the compilation."""
+
+if _WITH_INTERNALS:
+    from stridetwin.estimators.part_compiler import PartCompiler
+
+    _NO_C["no_cfunc_wrapper"] = True
+    INSIDE |= {"no_cpython_wrapper": True, "pipeline_class": PartCompiler, **_NO_C}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -74,7 +86,8 @@ def cached(*folders: Path, **options: Any) -> Callable[[F], F]:
 
     def compiled(function: F) -> F:
         made: Any = njit(cache=True, **{**_NO_C, **options})(getattr(function, "py_func", function))
-        made._cache._cache_file._source_stamp = stamp
+        if _WITH_INTERNALS:
+            made._cache._cache_file._source_stamp = stamp
         return cast(F, made)
 
     return compiled

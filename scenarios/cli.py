@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.estimators.registry import names
 from stridetwin.scenarios.commands import (
     Outcome,
@@ -37,7 +38,7 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
 
 METHODS = (
-    "stridetwin",
+    PROPOSED,
     "published",
     "zupt_relative_position",
     "zupt_relative_distance",
@@ -152,9 +153,10 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--method",
+        type=current_name,
         choices=METHODS,
-        default="stridetwin",
-        help="foot_to_foot, contact_terrain, dvio, locomotion_mode: which algorithm (default stridetwin)",
+        default=PROPOSED,
+        help="foot_to_foot, contact_terrain, dvio, locomotion_mode: which algorithm (default proposed)",
     )
     p.add_argument(
         "--poses",
@@ -184,7 +186,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--rig", type=Path, metavar="FILE", help="calibration (Kalibr YAML) before what the senders tell")
     p.add_argument("--record", type=Path, metavar="FILE", help="recording of all that comes, .mcap")
     p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot (default l)")
-    p.add_argument("--method", choices=METHODS, default="stridetwin", help="as of estimate (default stridetwin)")
+    p.add_argument(
+        "--method", type=current_name, choices=METHODS, default=PROPOSED, help="as of estimate (default proposed)"
+    )
     p.add_argument(
         "--exoskeleton", type=Path, metavar="FILE", help="contact_terrain: geometry, where the sender tells none"
     )

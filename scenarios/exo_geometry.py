@@ -13,6 +13,7 @@ from stridetwin.estimators.contact_terrain.geometry import (
     METADATA_KEY,
     SIDES,
     Attitude,
+    Compliance,
     DhRow,
     Exoskeleton,
     Knee,
@@ -81,7 +82,10 @@ def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
         for side in SIDES
     }  # fmt: skip
     return Exoskeleton(
-        description="Exoskeleton of Shim et al. 2019, set to its wearer", back=mount("/exo/back/ahrs", 0), legs=legs
+        description="Exoskeleton of Shim et al. 2019, set to its wearer",
+        back=mount("/exo/back/ahrs", 0),
+        legs=legs,
+        compliance=Compliance(),
     )
 
 

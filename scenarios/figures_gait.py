@@ -12,6 +12,7 @@ from stridetwin.estimators.base import FEET
 from stridetwin.scenarios.figures_path import COLORS
 from stridetwin.scenarios.norms import level_norm, speed_group
 from stridetwin.scenarios.svg import Plot, data_range
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Array, Footprint
 
@@ -21,7 +22,6 @@ _JOINTS = {
     "ankle_dorsiflexion": "Ankle dorsiflexion",
 }
 _CYCLE = np.linspace(0.0, 100.0, 101)
-_G = 9.81
 _SOLE_M = (0.32, 0.08)
 _PAUSE_NS = 30_000_000
 
@@ -108,7 +108,7 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics:
             block = recording.block(topic)
-            load = block.columns["force_in_world"][:, 2] / (mass_kg * _G)
+            load = block.columns["force_in_world"][:, 2] / (mass_kg * NOMINAL_GRAVITY_MPS2)
             curves += [(foot, over_cycle(s, block.t_ns, load)) for s in strides if s.foot == foot]
     if not curves:
         return ""

@@ -45,13 +45,13 @@ class GroundGrid:
         c, s = math.cos(p.grid_turn_rad), math.sin(p.grid_turn_rad)
         rotation = np.array([[c, -s], [s, c]])
         points, plane = terrain_map.surface_points()
-        columns = np.floor(points[:, :2] @ rotation / p.voxel_m).astype(np.int64)
+        columns = np.floor(points[:, :2] @ rotation / p.voxel_size_m).astype(np.int64)
         first = columns.min(axis=0) if len(columns) else np.zeros(2, np.int64)
         shape = columns.max(axis=0) - first + 1 if len(columns) else np.zeros(2, np.int64)
         height, ids = np.full(shape, np.nan), np.full(shape, -1, np.int64)
         i, j = (columns - first).T
         height[i, j], ids[i, j] = points[:, 2], plane
-        return cls(first=first, height=height, plane=ids, rotation=rotation, cell_m=p.voxel_m)
+        return cls(first=first, height=height, plane=ids, rotation=rotation, cell_m=p.voxel_size_m)
 
     def at(self, xy: Array) -> tuple[Array, NDArray[np.int64]]:
         """(...) m and (...) ids at (..., 2) places of the map's world; NaN and -1 where nothing is known."""

@@ -12,7 +12,7 @@ import yaml
 
 from stridetwin.streams.samples import Array
 
-_LEG_M, _G = 0.9, 9.81
+_LEG_M = 0.9
 _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), ("VeryFast", float("inf")))
 
 

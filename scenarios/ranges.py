@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from stridetwin.sim.parts.full_scale import full_scales
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
-_G, _DEG = 9.80665, math.pi / 180
+_G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180
 # Data sheets: full scales of parts of public recordings that the library does not have, rad/s and m/s².
 _FURTHER = {
     "ADIS16448": {"angular_rate": 1000 * _DEG, "specific_force": 18 * _G},

@@ -33,6 +33,7 @@ from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.pictures import CameraView, camera_views
 from stridetwin.scenarios.step_scores import StepResult
 from stridetwin.sim.config import TwinConfig
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording import Recording
 
 _CARDS = (
@@ -81,7 +82,6 @@ _AHEAD_ROWS = (
     (MAP, "edge_rmse_mm", "Edges along the way, RMS", "mm", 1),
 )
 _RESIDUAL = "/truth/root_residual"
-_G = 9.81
 _PUBLISHED = (
     ("jao_straight_53m", "straight, 53 m", 53.0),
     ("jao_loop_126m", "loop with ramp and stair, 126 m", 126.0),
@@ -182,7 +182,9 @@ def page(title: str, description: str, chips: Sequence[str], sections: Sequence[
 
 def _root_help(recording: Recording, mass_kg: float) -> str:
     """What helped a simulated walker at the pelvis, beside the ground."""
-    force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / (mass_kg * _G)
+    force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / (
+        mass_kg * NOMINAL_GRAVITY_MPS2
+    )
     mean, p95, most = 100 * force.mean(), 100 * np.quantile(force, 0.95), 100 * force.max()
     return f"help at the root {mean:.2f} % of body weight (95 %: {p95:.2f}, most {most:.2f})"
 

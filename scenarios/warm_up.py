@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams import messages
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole, Range, Sample
 
@@ -81,7 +82,9 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
             yield Depth(topic=topic, t_ns=t_ns, depth=depth)
         elif kind is Imu:
             rate = _TREMOR * (-1) ** i * (t_ns < _TREMBLES_S * 1e9)
-            yield Imu(topic=topic, t_ns=t_ns, angular_rate=rate, specific_force=np.array([0.0, 0.0, 9.81]))
+            yield Imu(
+                topic=topic, t_ns=t_ns, angular_rate=rate, specific_force=np.array([0.0, 0.0, NOMINAL_GRAVITY_MPS2])
+            )
         elif kind is Ahrs:
             yield Ahrs(topic=topic, t_ns=t_ns, q_world_sensor=np.array([1.0, 0.0, 0.0, 0.0]), angular_rate=np.zeros(3))
         elif kind is Encoder:

@@ -99,6 +99,30 @@ class Tree(NamedTuple):
         )  # fmt: skip
 
 
+class _Bodies(NamedTuple):
+    """Motion of all bodies at one instant, world axes; compiled code fills it.
+
+    Attributes:
+        p: (B, 3) m, origins.
+        quat: (B, 4) unit quaternions, body to world.
+        R: (B, 3, 3) the same as matrices.
+        speed: (B, 3) m/s of the origins.
+        w: (B, 3) rad/s.
+        dv: (B, 3) m/s² of the origins.
+        dw: (B, 3) rad/s².
+        axes: (J, 3) of the hinges.
+    """
+
+    p: Array
+    quat: Array
+    R: Array
+    speed: Array
+    w: Array
+    dv: Array
+    dw: Array
+    axes: Array
+
+
 @numba.njit(cache=True)
 def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     """Poses and velocities of all bodies at N instants.
@@ -118,7 +142,7 @@ def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     R, dv, dw, axes = np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty_like(tree.axis)
     still = np.zeros(v.shape[1])
     for i in range(n):
-        _forward(tree, q[i], v[i], still, p[i], quat[i], R, speed[i], w[i], dv, dw, axes)
+        _forward(tree, q[i], v[i], still, _Bodies(p[i], quat[i], R, speed[i], w[i], dv, dw, axes))
         for b in range(bodies):
             put(turned(transposed(rows(R[b])), triple(w[i, b])), w[i, b])
     return p, quat, speed, w
@@ -144,7 +168,7 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
     axes, force, moment, com = np.empty_like(tree.axis), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     g, whole = triple(gravity), tree.mass.sum()
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], p, quat, R, speed, w, dv, dw, axes)
+        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
         sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for b in range(bodies):
             own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
@@ -183,7 +207,7 @@ def hinge_torques(
     axes, torque, g = np.empty_like(tree.axis), np.empty((n, len(tree.axis))), triple(gravity)
     force, moment = np.empty((count, 3)), np.empty((count, 3))
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], p, quat, R, speed, w, dv, dw, axes)
+        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
         for b in range(count):
             own_force, own_moment, _ = _inertial(tree, b, R, w, dv, dw, g)
             put(own_force, force[b])
@@ -226,7 +250,7 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
     force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
     heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), triple(gravity)
     for i in range(n):
-        _forward(tree, q[i], v[i], a[i], p, quat, R, speed, w, dv, dw, axes)
+        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
         for b in range(bodies):
             own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
             put(own_force, force[b])
@@ -256,11 +280,9 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
 
 
 @numba.njit(cache=True)
-def _forward(
-    tree: Tree, q: Array, v: Array, a: Array, p: Array, quat: Array, R: Array, speed: Array, w: Array, dv: Array,
-    dw: Array, axes: Array,
-) -> None:  # fmt: skip
-    """Fills, by body, origin, rotation, velocity, rate and both accelerations, and by hinge the axis; world axes."""
+def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
+    """Fills the motion of the bodies: q (nq,), v (nv,) and a (nv,) in MuJoCo's layout."""
+    p, quat, R, speed, w, dv, dw, axes = bodies
     for b in range(len(tree.parent)):
         up = tree.parent[b]
         if up < 0:

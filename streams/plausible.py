@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
 IMU_RATES_HZ = (20.0, 5000.0)
 PICTURE_RATES_HZ = (0.2, 1000.0)
-GRAVITY = 9.81
 _REST_SPREAD = 0.15
 _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
 _MOVING_SPREAD = (0.5, 2.0)
@@ -83,7 +83,7 @@ def unit_doubts(t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Ar
     """Doubts about the units of an IMU's (N, 3) columns: gravity must show, and no gyro measures any rate."""
     force, rests = force_at_rest(t_ns, specific_force)
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
-    if not low * GRAVITY < force < high * GRAVITY:
+    if not low * NOMINAL_GRAVITY_MPS2 < force < high * NOMINAL_GRAVITY_MPS2:
         hint = next((words for (low, high), words in _HINTS if low <= force < high), "")
         where = " at rest" if rests else ""
         yield Doubt("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")

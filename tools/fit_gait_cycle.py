@@ -18,8 +18,9 @@ from scipy.interpolate import PchipInterpolator
 from benchmarks.gait_norms import NORM_LEG, SHOE_DROP_DEG
 from stridetwin.scenarios.norms import level_norm
 from stridetwin.sim.config import Person
-from stridetwin.sim.gait.style import GRAVITY, LABELS, SIZES, Style
+from stridetwin.sim.gait.style import LABELS, SIZES, Style
 from stridetwin.sim.gait.tempo import preferred_step
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 from tools.steady_cycle import SAMPLES, Cycle, Walker, steady_cycle
 
@@ -145,7 +146,7 @@ def residuals(cycle: Cycle, style: Style, pace: float) -> Array:
     parts.append(600.0 * np.where(share > 0.0, np.maximum(low - cycle.sole, 0.0), 0.0))
     middle = (share > 0.35) & (share < 0.75)
     parts.append(np.where(middle, 200.0 * np.maximum(cycle.sole - 0.045, 0.0), 0.0))
-    fastest = cycle.heel_speed.max() / (pace * np.sqrt(GRAVITY))
+    fastest = cycle.heel_speed.max() / (pace * np.sqrt(NOMINAL_GRAVITY_MPS2))
     parts.append(np.array([4.0 * max(fastest - 3.6, 0.0), 0.01 * max(np.degrees(cycle.pitch_rate).max() - 600.0, 0.0)]))
     return np.concatenate(parts)
 
@@ -157,9 +158,11 @@ def fit(pace: float, start: Array, prior: Array, bodies: list[Walker], rounds: i
     prior[0] = x[0] = double_support(pace)
 
     def strides(y: Array, paths: list[Array | None], corrections: int) -> list[Cycle]:
-        steps = [float(preferred_step(pace * np.sqrt(GRAVITY * body.leg_m), body.size)) for body in bodies]
+        steps = [float(preferred_step(pace * np.sqrt(NOMINAL_GRAVITY_MPS2 * body.leg_m), body.size)) for body in bodies]
         return [
-            steady_cycle(body, Style.of_vector(y), m, m / (pace * np.sqrt(GRAVITY * body.leg_m)), path, corrections)
+            steady_cycle(
+                body, Style.of_vector(y), m, m / (pace * np.sqrt(NOMINAL_GRAVITY_MPS2 * body.leg_m)), path, corrections
+            )
             for body, m, path in zip(bodies, steps, paths)
         ]
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import json
 import tarfile
 from pathlib import Path
 from statistics import median
@@ -20,7 +19,7 @@ from typing import Any
 
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
-from stridetwin.scenarios.experiments.registry import key_of, named
+from stridetwin.scenarios.experiments.registry import key_of, named, read_row
 from stridetwin.scenarios.mode_score import ModeScores
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
@@ -48,7 +47,7 @@ def main() -> None:
     asked = parser.parse_args()
     experiment, stem = named(asked.name), asked.stem or asked.name
     files = sorted(asked.folder.glob("seed_*.json"), key=lambda f: int(f.stem.split("_")[1]))
-    cases = [json.loads(f.read_text(encoding="utf-8")) for f in files]
+    cases = [read_row(f) for f in files]
     if not cases:
         parser.error(f"no rows (seed_*.json) in {asked.folder}")
     other = [case["seed"] for case in cases if not asked.at and case["key"] != _key(asked.name, case, asked.folder)]

@@ -20,10 +20,11 @@ from stridetwin.sim.gait.load import load_shares, pressure_centres, travel
 from stridetwin.sim.gait.pelvis import level_height
 from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.rhythm import Rhythm
-from stridetwin.sim.gait.style import GRAVITY, Style, leg_length
+from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.gait.whole_body import coordinates, legs, zero_moment_point
 from stridetwin.sim.rotation import from_euler, matrix_from_quat, rot_z
 from stridetwin.sim.route import Strip
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
 SAMPLES = 100  # a stride
@@ -101,7 +102,7 @@ def steady_cycle(
     wanted = sum(shares[side][:, None] * centres[side] for side in SIDES)[:, :2]
     drift = np.outer(t, [step_m / step_s, 0.0])
     dt = t[1] - t[0]
-    kappa = np.full(len(t), (walker.leg_m + _COM_ABOVE_PELVIS_M) / GRAVITY)
+    kappa = np.full(len(t), (walker.leg_m + _COM_ABOVE_PELVIS_M) / NOMINAL_GRAVITY_MPS2)
     path = _periodic_cart_table((wanted - drift)[:-1], kappa[:-1], dt) if start is None else start
     R_pelvis = from_euler(pose.pelvis)
     for round_ in range(rounds + 1):
@@ -119,7 +120,7 @@ def steady_cycle(
         error = wanted - zmp
         if round_ < rounds:
             path = path + _periodic_cart_table(error[:-1], kappa[:-1], dt)
-    weight = walker.mass_kg * GRAVITY
+    weight = walker.mass_kg * NOMINAL_GRAVITY_MPS2
     load = shares["l"] * needed[:, 2]
     names = layout.names
     side_angles = {j: np.degrees(x[:, names.index(f"{n}_l")]) for j, n in _JOINTS.items()}

@@ -3,9 +3,10 @@
 from stridetwin.estimators.contact_terrain.classes import TerrainSvm
 from stridetwin.estimators.contact_terrain.estimate import MODES, UNKNOWN, StepEstimate
 from stridetwin.estimators.contact_terrain.filter import METHODS, ContactTerrain
-from stridetwin.estimators.contact_terrain.geometry import Exoskeleton, parse_exoskeleton, read_exoskeleton
+from stridetwin.estimators.contact_terrain.geometry import Compliance, Exoskeleton, parse_exoskeleton, read_exoskeleton
+from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
 
 __all__ = [
-    "METHODS", "MODES", "UNKNOWN", "ContactTerrain", "Exoskeleton", "StepEstimate", "TerrainSvm", "parse_exoskeleton",
-    "read_exoskeleton",
+    "METHODS", "MODES", "UNKNOWN", "Compliance", "ContactTerrain", "ContactTerrainParameters", "Exoskeleton",
+    "StepEstimate", "TerrainSvm", "parse_exoskeleton", "read_exoskeleton",
 ]  # fmt: skip

@@ -1,76 +1,75 @@
-"""Attitudes of five frames from what their AHRS tell and their gyros' rates.
+"""Attitudes of five frames from their AHRS and their gyros' rates.
 
-An AHRS's tilt errs by a correlated error that grows with motion; its gyro, integrated from one tick to the next, hardly
-errs at all within a step. So the rates carry each attitude and the AHRS pulls it back slowly: a Kalman filter of one
-variance a frame, in which a told attitude weighs like a white error of the same power (2 τ σ² / dt).
+An AHRS's tilt has a correlated error that grows with motion. Its gyro, integrated from one tick to the next, has hardly
+any error within a step. So the rates propagate each attitude, and the AHRS corrects it slowly: a Kalman filter of one
+variance per frame, in which an AHRS sample weighs like a white error of the same power (2 τ σ² / dt).
 """
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, AttitudeNoise
 from stridetwin.estimators.contact_terrain.ticks import Tick, exp_so3
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
-STILL_SD = math.radians(0.15)
-MOVING_SD = math.radians(0.9)
-"""Standard deviation of an AHRS's tilt at rest and in full motion."""
-FULL_MOTION_RADPS = 2.0
-CORRELATION_S = 2.0
-DRIFT = math.radians(0.03)
-"""rad/√s, by which an integrated rate goes astray: noise, bias, scale."""
 
+class _State(NamedTuple):
+    """What compiled code changes in place: all at the last fresh sample but R, and the time since then."""
 
-LOST_SD = math.radians(0.15)
-"""What a lost sample hides of a limb in motion."""
+    R: Array
+    last: Array
+    variance: Array
+    rate: Array
+    since: Array
 
 
 class Attitudes:
     """Attitudes of back, thighs and feet.
 
+    Args:
+        noise: Noise model.
+
     Attributes:
         R: (5, 3, 3) frame to world.
     """
 
-    def __init__(self) -> None:
-        self.R = np.tile(np.eye(3), (5, 1, 1))
-        self._last = self.R.copy()  # at the last fresh sample, with its rate and the time since then
-        self._rate, self._since = np.zeros((5, 3)), np.zeros(5)
-        self._variance = np.full(5, -1.0)
+    def __init__(self, noise: AttitudeNoise = DEFAULTS.attitudes) -> None:
+        self._noise, self.R = noise, np.tile(np.eye(3), (5, 1, 1))
+        self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
 
     def update(self, tick: Tick) -> None:
-        """Takes a tick; after a gap, and at first, the attitudes are as told."""
-        told = np.concatenate((tick.R_world_base[None], tick.R_world_thigh, tick.R_world_foot))
-        _fuse(self.R, self._last, self._variance, self._rate, self._since, told, tick.rate, tick.fresh, tick.dt)
+        """Takes a tick; after a gap, and at first, the attitudes are those of the AHRS."""
+        measured = np.concatenate((tick.R_world_base[None], tick.R_world_thigh, tick.R_world_foot))
+        _fuse(self._state, self._noise, measured, tick.rate, tick.fresh, tick.dt)
 
 
 @cached(_HERE)
-def _fuse(
-    R: Array, last: Array, variance: Array, last_rate: Array, since: Array, told: Array, rate: Array,
-    fresh: Array, dt: float,
-) -> None:  # fmt: skip
+def _fuse(state: _State, noise: AttitudeNoise, measured: Array, rate: Array, fresh: Array, dt: float) -> None:
+    R, last, variance, last_rate, since = state
     for i in range(len(R)):
         since[i] += dt
         if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
             R[i] = last[i] @ exp_so3(since[i] * last_rate[i])
-            variance[i] += LOST_SD**2
+            variance[i] += noise.lost_sd_rad**2
             continue
         if variance[i] < 0.0 or dt <= 0.0:
-            R[i], variance[i] = told[i], STILL_SD**2 if variance[i] < 0.0 else MOVING_SD**2
+            R[i], variance[i] = measured[i], noise.still_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
         else:
             R[i] = last[i] @ exp_so3(0.5 * since[i] * (last_rate[i] + rate[i]))
-            variance[i] += DRIFT**2 * since[i]
-            share = min(math.sqrt(np.sum(rate[i] * rate[i])) / FULL_MOTION_RADPS, 1.0)
-            sd = STILL_SD + (MOVING_SD - STILL_SD) * share
-            gain = variance[i] / (variance[i] + 2.0 * CORRELATION_S / since[i] * sd * sd)
+            variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
+            share = min(math.sqrt(np.sum(rate[i] * rate[i])) / noise.full_motion_radps, 1.0)
+            sd = noise.still_sd_rad + (noise.moving_sd_rad - noise.still_sd_rad) * share
+            gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain
-            R[i] = exp_so3(gain * _log_so3(told[i] @ np.ascontiguousarray(R[i].T))) @ R[i]
+            R[i] = exp_so3(gain * _log_so3(measured[i] @ np.ascontiguousarray(R[i].T))) @ R[i]
         last[i], last_rate[i], since[i] = R[i], rate[i], 0.0
 
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from stridetwin.streams.samples import Array
 
-CONTACT_N = 60.0
-"""A foot with less on all cells together does not press: cells that creep tell up to 40 N of a foot in the air."""
 
-
-def centre_of_pressure(cells: Array, force: Array) -> Array | None:
+def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
     """(2,) m on the sole, None where the foot does not press.
 
     Args:
         cells: (4, 2) m.
         force: (4,) N.
+        pressing_n: N, a foot with less on all cells together is off the ground.
     """
     total = float(force.sum())
-    return None if total < CONTACT_N else force @ cells / total
+    return None if total < pressing_n else force @ cells / total
 
 
 def on_sole(T_foot_sole: Array, cop: Array) -> Array:

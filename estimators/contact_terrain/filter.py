@@ -14,14 +14,16 @@ from stridetwin.estimators.contact_terrain.geometry import (
     parse_exoskeleton,
     read_exoskeleton,
 )
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
+from stridetwin.estimators.contact_terrain.proposed import Proposed
 from stridetwin.estimators.contact_terrain.published import Published
-from stridetwin.estimators.contact_terrain.stridetwin import StrideTwin
 from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
+from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Ahrs, Encoder, Insole, Sample
 
-METHODS = ("stridetwin", "published")
+METHODS = (PROPOSED, "published")
 
 
 class _Method(Protocol):
@@ -40,6 +42,7 @@ class ContactTerrain:
         svm: Classes for `published`; None leaves them unknown.
         options: `method`, one of `METHODS`: the first, or `published`, Shim et al. 2019; `exoskeleton` or `metadata`.
         exoskeleton: Geometry, in place of that of the options.
+        parameters: Of sensors, walkers and buildings; one set serves all.
 
     Raises:
         ConfigError: There is no such method.
@@ -60,6 +63,7 @@ class ContactTerrain:
         *,
         options: Options | None = None,
         exoskeleton: Exoskeleton | None = None,
+        parameters: ContactTerrainParameters = DEFAULTS,
     ) -> None:
         options = options or Options()
         if isinstance(rig, Exoskeleton):
@@ -69,11 +73,14 @@ class ContactTerrain:
             method = options.method
         else:
             deprecated("ContactTerrain(exo, method)", "ContactTerrain(rig, options=Options(method=...))")
+            method = current_name(method)
         exo = exoskeleton or _geometry(options)
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
-        self._gather = Gather(exo)
-        self._method: _Method = StrideTwin(exo) if method == PROPOSED else Published(exo, svm)
+        self._gather = Gather(exo, parameters.ticks)
+        self._method: _Method = (
+            Proposed(exo, parameters) if method == PROPOSED else Published(exo, svm, parameters.published)
+        )
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:

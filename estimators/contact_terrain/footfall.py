@@ -9,41 +9,29 @@ import numpy as np
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import Sole
+from stridetwin.estimators.contact_terrain.parameters import FootfallParameters
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
-
-ON_N, OFF_N = 60.0, 40.0
-"""Load with which a foot has landed, and below which it has left."""
-BOUNCE_S = 0.12
-"""A foot that comes back sooner has not left."""
-TOES_DOWN = math.radians(8.0)
-"""A foot that comes down with its toes that much lower lands on the forefoot."""
-FLAT_RADPS = 0.6
-"""A foot that turns faster is not flat."""
-STILL_RADPS = 0.2
-SHARED = 0.05
-"""Weight of a flat foot's attitude while the other foot carries load too."""
-STRAINED, FREE_ENOUGH = 0.02, 1.0
-"""Weight of a flat foot's attitude while its ankle is at a stop, and the weight of others that makes it unneeded."""
-HEEL_RISES = math.radians(1.5)
-"""A foot whose toes point that much further down than they did when it was flat is on its way off."""
-FLAT_TICKS = 6
 
 
 class Footfall:
     """A foot from one landing to the next.
 
-    Attributes:
+    Args:
         step: Number of the step that ended with this landing; 0 for feet that stand at the start.
         on_heel: It landed on the heel and not on the forefoot.
+        parameters: When a foot is flat.
+
+    Attributes:
+        step, on_heel: As given.
         forward, up: (3,) sums of the sole's axes in the world over the ticks in which it was flat.
         weight: Sum of the weights of these ticks.
         ticks: Their number.
     """
 
-    def __init__(self, step: int, on_heel: bool) -> None:
-        self.step, self.on_heel = step, on_heel
+    def __init__(self, step: int, on_heel: bool, parameters: FootfallParameters) -> None:
+        self.step, self.on_heel, self._parameters = step, on_heel, parameters
         self.forward, self.up = np.zeros(3), np.zeros(3)
         self.weight, self.ticks = 0.0, 0
         self._highest, self._free = -math.inf, 0.0
@@ -58,13 +46,13 @@ class Footfall:
             alone: Whether the other foot carries nothing: a foot that has just landed is still pressed flat.
             free: Whether the ankle is clear of its stops: at a stop the leg turns the exoskeleton's foot off the shoe.
         """
-        pitch = math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
-        if not loaded or rate > FLAT_RADPS or pitch < self._highest - HEEL_RISES:
+        parameters, pitch = self._parameters, math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
+        if not loaded or rate > parameters.flat_radps or pitch < self._highest - parameters.heel_rises_rad:
             return False
         self._highest = max(self._highest, pitch)
-        weight = (1.0 if alone else SHARED) / (1.0 + (rate / STILL_RADPS) ** 2)
+        weight = (1.0 if alone else parameters.shared_weight) / (1.0 + (rate / parameters.still_radps) ** 2)
         self._free += weight if free else 0.0
-        weight *= 1.0 if free else STRAINED
+        weight *= 1.0 if free else parameters.strained_weight
         self.forward += weight * R_world_sole[:, 0]
         self.up += weight * R_world_sole[:, 2]
         self.weight += weight
@@ -74,12 +62,12 @@ class Footfall:
     @property
     def flat(self) -> bool:
         """Whether it has been flat for long enough to tell how the ground lies."""
-        return self.ticks >= FLAT_TICKS
+        return self.ticks >= self._parameters.flat_ticks
 
     @property
     def strained(self) -> float:
         """How much of its attitude rests on ticks in which its ankle was at a stop, 0-1."""
-        return max(0.0, 1.0 - self._free / FREE_ENOUGH)
+        return max(0.0, 1.0 - self._free / self._parameters.free_weight)
 
     def R_world_sole(self) -> Array:
         """(3, 3) mean attitude of the flat sole."""

@@ -1,4 +1,4 @@
-"""What an estimator is told of an exoskeleton: its D-H table, where its sensors sit, and its soles; read from a file.
+"""The calibration of an exoskeleton: D-H table, sensor mounts, soles, and how far it yields; read from a file.
 
 Another exoskeleton needs another file and no other code: `docs/contact_terrain.md` explains it key by key. Angles are
 degrees in the file (`_deg`) and radians here.
@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
+from stridetwin.streams.errors import check_numbers
 from stridetwin.streams.samples import Array
 from stridetwin.streams.yaml_node import Node, parse_node, read_node
 
@@ -116,6 +118,49 @@ class Leg:
     sole: Sole
 
 
+@dataclass(frozen=True, kw_only=True)
+class Compliance:
+    """How far an exoskeleton yields under its wearer, as far as its calibration says.
+
+    The defaults describe the twin's exoskeleton (holder of the heel 15 kN/m, cuffs 4 kN/m, `sim/coupling.py`) and serve
+    files and recordings without a section `compliance`. They were chosen by hand on simulated walks of S1-S3,
+    seeds 0-16 (docs/contact_terrain.md); another exoskeleton needs its own.
+    """
+
+    vector_sd_m: tuple[float, float, float] = (0.006, 0.006, 0.002)
+    """Standard deviation of a step's vector, x, y, z: slack of the heel's holder, soft soles."""
+    sag_sd_m: float = 0.006
+    """How much lower than at push-off a loaded heel sits in its holder."""
+    climb_share: float = 0.04
+    """Share of the height climbed by which holder and cuffs yield under the leg that lifts its wearer."""
+    slope_sd_rad: float = math.radians(0.32)
+    """Standard deviation of a foot's pitch in its holder: a foot is never exactly flat."""
+    slope_share: float = 0.06
+    """The same as a share of the slope: the steeper the ground, the more the holder yields."""
+    sloping_sd_m: float = 0.002
+    """How holders and cuffs yield differently on a slope than on the level, in the same way at every step: +2 mm up and
+    -2 mm down a ramp of 5°, the mean errors of the walks named above."""
+    stop_margin_rad: float = math.radians(2.0)
+    """An ankle this close to a stop may be at it: rubber stops yield by up to 0.7° (docs/design.md)."""
+    strained_slope_sd_rad: float = math.radians(8.0)
+    """What an ankle at its stop does to the foot's pitch."""
+    strained_sd_m: float = 0.015
+    """What an ankle at its stop does to the foot's place."""
+    steady_m: float = 0.0015
+    """How much the vector between two standing feet varies while the frame does not yield."""
+    spread_gain: float = 5.0
+    """Error of that vector over what it varies beyond `steady_m`."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value is not a finite number ≥ 0."""
+        values = asdict(self)
+        values |= {f"vector_sd_m[{i}]": sd for i, sd in enumerate(values.pop("vector_sd_m"))}
+        check_numbers("Compliance", values, values)
+
+
+_COMPLIANCE_KEYS = {f.name.replace("_rad", "_deg"): f.name for f in fields(Compliance)}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Exoskeleton:
     """Both legs and the back panel between them.
@@ -124,11 +169,13 @@ class Exoskeleton:
         description: One line.
         back: AHRS on the back panel.
         legs: By `l` and `r`.
+        compliance: How far it yields.
     """
 
     description: str
     back: Attitude
     legs: Mapping[str, Leg]
+    compliance: Compliance = Compliance()
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -180,16 +227,41 @@ def to_text(exo: Exoskeleton) -> str:
         for side, leg in exo.legs.items()
     }  # fmt: skip
     back = {"topic": exo.back.topic, "R_frame_sensor": exo.back.R_frame_sensor.tolist()}
-    return yaml.safe_dump({"description": exo.description, "back": back, "legs": legs}, sort_keys=False)
+    values = {"description": exo.description, "back": back, "legs": legs, "compliance": _told(exo.compliance)}
+    return yaml.safe_dump(values, sort_keys=False)
+
+
+def _told(compliance: Compliance) -> dict[str, float | list[float]]:
+    told: dict[str, float | list[float]] = {"vector_sd_m": [float(sd) for sd in compliance.vector_sd_m]}
+    for key, name in _COMPLIANCE_KEYS.items():
+        if name != "vector_sd_m":
+            value = float(getattr(compliance, name))
+            told[key] = math.degrees(value) if key.endswith("_deg") else value
+    return told
+
+
+def _compliance(node: Node) -> Compliance:
+    node.only(_COMPLIANCE_KEYS)
+    values: dict[str, Any] = {}
+    for key in node:
+        at = node.at(key)
+        if key == "vector_sd_m":
+            at.numbers(3)
+            values[key] = tuple(sd.number(0.0) for sd in at.items())
+        else:
+            value = at.number(0.0)
+            values[_COMPLIANCE_KEYS[key]] = math.radians(value) if key.endswith("_deg") else value
+    return Compliance(**values)
 
 
 def _exoskeleton(root: Node) -> Exoskeleton:
-    root.only(("description", "back", "legs"))
+    root.only(("description", "back", "legs", "compliance"))
     root.at("legs").only(SIDES)
     return Exoskeleton(
         description=root.at("description").text(),
         back=_attitude(root.at("back"), 0),
         legs={side: _leg(root.at("legs").at(side)) for side in SIDES},
+        compliance=_compliance(root.at("compliance", {})),
     )
 
 

@@ -10,19 +10,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, CellParameters
 from stridetwin.streams.samples import Array
-
-TURNING_RADPS = 1.0
-FELT_N = 40.0
-"""A cell whose force changes less within strides is dead or stuck."""
-STRIDE_S = 0.6
-"""Turning time of somewhat more than one stride."""
 
 
 class CellLoads:
-    """The cells of one insole."""
+    """The cells of one insole.
 
-    def __init__(self) -> None:
+    Args:
+        parameters: What counts as rotating, as felt and as a stride.
+    """
+
+    def __init__(self, parameters: CellParameters = DEFAULTS.cells) -> None:
+        self._parameters = parameters
         self._least = np.full((2, 4), np.inf)  # of this stride and the last
         self._most = np.full((3, 4), -np.inf)  # of one more: two may pass in one long swing, as over two risers
         self._turned = 0.0
@@ -38,10 +38,10 @@ class CellLoads:
         """
         self._told = force
         self._most[0] = np.maximum(self._most[0], force)
-        if rate > TURNING_RADPS:
+        if rate > self._parameters.turning_radps:
             self._least[0] = np.minimum(self._least[0], force)
             self._turned += dt
-        if self._turned > STRIDE_S:
+        if self._turned > self._parameters.stride_s:
             self._turned = 0.0
             self._least[1], self._least[0] = self._least[0], force
             self._most[1:], self._most[0] = self._most[:-1].copy(), force
@@ -57,5 +57,5 @@ class CellLoads:
     @property
     def alive(self) -> NDArray[np.bool_]:
         """(4,) whether each cell has felt anything in the last strides."""
-        felt: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > FELT_N
+        felt: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > self._parameters.felt_n
         return felt

@@ -5,18 +5,12 @@ from __future__ import annotations
 import math
 
 from stridetwin.estimators.contact_terrain.estimate import UNKNOWN
-
-RAMP_RAD = math.radians(2.5)
-"""Ground that slopes more is a ramp: half of the gentlest ramp that one is built for, 5°."""
-TREAD_RAD = 2.0 * RAMP_RAD
-"""Beyond a riser it is one only where it slopes more than this: what lies there is mostly a tread."""
-RISER_M = 0.055
-"""A footprint that is further above (or below) what slopes explain is on a stair: between a kerb, 40 mm, and 70 mm."""
-SURE = 0.70
-"""A class less likely than this is not told."""
+from stridetwin.estimators.contact_terrain.parameters import ClassParameters
 
 
-def step_modes(slope: float, slope_sd: float, beyond: float, beyond_sd: float) -> dict[str, float]:
+def step_modes(
+    slope: float, slope_sd: float, beyond: float, beyond_sd: float, parameters: ClassParameters
+) -> dict[str, float]:
     """Probability of each mode.
 
     Ground that slopes is a ramp; level ground is a stair where the height between the footprints is more than the
@@ -27,11 +21,13 @@ def step_modes(slope: float, slope_sd: float, beyond: float, beyond_sd: float) -
         slope_sd: rad.
         beyond: Height over the footprint before beyond what the slopes explain, m, negative below.
         beyond_sd: m.
+        parameters: Sizes in the world.
     """
-    high, low = _above(beyond, RISER_M, beyond_sd), _above(-beyond, RISER_M, beyond_sd)
+    riser, ramp, tread_ramp = parameters.riser_m, parameters.ramp_rad, parameters.tread_ramp_rad
+    high, low = _above(beyond, riser, beyond_sd), _above(-beyond, riser, beyond_sd)
     plane = 1.0 - high - low
-    up, down = _above(slope, RAMP_RAD, slope_sd), _above(-slope, RAMP_RAD, slope_sd)
-    steep_up, steep_down = _above(slope, TREAD_RAD, slope_sd), _above(-slope, TREAD_RAD, slope_sd)
+    up, down = _above(slope, ramp, slope_sd), _above(-slope, ramp, slope_sd)
+    steep_up, steep_down = _above(slope, tread_ramp, slope_sd), _above(-slope, tread_ramp, slope_sd)
     tread = 1.0 - steep_up - steep_down
     return {
         "LG": plane * (1.0 - up - down), "SA": tread * high, "SD": tread * low,
@@ -39,10 +35,10 @@ def step_modes(slope: float, slope_sd: float, beyond: float, beyond_sd: float) -
     }  # fmt: skip
 
 
-def most_likely(probabilities: dict[str, float]) -> tuple[str, float]:
-    """The most likely mode and its probability; `unknown` where no mode is likely enough."""
+def most_likely(probabilities: dict[str, float], sure: float) -> tuple[str, float]:
+    """The most likely mode and its probability; `unknown` where that is below `sure`."""
     mode = max(probabilities, key=lambda m: probabilities[m])
-    return (mode if probabilities[mode] >= SURE else UNKNOWN), probabilities[mode]
+    return (mode if probabilities[mode] >= sure else UNKNOWN), probabilities[mode]
 
 
 def beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:
@@ -51,9 +47,9 @@ def beyond_slopes(height: float, distance: float, slope: float, slope_before: fl
     return height - min(max(height, min(reach)), max(reach))
 
 
-def sloping(slope: float, sd: float) -> float:
-    """Probability that the ground slopes like a ramp, up or down: slope and its standard deviation, rad."""
-    return _above(slope, RAMP_RAD, sd) + _above(-slope, RAMP_RAD, sd)
+def sloping(slope: float, sd: float, ramp_rad: float) -> float:
+    """Probability that the ground slopes like a ramp, up or down: slope, its standard deviation, least ramp, rad."""
+    return _above(slope, ramp_rad, sd) + _above(-slope, ramp_rad, sd)
 
 
 def _above(value: float, limit: float, sd: float) -> float:

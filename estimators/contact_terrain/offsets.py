@@ -17,28 +17,10 @@ import numpy as np
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.chain import BACK, KNEE, LENGTH, OFFSETS, SAG
+from stridetwin.estimators.contact_terrain.parameters import OffsetParameters
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
-
-TURN_SD, KNEE_SD, LENGTH_SD, SAG_SD = math.radians(0.6), math.radians(0.3), 0.003, 0.006
-TURN_WALK = math.radians(0.05)
-"""rad a step, by which an attitude's offset changes."""
-VECTOR_SD = np.array([0.006, 0.006, 0.002])
-"""Of a step's vector, m: slack of the heel's holder, soft soles."""
-CLIMB_SHARE = 0.04
-"""Of the height climbed, by which holder and cuffs give under the leg that lifts its wearer."""
-SLOPE_SD, SLOPE_SHARE = math.radians(0.32), 0.06
-"""Of one foot's slope: a foot is never exactly flat, and the steeper the ground, the more its holder gives."""
-PLANE_SD, PARALLEL_SD = 0.002, math.radians(0.2)
-"""How far floors are from planes."""
-ONE_PLANE = 0.85
-"""Share of steps whose footprint lies in the plane of the one before."""
-PLANE_SPREAD = 0.25 * math.radians(15.0)
-"""m rad, over which the others spread: steps of up to 0.25 m, turns of the ground by up to 15°."""
-LEVEL, LEVEL_SD, LEVEL_SPREAD = 0.6, math.radians(0.2), math.radians(30.0)
-"""Share of footprints on level ground, how level that is, and over what the slopes of the others spread."""
-_PLANE_NOISE, _LEVEL_NOISE = np.array([PLANE_SD, PARALLEL_SD]) ** 2, np.array([LEVEL_SD**2])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,14 +62,22 @@ class Belief:
 
 
 class Offsets:
-    """The offsets as they are believed after the last step that is over."""
+    """The offsets as they are believed after the last step that is over.
 
-    def __init__(self) -> None:
+    Args:
+        parameters: Prior of offsets and ground.
+        sag_sd_m: How much lower a loaded heel sits in its holder.
+    """
+
+    def __init__(self, parameters: OffsetParameters, sag_sd_m: float) -> None:
+        self._parameters = p = parameters
+        self._plane_noise = np.array([p.plane_sd_m, p.parallel_sd_rad]) ** 2
+        self._level_noise = np.array([p.level_sd_rad**2])
         sd = np.empty(OFFSETS)
-        sd[BACK:KNEE], sd[KNEE:LENGTH], sd[LENGTH:SAG], sd[SAG] = TURN_SD, KNEE_SD, LENGTH_SD, SAG_SD
+        sd[BACK:KNEE], sd[KNEE:LENGTH], sd[LENGTH:SAG], sd[SAG] = p.turn_sd_rad, p.knee_sd_rad, p.length_sd_m, sag_sd_m
         self._x, self._P = np.zeros(OFFSETS), np.diag(sd**2)
         self._walk = np.zeros(OFFSETS)
-        self._walk[BACK:KNEE] = TURN_WALK**2
+        self._walk[BACK:KNEE] = p.turn_walk_rad**2
 
     def judge(self, step: StepFigures, *, start: bool = False) -> Belief:
         """What a step and the offsets say of each other; the offsets stay as they are.
@@ -105,10 +95,14 @@ class Offsets:
         P[:n, :n] = self._P + np.diag(self._walk)
         P[n:, n:] = np.diag(step.sd**2)
         measured = np.concatenate([step.vector, step.slopes])
+        p = self._parameters
         for row in (3, 4) if start else (3,):
-            z, P, _ = _update(z, P, H[row : row + 1], -measured[row : row + 1], _LEVEL_NOISE, LEVEL, LEVEL_SPREAD)
+            at = slice(row, row + 1)
+            z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, p.level_share, p.level_spread_rad)
         A = _one_plane(measured)
-        z, P, likely = _update(z, P, A @ H, -_apart(measured), _PLANE_NOISE, ONE_PLANE, PLANE_SPREAD)
+        z, P, likely = _update(
+            z, P, A @ H, -_apart(measured), self._plane_noise, p.one_plane_share, p.plane_spread_m_rad
+        )
         return Belief(
             values=measured + H @ z, covariance=H @ P @ H.T, one_plane=likely, offsets=z[:n], P=P[:n, :n]
         )  # fmt: skip

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, PublishedParameters
 from stridetwin.streams.samples import Array
-
-MARKERS_MIN = 10
-VIRTUAL_M = 0.05
-"""How far to the inner side of its marker a virtual one lies."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,11 +27,15 @@ class Plane:
 class Markers:
     """The markers of one step, as the sums that the plane needs: memory does not grow with them.
 
+    Args:
+        parameters: How many markers a plane needs, and where virtual ones lie.
+
     Attributes:
         count: Number of markers, the virtual ones not counted.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, parameters: PublishedParameters = DEFAULTS.published) -> None:
+        self._parameters = parameters
         self.count = 0
         self._origin = np.zeros(3)
         self._sum = np.zeros(3)
@@ -51,9 +52,14 @@ class Markers:
             self._origin = p_in_world
         self.count += 1
         self._sum += p_in_world
-        for point in (p_in_world, p_in_world + VIRTUAL_M * medial_in_world):
+        for point in (p_in_world, p_in_world + self._parameters.virtual_m * medial_in_world):
             x, y, z = point - self._origin
             self._moments += np.outer((x, y, 1.0), (x, y, 1.0, z))
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are as many as a plane needs."""
+        return self.count >= self._parameters.markers_min
 
     @property
     def centre(self) -> Array:
@@ -62,7 +68,7 @@ class Markers:
 
     def plane(self) -> Plane | None:
         """The plane z = a x + b y + d of least squares; None while there are too few markers."""
-        if self.count < MARKERS_MIN:
+        if not self.enough:
             return None
         a, b, _ = np.linalg.lstsq(self._moments[:, :3], self._moments[:, 3], rcond=1e-12)[0]
         normal = np.array([-a, -b, 1.0])

@@ -11,9 +11,10 @@ from stridetwin.estimators.contact_terrain.cop import centre_of_pressure, on_sol
 from stridetwin.estimators.contact_terrain.estimate import UNKNOWN, StepEstimate
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import forward, leg_angles, links
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, PublishedParameters
 from stridetwin.estimators.contact_terrain.phases import Phase, foot_phase
 from stridetwin.estimators.contact_terrain.pivot import Pivot, pivot_foot
-from stridetwin.estimators.contact_terrain.plane import MARKERS_MIN, Markers, slope
+from stridetwin.estimators.contact_terrain.plane import Markers, slope
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
 
@@ -23,15 +24,15 @@ class _Footprint:
     """What one foot has collected since it last touched down.
 
     Attributes:
-        step: Number of the step.
         markers: Of its plane.
+        step: Number of the step.
         soles: (3,) m, sum of where the sole's origin was at each marker.
         below: Height of the footprint before, m; None while that one is still updated.
         over: The heel has come off after the foot was flat: what looks flat from here on is a pause on the toes.
     """
 
+    markers: Markers
     step: int = 0
-    markers: Markers = field(default_factory=Markers)
     soles: Array = field(default_factory=lambda: np.zeros(3))
     below: float | None = None
     over: bool = False
@@ -43,14 +44,17 @@ class Published:
     Args:
         exo: Geometry.
         svm: Tells modes from slope and elevation; None leaves every mode unknown.
+        parameters: What the paper leaves open.
     """
 
-    def __init__(self, exo: Exoskeleton, svm: TerrainSvm | None = None) -> None:
-        self._svm = svm
+    def __init__(
+        self, exo: Exoskeleton, svm: TerrainSvm | None = None, parameters: PublishedParameters = DEFAULTS.published
+    ) -> None:
+        self._svm, self._parameters = svm, parameters
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]
         self._pivot = Pivot()
-        self._prints = [_Footprint(), _Footprint()]
+        self._prints = [_Footprint(markers=Markers(parameters)), _Footprint(markers=Markers(parameters))]
         self._down = [True, True]
         self._steps = 0
 
@@ -60,9 +64,10 @@ class Published:
         for i, leg in enumerate(self._links):
             q = leg_angles(leg, tick.R_world_base, tick.R_world_thigh[i], tick.R_world_foot[i], tick.knee[i])
             T_base_foot[i] = forward(leg.table, leg.turns, q)[-1]
-        cops = [centre_of_pressure(sole.cells, force) for sole, force in zip(self._soles, tick.force)]
+        pressing_n = self._parameters.pressing_n
+        cops = [centre_of_pressure(sole.cells, force, pressing_n) for sole, force in zip(self._soles, tick.force)]
         phases = [
-            foot_phase(sole.cells, cop, float(np.linalg.norm(rate)))
+            foot_phase(sole.cells, cop, float(np.linalg.norm(rate)), self._parameters)
             for sole, cop, rate in zip(self._soles, cops, tick.rate[3:])
         ]
         contacts = [
@@ -85,10 +90,10 @@ class Published:
                 if self._prints[i].markers.count and other.below is None:
                     other.below = float(self._prints[i].markers.centre[2])
                 self._steps += 1
-                self._prints[i] = _Footprint(step=self._steps)
+                self._prints[i] = _Footprint(markers=Markers(self._parameters), step=self._steps)
             self._down[i] = down
             own = self._prints[i]
-            own.over |= own.step > 0 and own.markers.count >= MARKERS_MIN and phase is Phase.HEEL_OFF
+            own.over |= own.step > 0 and own.markers.enough and phase is Phase.HEEL_OFF
 
     def _mark(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
         """Adds the pivot to its foot's markers and tells what they say."""

@@ -13,15 +13,9 @@ from stridetwin.estimators.contact_terrain.chain import foot_place
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import leg_angles, links
 from stridetwin.estimators.contact_terrain.load import CellLoads
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
 from stridetwin.streams.samples import Array, Sample
-
-SPAN = 5
-"""Ticks over which the velocity is taken."""
-LOADED_N = 100.0
-"""What a foot that stands carries at least."""
-QUIET_RADPS = 0.1
-"""A foot that turns faster does not rest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,14 +60,16 @@ class LegSpeeds:
 
     Args:
         exo: Geometry.
+        parameters: Of sensors and feet.
     """
 
-    def __init__(self, exo: Exoskeleton) -> None:
+    def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
+        self._parameters = parameters.speed
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]
-        self._gather, self._attitudes = Gather(exo), Attitudes()
-        self._cells = [CellLoads(), CellLoads()]
-        self._last: deque[_Feet] = deque(maxlen=SPAN + 1)
+        self._gather, self._attitudes = Gather(exo, parameters.ticks), Attitudes(parameters.attitudes)
+        self._cells = [CellLoads(parameters.cells), CellLoads(parameters.cells)]
+        self._last: deque[_Feet] = deque(maxlen=parameters.speed.span_ticks + 1)
 
     def update(self, sample: Sample) -> LegSpeed | None:
         """Takes a sample in order of time; None where no foot stands, or too little is known yet."""
@@ -96,23 +92,23 @@ class LegSpeeds:
             centre[i, :2] = cells @ sole.cells / max(load[i], 1.0)
             p[i], R_sole[i] = foot + R[3 + i] @ sole.T_foot_sole[:3, 3], R[3 + i] @ sole.T_foot_sole[:3, :3]
         self._last.append(_Feet(t_ns=tick.t_ns, p=p, R=R_sole, centre=centre, load=load))
-        if len(self._last) <= SPAN:
+        if len(self._last) <= self._parameters.span_ticks:
             return None
-        v = velocity(self._last)
+        v = velocity(self._last, self._parameters.loaded_n)
         if v is None:
             return None
         t_ns = (self._last[0].t_ns + tick.t_ns) // 2
-        resting = bool((load > LOADED_N).all() and rates.max() < QUIET_RADPS)
+        resting = bool((load > self._parameters.loaded_n).all() and rates.max() < self._parameters.quiet_radps)
         return LegSpeed(t_ns=t_ns, v_back_in_world=v, resting=resting)
 
 
-def velocity(feet: Sequence[_Feet]) -> Array | None:
-    """(3,) m/s of the back panel over some ticks; None where no foot stands through all of them."""
+def velocity(feet: Sequence[_Feet], loaded_n: float) -> Array | None:
+    """(3,) m/s of the back panel over some ticks; None where no foot carries `loaded_n` through all of them."""
     seconds = (feet[-1].t_ns - feet[0].t_ns) * 1e-9
     moved, total = np.zeros(3), 0.0
     for i in range(2):
         weight = min(float(f.load[i]) for f in feet)
-        if weight < LOADED_N:
+        if weight < loaded_n:
             continue
         for a, b in zip(list(feet)[:-1], list(feet)[1:]):
             contact = 0.5 * (a.centre[i] + b.centre[i])

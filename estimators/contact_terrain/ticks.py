@@ -1,9 +1,9 @@
 """Nine streams become one row an instant: attitudes of the exoskeleton's frames, knee angles and cell forces.
 
 A tick is whole when every stream has brought its sample; the first sample of a later instant closes one that is not. A
-stream that is late is carried on: an attitude by its last angular rate, an angle and forces as they were, for up to
-`HOLD_S`. A sample that is not finite, that no such sensor gives, or that is not later than the stream's last one counts
-as lost. A cell whose zero is low tells a few newtons less than none in the air: that is none.
+late stream is extrapolated for up to `TickParameters.hold_s`: an attitude by its last angular rate, an angle and forces
+as they were. A sample that is not finite, that no such sensor gives, or that is not later than the stream's last one
+counts as lost. A negative force, of a cell whose zero is low, counts as none.
 """
 
 from __future__ import annotations
@@ -16,14 +16,10 @@ import numpy as np
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, TickParameters
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Insole, Sample
 
 _HERE = Path(__file__).parent
-
-HOLD_S = 0.06
-_TOGETHER_S = 0.003  # stamps of one instant differ by no more
-_RATE_MAX = 50.0  # rad/s
-_FORCE_MAX = 5000.0  # N
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,9 +54,11 @@ class Gather:
 
     Args:
         exo: Which streams there are, and how its sensors sit.
+        parameters: How long a stream may be late, and what no sensor gives.
     """
 
-    def __init__(self, exo: Exoskeleton) -> None:
+    def __init__(self, exo: Exoskeleton, parameters: TickParameters = DEFAULTS.ticks) -> None:
+        self._parameters = parameters
         legs = [exo.legs[side] for side in SIDES]
         attitudes = [exo.back, *(leg.thigh for leg in legs), *(leg.foot for leg in legs)]
         self._attitude = {a.topic: (i, a.R_frame_sensor.T) for i, a in enumerate(attitudes)}
@@ -74,10 +72,14 @@ class Gather:
 
     def add(self, sample: Sample) -> list[Tick]:
         """Takes one sample; returns the ticks that it makes whole or closes, at most two."""
-        if sample.topic not in self._last or sample.t_ns <= self._last[sample.topic] or not _sane(sample):
+        if (
+            sample.topic not in self._last
+            or sample.t_ns <= self._last[sample.topic]
+            or not _sane(sample, self._parameters)
+        ):
             return []
         made = []
-        if self._open and sample.t_ns > self._now + _TOGETHER_S * 1e9:
+        if self._open and sample.t_ns > self._now + self._parameters.together_s * 1e9:
             made += self._close()
         if not self._open:
             self._now = sample.t_ns
@@ -103,15 +105,15 @@ class Gather:
     def _close(self) -> list[Tick]:
         self._open, fresh = set(), np.ones(5, dtype=bool)
         oldest = min(self._last.values())
-        if oldest < 0 or (self._now - oldest) * 1e-9 > HOLD_S:
+        if oldest < 0 or (self._now - oldest) * 1e-9 > self._parameters.hold_s:
             return []
         R = self._R.copy()
         for topic, (i, _) in self._attitude.items():
             late = (self._now - self._last[topic]) * 1e-9
-            if late > _TOGETHER_S:
+            if late > self._parameters.together_s:
                 R[i], fresh[i] = R[i] @ exp_so3(late * self._rate[i]), False
         dt = (self._now - self._told) * 1e-9
-        if self._told < 0 or dt > HOLD_S:
+        if self._told < 0 or dt > self._parameters.hold_s:
             dt = 0.0
         self._told = self._now
         return [
@@ -122,15 +124,15 @@ class Gather:
         ]  # fmt: skip
 
 
-def _sane(sample: Sample) -> bool:
+def _sane(sample: Sample, limits: TickParameters) -> bool:
     match sample:
         case Ahrs():
             q, rate = sample.q_world_sensor, sample.angular_rate
-            return bool(abs(q @ q - 1.0) < 0.02 and rate @ rate < _RATE_MAX**2)
+            return bool(abs(q @ q - 1.0) < 0.02 and rate @ rate < limits.rate_max_radps**2)
         case Encoder():
             return abs(sample.angle) < 2 * math.pi
         case Insole():
-            return bool(np.abs(sample.force).max() < _FORCE_MAX)
+            return bool(np.abs(sample.force).max() < limits.force_max_n)
     return False
 
 

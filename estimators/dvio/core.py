@@ -33,12 +33,6 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
 
 _TAKEN_AS_TOLD = 1e-7  # standard deviation of what is not estimated
-_UNKNOWN_INVERSE_DEPTH = 0.15
-_SURE = 8.0  # standard deviations of an inverse depth that counts as measured by parallax
-_STILL_PX = 0.25  # a picture; points move so little where the camera stands
-_FORESEEN = 0.5  # share of points; where fewer are where they were foreseen, all are searched for
-_FEW = 8  # points; with fewer the IMU is alone
-FEW_SIGHTINGS = 10  # of a picture; with fewer it tells little
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,15 +65,15 @@ class Core:
     ) -> None:
         self.parameters, self.noise = parameters, parameters.noise(imu)
         turn_on = [
-            max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd),
-            max(imu.accelerometer_bias_sd, parameters.accel_bias_sd),
+            max(imu.gyroscope_bias_sd, parameters.gyro_bias_sd_radps),
+            max(imu.accelerometer_bias_sd, parameters.accel_bias_sd_mps2),
         ]
         self.bias_sd = np.repeat(turn_on, 3)
         self.inertial = Inertial(imu)
         self.lens = Lens(camera)
         self.terms = parameters.terms(self.lens.focal_px, self.noise)
         slots = parameters.landmark_slots
-        self.tracker = Tracker(self.lens.shape, parameters.forward_backward_px, parameters.corner_least, slots)
+        self.tracker = Tracker(self.lens.shape, parameters)
         self._frames = parameters.keyframes + 2
         planes = PLANES if parameters.planes and parameters.uses_depth else 0
         self._work = blank_work(self._frames, slots, planes)
@@ -96,6 +90,11 @@ class Core:
             self._told_planes = np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.zeros(planes, np.int64)
         self._newest_is_key = False
         self.seen = 0
+
+    @property
+    def sees(self) -> bool:
+        """Whether the newest frame has enough observations."""
+        return self.seen >= self.parameters.observations_min
 
     def imu_time(self, t_ns: int) -> int:
         """A stamp of the camera on the IMU's clock, by what the offset is believed to be."""
@@ -118,9 +117,9 @@ class Core:
         self._hold(0)
         w.prior.H[:], w.prior.b[:] = 0.0, 0.0
         sd = np.array(
-            [p.extrinsic_position_sd] * 3
-            + [p.extrinsic_rotation_sd] * 3
-            + [p.time_offset_sd, p.depth_scale_sd]
+            [p.extrinsic_position_sd_m] * 3
+            + [p.extrinsic_rotation_sd_rad] * 3
+            + [p.time_offset_sd_s, p.depth_scale_sd]
             + [p.focal_sd] * 2
         )
         if not p.uses_depth:
@@ -171,12 +170,12 @@ class Core:
         x = self.inertial
         foreseen = self._foreseen(before, t_ns)
         moved = self._follow(picture, foreseen, before, slot)
-        few = self._alive.sum() < FEW_SIGHTINGS
-        still &= moved < _STILL_PX or (few and footing is not None and footing.resting)
+        few = self._alive.sum() < p.observations_min
+        still &= moved < p.still_px or (few and footing is not None and footing.resting)
         f.count[0] = slot + 1
         self._place(slot, picture.t_ns, foreseen)
         f.held[slot] = 0
-        f.still_sd[slot] = p.still_speed_sd if still and p.standing else np.inf
+        f.still_sd[slot] = p.still_speed_sd_mps if still and p.standing else np.inf
         if p.feet:
             self._tell_speed(slot, footing.v_in_world if few and footing is not None else None)
         kernel.integrate_into(
@@ -184,7 +183,7 @@ class Core:
             f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1], self.noise,
         )  # fmt: skip
         key = self._is_key(slot)
-        kernel.minimise(w, self.terms, self._work, p.keyframe_steps if key else p.steps, p.enough)
+        kernel.minimise(w, self.terms, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
         self._measure()
         o = w.shared + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
@@ -240,7 +239,15 @@ class Core:
         x = self.inertial
         if until_ns > state.t_ns[0]:
             kernel.carry(
-                state, self._room, x.t_ns, x.samples, x.doubt, x.count, until_ns, self.noise, self.parameters.gravity
+                state,
+                self._room,
+                x.t_ns,
+                x.samples,
+                x.doubt,
+                x.count,
+                until_ns,
+                self.noise,
+                self.parameters.gravity_mps2,
             )
 
     def _leave_behind(self) -> None:
@@ -271,7 +278,7 @@ class Core:
         if v is None:
             return
         self._hold(slot)
-        weight = self.parameters.feet_speed_sd**-2
+        weight = self.parameters.feet_speed_sd_mps**-2
         for i in range(3):
             at = own.start + D_VELOCITY + i
             prior.H[at, at] = weight
@@ -302,7 +309,7 @@ class Core:
         there, good = foreseen_at, np.zeros(len(ids), bool)
         if p.anchored:
             there, good = self.tracker.align(ids, foreseen_at, warps, p.anchor_px, p.anchor_likeness)
-        elsewhere = good.sum() < _FORESEEN * len(ids)
+        elsewhere = good.sum() < p.predicted_share * len(ids)
         if elsewhere:
             there, good = self.tracker.follow(was, foreseen_at)
         # What moves by itself is elsewhere than the wearer's own motion and the point's depth have it.
@@ -313,7 +320,7 @@ class Core:
         moved = np.linalg.norm(shift, axis=1)
         gate = p.gate_px + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2] + unsure * (10.0 + moved)
         fits = off < gate
-        if good.sum() >= _FEW and (good & fits).sum() < 0.5 * good.sum():
+        if good.sum() >= p.points_min and (good & fits).sum() < 0.5 * good.sum():
             fits = self._agree(ids, there, good)
         good &= fits
         if p.anchored and elsewhere:
@@ -321,7 +328,7 @@ class Core:
         ids, there, was = ids[good], there[good], was[good]
         told = self.depth(picture, there)
         # So is what is at another depth, or hidden by something that came before it.
-        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - told) > p.apart_sd * p.inverse_depth_sd
+        apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - told) > p.apart_sd * p.inverse_depth_sd_per_m
         here = ~(apart & (told > 0) & (marks.measured[ids] > 0))
         ids, there, was, told = ids[here], there[here], was[here], told[here]
         at = self.lens.normalised(there)
@@ -330,13 +337,13 @@ class Core:
         marks.seen[ids, slot] = 1
         marks.at[ids, slot] = at
         marks.told[ids, slot] = told
-        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= _FEW else np.inf
+        return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= p.points_min else np.inf
 
     def _measure(self) -> None:
         """Counts landmarks as measured whose depth the motion has told."""
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
-        sure = marks.inverse_depth[l] ** 2 * self._work.sightings.own[l] > _SURE**2
+        sure = marks.inverse_depth[l] ** 2 * self._work.sightings.own[l] > self.parameters.measured_sd**2
         marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
 
     def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -349,7 +356,9 @@ class Core:
         m = np.concatenate([marks.at[ids, h], np.ones((len(ids), 1))], axis=1) / marks.inverse_depth[ids][:, None]
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
         at = self.lens.normalised(there)
-        if (pose := perspective(points[use], at[use], 3.0 / self.lens.focal_px, _FEW)) is not None:
+        if (
+            pose := perspective(points[use], at[use], 3.0 / self.lens.focal_px, self.parameters.points_min)
+        ) is not None:
             agree[use] = pose[2]
         return agree
 
@@ -358,7 +367,7 @@ class Core:
         told = np.zeros(len(points))
         p = self.parameters
         if picture.depth is not None and p.uses_depth and len(points):
-            kernel.read_depth(picture.depth, points, p.depth_min, p.depth_max, p.depth_edge, told)
+            kernel.read_depth(picture.depth, points, p.depth_min_m, p.depth_max_m, p.depth_edge_per_m, told)
         return told
 
     def _find(self, picture: Picture, slot: int) -> None:
@@ -376,7 +385,7 @@ class Core:
         marks.told[ids, slot] = told
         marks.measured[ids] = told > 0
         scale = self.window.calibration.scale[0]
-        marks.inverse_depth[ids] = np.where(told > 0, told / scale, _UNKNOWN_INVERSE_DEPTH)
+        marks.inverse_depth[ids] = np.where(told > 0, told / scale, p.unknown_inverse_depth_per_m)
         self._alive[ids] = 1
         self._pixels[ids] = points
 
@@ -387,7 +396,14 @@ class Core:
             return
         told, weights, new = self._told_planes
         count = kernel.read_planes(
-            picture.depth, self._rays, p.depth_min, p.plane_depth_max, p.inverse_depth_sd, p.plane_doubt, told, weights
+            picture.depth,
+            self._rays,
+            p.depth_min_m,
+            p.plane_depth_max_m,
+            p.inverse_depth_sd_per_m,
+            p.plane_doubt,
+            told,
+            weights,
         )
         strangers = kernel.match_planes(w, self.terms, self._work.factor, told, weights, count, new)
         for i in new[:strangers]:
@@ -405,7 +421,7 @@ class Core:
         self.tracker.anchor(ids, points)
         slope = np.zeros((len(ids), 2))
         if picture.depth is not None and p.uses_depth and len(ids):
-            kernel.read_slope(picture.depth, points, p.depth_min, p.depth_max, p.inverse_depth_sd, slope)
+            kernel.read_slope(picture.depth, points, p.depth_min_m, p.depth_max_m, p.inverse_depth_sd_per_m, slope)
         marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
 from stridetwin.estimators.dvio.alignment import Alignment
-from stridetwin.estimators.dvio.core import FEW_SIGHTINGS, Core, Picture
+from stridetwin.estimators.dvio.core import Core, Picture
 from stridetwin.estimators.dvio.estimate import COASTING, LOST, TRACKING, DvioEstimate
 from stridetwin.estimators.dvio.feet import Feet
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
@@ -26,14 +26,6 @@ from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 
 MOUNTS = ("head", "chest")
 HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
-_SAME_S = 0.012  # colour and depth this near are of one moment
-_BLIND_S = 3.0  # without a picture; the window then begins anew at what the IMU leads to
-_ALONE_S, _ALONE_PICTURES = 0.3, 2.0  # s, or that many pictures of a slow camera; without one the IMU is alone
-_SLOW = 0.5  # m/s; who starts without standing moves about so fast
-_LOST_SD = (0.5, 0.3, 1.0, 0.01, 0.1)  # of position and attitude, beside what was unknown; of velocity and biases
-_LOST_WALK = 1.0  # m/√s; how the wearer goes on meanwhile
-_MOVING_TILT, _RESTING_TILT = 0.15, 0.03  # rad
-_START_SD = 1e-4  # m, rad; the world begins at the first place and heading
 
 _WANTED = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
 
@@ -88,12 +80,13 @@ class Dvio:
         camera, imu = rig.cameras[self._color], rig.imu(self._imu)
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
         self._parameters = parameters or named(options.method)
+        recovery = self._parameters.recovery
         self._feet: Feet | None = None
         if self._parameters.feet:
             if exoskeleton is None:
                 raise ConfigError("Dvio", "feet", True, "false, or give the exoskeleton whose legs tell the speed")
             self._feet = Feet.of(exoskeleton)
-        self._alone_s = max(_ALONE_S, _ALONE_PICTURES / camera.rate_hz)
+        self._alone_s = max(recovery.alone_s, recovery.alone_frames / camera.rate_hz)
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
@@ -208,7 +201,7 @@ class Dvio:
             return None
         if self._health == LOST:
             seconds = (sample.t_ns - int(core.live.t_ns[0])) * 1e-9
-            core.live.covariance[range(3), range(3)] += _LOST_WALK**2 * max(seconds, 0.0)
+            core.live.covariance[range(3), range(3)] += self._parameters.recovery.lost_walk_m_rts**2 * max(seconds, 0.0)
             core.live.t_ns[0] = sample.t_ns
         else:
             core.carry(sample.t_ns)
@@ -231,7 +224,7 @@ class Dvio:
             return None
         depth = None
         for d in self._depths:
-            if abs(d.t_ns - image.t_ns) * 1e-9 < _SAME_S:
+            if abs(d.t_ns - image.t_ns) * 1e-9 < self._parameters.recovery.same_s:
                 depth = d.depth
         late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.wait_s
         if depth is None and self._waits and not late:
@@ -247,16 +240,16 @@ class Dvio:
         t_ns, before = core.imu_time(picture.t_ns), core.newest_ns
         if t_ns <= before:
             return
-        if (t_ns - before) * 1e-9 > _BLIND_S or not core.joined:
+        if (t_ns - before) * 1e-9 > self._parameters.recovery.blind_s or not core.joined:
             # `live` may be ahead of the picture, which comes after later samples of the IMU.
             if core.go_back(t_ns):
                 core.start(picture, core.live.covariance.copy())
-                self._health = TRACKING if core.seen >= FEW_SIGHTINGS else COASTING
+                self._health = TRACKING if core.sees else COASTING
             return
         feet = self._feet
         footing = feet.at(t_ns) if feet is not None else None
         core.take(picture, core.inertial.still(t_ns, self._parameters), footing)
-        self._health = TRACKING if core.seen >= FEW_SIGHTINGS else COASTING
+        self._health = TRACKING if core.sees else COASTING
         if feet is not None and self._health == TRACKING:
             feet.compare(int(core.live.t_ns[0]), core.live.v)
         if not core.sound:
@@ -283,7 +276,7 @@ class Dvio:
         core.live.t_ns[0] = t_ns
         core.start(picture, covariance)
         self._starter.forget()
-        if core.seen >= FEW_SIGHTINGS:
+        if core.sees:
             self._begun_ns, self._health = None, TRACKING
 
     def _by_force(self, mean: Array, resting: bool) -> Array:
@@ -294,7 +287,9 @@ class Dvio:
         live.v[:] = 0.0
         if resting:
             live.bias[:3] = mean[:3]
-        tilt_sd, speed_sd = (_RESTING_TILT, p.still_speed_sd) if resting else (_MOVING_TILT, _SLOW)
+        of = p.recovery
+        tilt_sd = of.resting_tilt_sd_rad if resting else of.moving_tilt_sd_rad
+        speed_sd = p.still_speed_sd_mps if resting else of.moving_speed_sd_mps
         return self._core.start_covariance(place, heading_sd, tilt_sd, speed_sd)
 
     def _by_alignment(self, found: Alignment) -> Array:
@@ -309,7 +304,8 @@ class Dvio:
         """(3, 3) m² of the place and rad of the heading: how little is known of them after a failure stays."""
         live = self._core.live
         if self._health != LOST:
-            return _START_SD**2 * np.eye(3), _START_SD
+            start_sd = self._parameters.recovery.start_sd
+            return start_sd**2 * np.eye(3), start_sd
         up = live.R.T @ np.array([0.0, 0.0, 1.0])
         return live.covariance[:3, :3].copy(), float(np.sqrt(up @ live.covariance[3:6, 3:6] @ up))
 
@@ -325,7 +321,12 @@ class Dvio:
             # Since then the place has become less known, not more.
             return
         live.p[:], live.R[:], live.v[:], live.bias[:] = self._sound_p, self._sound_R, 0.0, 0.0
-        live.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
+        of = self._parameters.recovery
+        sd = (
+            of.lost_position_sd_m, of.lost_attitude_sd_rad, of.lost_velocity_sd_mps, of.lost_gyro_bias_sd_radps,
+            of.lost_accel_bias_sd_mps2,
+        )  # fmt: skip
+        live.covariance[:] = np.diag(np.repeat(sd, 3) ** 2)
         live.covariance[:6, :6] += self._sound_covariance
 
 

@@ -100,4 +100,6 @@ class Inertial:
         if len(x) < 0.7 * parameters.still_s / self.period_s:
             return False
         spread = x.std(axis=0)
-        return bool(spread[:3].max() < parameters.still_rate_sd and spread[3:].max() < parameters.still_force_sd)
+        return bool(
+            spread[:3].max() < parameters.still_rate_sd_radps and spread[3:].max() < parameters.still_force_sd_mps2
+        )

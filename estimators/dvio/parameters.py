@@ -7,16 +7,115 @@ from typing import Any
 
 from stridetwin.estimators.dvio.memory import ImuNoise
 from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError, check_numbers
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 
 HOST_DEPTHS = ("none", "fixed", "factor")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DvioParameters:
-    """One set serves head and chest, every gait and room; the defaults are ours.
+class TrackingParameters:
+    """The front end: pyramidal Lucas-Kanade, alignment with patches, and new corners; hand-chosen on tuning seeds."""
 
+    window_px: int = 15
+    """Edge of the window that optical flow compares."""
+    levels: int = 2
+    """Pyramid levels above the whole resolution."""
+    iterations: int = 12
+    """Of optical flow per level."""
+    flow_settled_px: float = 0.02
+    """Move below which optical flow stops."""
+    cells_x: int = 10
+    """Columns of the grid over which new points are spread."""
+    cells_y: int = 8
+    """Its rows."""
+    apart_px: float = 16.0
+    """Least distance of new points from others."""
+    margin_px: int = 10
+    """No new point lies closer to the image's border."""
+    settled_px: float = 0.01
+    """Move below which alignment with a patch stops, whole resolution."""
+    coarse_reach_px: float = 8.0
+    """Largest move of alignment at half the resolution, pixels of the whole one."""
+    coarse_settled_px: float = 0.1
+    """Move below which that stops, pixels of the half resolution."""
+    coarse_likeness: float = 0.6
+    """Least correlation with the patch there."""
+    fast_threshold: int = 14
+    """Grey levels, of the FAST detector."""
+    fast_threshold_low: int = 5
+    """The same where the first one finds too few corners."""
+    found_share: float = 0.7
+    """With this share of the corners wanted no more are searched for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartParameters:
+    """The start in motion; hand-chosen on tuning seeds."""
+
+    views: int = 10
+    """Frames kept."""
+    views_min: int = 5
+    """Frames that an alignment needs."""
+    apart_s: float = 0.09
+    """Time between frames that are kept."""
+    gap_s: float = 0.5
+    """Points are not followed over a longer gap."""
+    tilt_sd_rad: float = 0.03
+    """With a less certain vertical it goes on collecting."""
+    speed_sd_mps: float = 0.1
+    """The same of the velocity."""
+    misfit: float = 3.0
+    """Mean squared residual, in variances, beyond which vision and IMU contradict each other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoveryParameters:
+    """Gaps, failures and starts without alignment; hand-chosen on tuning seeds."""
+
+    same_s: float = 0.012
+    """Colour and depth this near are of one moment: less than half of a frame at 30 Hz."""
+    blind_s: float = 3.0
+    """After this long without an image the window begins anew at the dead-reckoned state."""
+    alone_s: float = 0.3
+    """After this long without an image the estimate is dead reckoning ..."""
+    alone_frames: float = 2.0
+    """... or after this many frames of a slow camera."""
+    moving_speed_sd_mps: float = 0.5
+    """Speed of a wearer who starts without standing."""
+    moving_tilt_sd_rad: float = 0.15
+    """Error of the mean force as the vertical, in motion."""
+    resting_tilt_sd_rad: float = 0.03
+    """The same at rest."""
+    start_sd: float = 1e-4
+    """m and rad: the world begins at the first place and heading."""
+    lost_position_sd_m: float = 0.5
+    """After a failure, beside what was unknown before."""
+    lost_attitude_sd_rad: float = 0.3
+    """Likewise."""
+    lost_velocity_sd_mps: float = 1.0
+    """After a failure."""
+    lost_gyro_bias_sd_radps: float = 0.01
+    """After a failure."""
+    lost_accel_bias_sd_mps2: float = 0.1
+    """After a failure."""
+    lost_walk_m_rts: float = 1.0
+    """Growth of the position's error while lost: the wearer walks on."""
+
+
+def _numbers(parameters: object) -> dict[str, float]:
+    """Fields of a dataclass of parameters that are numbers."""
+    values = {f.name: getattr(parameters, f.name) for f in fields(parameters)}  # type: ignore[arg-type]
+    return {name: v for name, v in values.items() if isinstance(v, int | float) and not isinstance(v, bool)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvioParameters:
+    """One set serves head and chest, every gait and room; the defaults are those of the proposed method.
+
+    Values without another origin were chosen by hand on twin walks of tuning seeds, below 1000 (docs/dvio.md).
     Standard deviations are larger than at one instant: errors of one source last (of a patch, of an axis of the IMU),
     and the window takes them as independent.
 
@@ -26,7 +125,7 @@ class DvioParameters:
         landmark_slots: Landmarks in the window, followed or not.
         steps: Of the optimisation at each frame.
         keyframe_steps: At each keyframe.
-        enough: Stop where a step lowers the cost by less than this share.
+        cost_tolerance: Relative decrease of the cost at which the iteration stops.
         keyframe_parallax_px: Mean motion of points that makes a frame a keyframe.
         keyframe_share: Or where less than this share of what the last keyframe saw is still followed.
         keyframe_s: Or after so long.
@@ -36,14 +135,14 @@ class DvioParameters:
         host_depth_in_prior: Whether (11) of a landmark goes into the prior with it; the paper drops it.
         first_estimates: Jacobians of frames that the prior speaks of stay where they were first taken.
         standing: Whether a sensor that seems to stand is told to.
-        sight_sd_px: Of a sighting.
+        pixel_noise_px: Of a sighting.
         sight_limit: Standard deviations beyond which a sighting counts less.
-        inverse_depth_sd: Of the inverse depth that the host is told, 1/m: that of a depth z is this times z².
-        inverse_depth_again_sd: The same of the frames that see it later: many of them tell little more than a few.
+        inverse_depth_sd_per_m: Of the host's measured inverse depth, 1/m; of a depth z it is this times z².
+        inverse_depth_again_sd_per_m: The same of later frames: many of them say little more than a few.
         depth_limit: As `sight_limit`.
-        depth_min: Nearest depth that counts, m.
-        depth_max: Farthest, m.
-        depth_edge: Difference of inverse depths about a point that makes an edge, 1/m.
+        depth_min_m: Nearest depth that counts, m.
+        depth_max_m: Farthest, m.
+        depth_edge_per_m: Difference of inverse depths about a point that makes an edge, 1/m.
         cull_sd: Sightings further off are removed, standard deviations.
         apart_sd: A point that is told so far from the depth that it should have is not followed, standard deviations.
         gate_px: A point that is seen further from where motion and depth have it is not followed.
@@ -52,34 +151,43 @@ class DvioParameters:
         anchor_likeness: Least correlation with the patch.
         forward_backward_px: Largest distance of a point followed there and back.
         corner_least: Cornerness of a new point, grey levels² a pixel².
-        extrinsic_position_sd: How well the camera's place on the IMU is told, m; 0 takes it as told.
-        extrinsic_rotation_sd: rad.
-        time_offset_sd: Of the camera's clock, s.
+        extrinsic_position_sd_m: How well the camera's place on the IMU is told, m; 0 takes it as told.
+        extrinsic_rotation_sd_rad: rad.
+        time_offset_sd_s: Of the camera's clock, s.
         depth_scale_sd: Of the depth camera.
         focal_sd: Of the focal lengths, as a share of each.
-        gravity: m/s².
+        gravity_mps2: m/s².
         imu_noise_factor: Actual over told noise of the IMU, for scale errors, misalignment and vibration.
         walk_factor: The same of the walk of its biases.
-        rate_share: Errors of the gyroscope's scale and axes, as noise by the rate itself, √s: 0.56 % over a second.
-        gyro_bias_sd: Turn-on bias, rad/s, where the calibration has less.
-        accel_bias_sd: Turn-on bias, m/s², where the calibration has less.
-        doubtful_rate: Error of a rate that stands for missing or saturated ones, rad/s.
-        doubtful_force: The same of a force, m/s².
+        rate_share_rts: Errors of the gyroscope's scale and axes, as noise by the rate itself, √s: 0.56 % over a second.
+        gyro_bias_sd_radps: Turn-on bias, rad/s, where the calibration has less.
+        accel_bias_sd_mps2: Turn-on bias, m/s², where the calibration has less.
+        saturated_rate_sd_radps: Error of a rate that stands for missing or saturated ones, rad/s.
+        saturated_force_sd_mps2: The same of a force, m/s².
         still_s: How long all must be quiet to stand.
-        still_rate_sd: Largest scatter of the rate of a sensor that stands, rad/s.
-        still_force_sd: Largest scatter of its force, m/s².
-        still_speed_sd: Speed of a sensor that stands, m/s.
+        still_rate_sd_radps: Largest scatter of the rate of a sensor that stands, rad/s.
+        still_force_sd_mps2: Largest scatter of its force, m/s².
+        still_speed_sd_mps: Speed of a sensor that stands, m/s.
         align_s: In motion, longest wait for pictures to align with the IMU; then the mean force is taken as up.
         start_s: Span of that mean.
         max_gap_s: A longer gap of the IMU makes a new start.
         planes: Whether floors and walls that the depth picture shows are states too.
-        plane_depth_max: Farthest depth that counts for them, m; below the sensor's range.
+        plane_depth_max_m: Farthest depth that counts for them, m; below the sensor's range.
         plane_doubt: Error of a plane in one picture beyond the noise of its depths: of its direction, rad, and of its
             distance, as a share.
         plane_limit: As `sight_limit`.
         feet: Whether the legs of an exoskeleton tell the speed, where the camera sees little.
-        feet_speed_sd: Of the speed of the camera about that of the trunk, m/s.
-        wait_s: Longest wait for the depth picture of a colour picture.
+        feet_speed_sd_mps: Of the speed of the camera about that of the trunk, m/s.
+        wait_s: Longest wait for the depth image of a colour image.
+        unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, a room.
+        measured_sd: Standard deviations of an inverse depth from which on parallax counts as having measured it.
+        still_px: Motion of points per frame up to which the camera may be stationary.
+        predicted_share: Where fewer points than this share are where they were predicted, all are searched for.
+        points_min: With fewer points the IMU is alone.
+        observations_min: A frame with fewer counts as dead reckoning.
+        tracking: Of the front end.
+        start: Of the start in motion.
+        recovery: Of gaps, and of a new start after a failure.
     """
 
     keyframes: int = 9
@@ -87,7 +195,7 @@ class DvioParameters:
     landmark_slots: int = 256
     steps: int = 1
     keyframe_steps: int = 3
-    enough: float = 1e-3
+    cost_tolerance: float = 1e-3
     keyframe_parallax_px: float = 18.0
     keyframe_share: float = 0.6
     keyframe_s: float = 0.4
@@ -96,14 +204,14 @@ class DvioParameters:
     host_depth_in_prior: bool = True
     first_estimates: bool = True
     standing: bool = True
-    sight_sd_px: float = 0.35
+    pixel_noise_px: float = 0.35
     sight_limit: float = 1.05
-    inverse_depth_sd: float = 0.007
-    inverse_depth_again_sd: float = 0.014
+    inverse_depth_sd_per_m: float = 0.007
+    inverse_depth_again_sd_per_m: float = 0.014
     depth_limit: float = 1.05
-    depth_min: float = 0.3
-    depth_max: float = 6.5
-    depth_edge: float = 0.04
+    depth_min_m: float = 0.3
+    depth_max_m: float = 6.5
+    depth_edge_per_m: float = 0.04
     cull_sd: float = 3.5
     apart_sd: float = 5.0
     gate_px: float = 3.0
@@ -112,43 +220,60 @@ class DvioParameters:
     anchor_likeness: float = 0.8
     forward_backward_px: float = 0.7
     corner_least: float = 6.0
-    extrinsic_position_sd: float = 2e-3
-    extrinsic_rotation_sd: float = 5e-3
-    time_offset_sd: float = 5e-3
+    extrinsic_position_sd_m: float = 2e-3
+    extrinsic_rotation_sd_rad: float = 5e-3
+    time_offset_sd_s: float = 5e-3
     depth_scale_sd: float = 6e-3
     focal_sd: float = 2e-3
-    gravity: float = 9.81
+    gravity_mps2: float = NOMINAL_GRAVITY_MPS2
     imu_noise_factor: float = 5.6
     walk_factor: float = 4.2
-    rate_share: float = 5.6e-3
-    gyro_bias_sd: float = 0.01
-    accel_bias_sd: float = 0.1
-    doubtful_rate: float = 1.0
-    doubtful_force: float = 5.0
+    rate_share_rts: float = 5.6e-3
+    gyro_bias_sd_radps: float = 0.01
+    accel_bias_sd_mps2: float = 0.1
+    saturated_rate_sd_radps: float = 1.0
+    saturated_force_sd_mps2: float = 5.0
     still_s: float = 0.25
-    still_rate_sd: float = 0.02
-    still_force_sd: float = 0.15
-    still_speed_sd: float = 0.01
+    still_rate_sd_radps: float = 0.02
+    still_force_sd_mps2: float = 0.15
+    still_speed_sd_mps: float = 0.01
     align_s: float = 3.0
     start_s: float = 1.0
     max_gap_s: float = 0.5
     planes: bool = False
-    plane_depth_max: float = 5.0
+    plane_depth_max_m: float = 5.0
     plane_doubt: float = 3e-3
     plane_limit: float = 2.5
     feet: bool = False
-    feet_speed_sd: float = 0.2
+    feet_speed_sd_mps: float = 0.2
     wait_s: float = 0.05
+    unknown_inverse_depth_per_m: float = 0.15
+    measured_sd: float = 8.0
+    still_px: float = 0.25
+    predicted_share: float = 0.5
+    points_min: int = 8
+    observations_min: int = 10
+    tracking: TrackingParameters = TrackingParameters()
+    start: StartParameters = StartParameters()
+    recovery: RecoveryParameters = RecoveryParameters()
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is out of range."""
         if self.host_depth not in HOST_DEPTHS:
             raise ConfigError("DvioParameters", "host_depth", self.host_depth, ", ".join(HOST_DEPTHS))
-        numbers = {f.name: v for f in fields(self) if not isinstance(v := getattr(self, f.name), bool | str)}
-        told = {"extrinsic_position_sd", "extrinsic_rotation_sd", "time_offset_sd", "depth_scale_sd", "focal_sd"}
-        check_numbers("DvioParameters", numbers, may_be_zero=told | {"rate_share", "plane_doubt"})
+        numbers = _numbers(self)
+        told = {
+            "extrinsic_position_sd_m",
+            "extrinsic_rotation_sd_rad",
+            "time_offset_sd_s",
+            "depth_scale_sd",
+            "focal_sd",
+        }
+        check_numbers("DvioParameters", numbers, may_be_zero=told | {"rate_share_rts", "plane_doubt"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
+        for name in ("tracking", "start", "recovery"):
+            check_numbers(f"DvioParameters.{name}", _numbers(getattr(self, name)))
 
     @property
     def uses_depth(self) -> bool:
@@ -161,21 +286,21 @@ class DvioParameters:
         return ImuNoise(
             rate=f * max(imu.gyroscope_noise_density, 1e-5),
             force=f * max(imu.accelerometer_noise_density, 1e-4),
-            rate_share=self.rate_share,
+            rate_share=self.rate_share_rts,
             rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
             force_walk=w * max(imu.accelerometer_random_walk, 1e-5),
-            doubtful_rate=self.doubtful_rate,
-            doubtful_force=self.doubtful_force,
+            doubtful_rate=self.saturated_rate_sd_radps,
+            doubtful_force=self.saturated_force_sd_mps2,
         )
 
     def terms(self, focal_px: float, noise: ImuNoise) -> Terms:
         """Of the factors, for a camera of some focal length."""
         return Terms(
-            gravity=self.gravity,
-            sight_weight=(focal_px / self.sight_sd_px) ** 2,
+            gravity=self.gravity_mps2,
+            sight_weight=(focal_px / self.pixel_noise_px) ** 2,
             sight_limit=self.sight_limit,
-            depth_weight=self.inverse_depth_sd**-2,
-            again_weight=self.inverse_depth_again_sd**-2,
+            depth_weight=self.inverse_depth_sd_per_m**-2,
+            again_weight=self.inverse_depth_again_sd_per_m**-2,
             depth_limit=self.depth_limit,
             plane_limit=self.plane_limit,
             host_depth=self.host_depth == "factor",
@@ -192,21 +317,21 @@ _PUBLISHED: dict[str, Any] = {
     "host_depth_in_prior": False,
     "first_estimates": False,
     "standing": False,
-    "extrinsic_position_sd": 0.0,
-    "extrinsic_rotation_sd": 0.0,
-    "time_offset_sd": 0.0,
+    "extrinsic_position_sd_m": 0.0,
+    "extrinsic_rotation_sd_rad": 0.0,
+    "time_offset_sd_s": 0.0,
     "depth_scale_sd": 0.0,
     "focal_sd": 0.0,
     "anchored": False,
     "steps": 2,
 }
 METHODS: dict[str, DvioParameters] = {
-    "stridetwin": DvioParameters(),
+    PROPOSED: DvioParameters(),
     "dvio": DvioParameters(**_PUBLISHED),
     "vins_rgbd": DvioParameters(**_PUBLISHED, host_depth="fixed", projection_depth=False),
     "vins_mono": DvioParameters(**_PUBLISHED, host_depth="none", projection_depth=False),
 }
-"""Ours; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
+"""The proposed method; Zhao et al. 2023; and its ablations in the manner of Shan et al. 2019 and of Qin et al. 2018."""
 
 
 def named(method: str) -> DvioParameters:
@@ -215,6 +340,7 @@ def named(method: str) -> DvioParameters:
     Raises:
         ConfigError: No such method; the message lists those there are.
     """
+    method = current_name(method)
     if method not in METHODS:
         raise ConfigError("Dvio", "method", method, ", ".join(METHODS))
     return METHODS[method]

@@ -11,12 +11,6 @@ from stridetwin.estimators.dvio.memory import blank_increment
 from stridetwin.estimators.dvio.structure import Sightings, Structure, structure_of_bearings, structure_with_depth
 from stridetwin.streams.samples import Array
 
-_VIEWS, _LEAST = 10, 5  # pictures kept, and those that an alignment needs
-_APART_S = 0.09  # between those that are kept
-_GAP_S = 0.5  # points are not followed over a longer one
-_TILT_SD, _SPEED_SD = 0.03, 0.1  # rad, m/s; with more uncertainty it goes on collecting
-_MISFIT = 3.0  # mean squared residual, in variances, beyond which vision and IMU contradict each other
-
 
 class Starter:
     """Follows points from picture to picture and keeps what every third or so of them saw: of constant memory.
@@ -26,12 +20,12 @@ class Starter:
     """
 
     def __init__(self, core: Core) -> None:
-        self._core = core
-        slots = core.parameters.landmark_slots
+        self._core, self._parameters = core, core.parameters.start
+        views, slots = self._parameters.views, core.parameters.landmark_slots
         self._t_ns: list[int] = []
         self._before_ns = 0
-        self._seen = np.zeros((_VIEWS, slots), bool)
-        self._at, self._told = np.zeros((_VIEWS, slots, 2)), np.zeros((_VIEWS, slots))
+        self._seen = np.zeros((views, slots), bool)
+        self._at, self._told = np.zeros((views, slots, 2)), np.zeros((views, slots))
         self._alive, self._pixels = np.zeros(slots, bool), np.zeros((slots, 2), np.float32)
 
     def forget(self) -> None:
@@ -41,23 +35,23 @@ class Starter:
 
     def take(self, picture: Picture) -> Alignment | None:
         """Takes a picture whose time the IMU has reached; returns the state there once it is known well enough."""
-        core, t_ns = self._core, self._core.imu_time(picture.t_ns)
+        core, t_ns, p = self._core, self._core.imu_time(picture.t_ns), self._parameters
         heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
-        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < _GAP_S * 1e9):
+        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < p.gap_s * 1e9):
             self.forget()
         core.tracker.take(picture.grey)
         self._follow(t_ns)
         self._before_ns = t_ns
-        if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < _APART_S:
+        if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < p.apart_s:
             return None
         self._keep(picture, t_ns)
-        if len(self._t_ns) < _LEAST:
+        if len(self._t_ns) < p.views_min:
             return None
         found = self._align()
-        if found is None or found.misfit > _MISFIT:
+        if found is None or found.misfit > p.misfit:
             return None
         variance = found.covariance.diagonal()
-        sure = variance[:2].max() < _TILT_SD**2 and variance[2:5].sum() < _SPEED_SD**2
+        sure = variance[:2].max() < p.tilt_sd_rad**2 and variance[2:5].sum() < p.speed_sd_mps**2
         return found if sure else None
 
     def _follow(self, t_ns: int) -> None:
@@ -76,7 +70,7 @@ class Starter:
     def _keep(self, picture: Picture, t_ns: int) -> None:
         """Writes down what is seen, and looks for new points."""
         core, c = self._core, self._core.window.calibration
-        if len(self._t_ns) == _VIEWS:
+        if len(self._t_ns) == self._parameters.views:
             self._t_ns.pop(0)
             for a in (self._seen, self._at, self._told):
                 a[:-1] = a[1:].copy()
@@ -110,10 +104,10 @@ class Starter:
         often = self._seen[:K].sum(axis=0) > 1
         s = Sightings(
             seen=self._seen[:K, often], at=self._at[:K, often], told=self._told[:K, often],
-            sd=p.sight_sd_px / self._core.lens.focal_px, told_sd=p.inverse_depth_again_sd,
+            sd=p.pixel_noise_px / self._core.lens.focal_px, told_sd=p.inverse_depth_again_sd_per_m,
         )  # fmt: skip
         found = structure_with_depth(s) if (s.told > 0).any() else structure_of_bearings(s)
-        return None if found is None or len(found.R) < _LEAST else found
+        return None if found is None or len(found.R) < self._parameters.views_min else found
 
     def _beliefs(self) -> Beliefs:
         core, p, c = self._core, self._core.parameters, self._core.window.calibration
@@ -123,8 +117,8 @@ class Starter:
             T_imu_camera=T_imu_camera,
             bias=core.live.bias.copy(),
             bias_sd=core.bias_sd,
-            mount_sd=np.repeat([p.extrinsic_position_sd, p.extrinsic_rotation_sd], 3),
-            offset_sd=p.time_offset_sd,
+            mount_sd=np.repeat([p.extrinsic_position_sd_m, p.extrinsic_rotation_sd_rad], 3),
+            offset_sd=p.time_offset_sd_s,
             scale_sd=p.depth_scale_sd,
-            gravity=p.gravity,
+            gravity=p.gravity_mps2,
         )

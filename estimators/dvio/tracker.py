@@ -9,20 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.patches import blank_patches
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
 
-_WINDOW, _LEVELS = (15, 15), 2
-_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02)
-_CELLS = (10, 8)
-_APART_PX = 16.0
-_MARGIN_PX = 10
 _SCALES = 2  # of patches: full and half the resolution
-_SETTLED_PX = 0.01
-_NEAR_PX, _NEARLY_PX, _NEAR_ALIKE = 8.0, 0.1, 0.6  # at half the resolution: largest move, least one, correlation
-_FAST = (14, 5)  # thresholds, tried in turn
 Points = NDArray[np.float32]
 
 
@@ -70,19 +63,18 @@ class Tracker:
 
     Args:
         shape: (H, W) of the pictures.
-        forward_backward_px: Largest distance of a point followed there and back.
-        corner_least: Cornerness of a new point.
-        slots: Patches that are kept.
+        parameters: Of the odometry; each landmark slot keeps a patch.
     """
 
-    def __init__(self, shape: tuple[int, int], forward_backward_px: float, corner_least: float, slots: int) -> None:
-        self._shape = shape
-        self._patches = [blank_patches(slots) for _ in range(_SCALES)]
-        self._most_px, self._least = forward_backward_px, corner_least
+    def __init__(self, shape: tuple[int, int], parameters: DvioParameters) -> None:
+        self._shape, self._parameters = shape, parameters.tracking
+        self._patches = [blank_patches(parameters.landmark_slots) for _ in range(_SCALES)]
+        self._most_px, self._least = parameters.forward_backward_px, parameters.corner_least
         self._grey: NDArray[np.uint8] | None = None
         self._before: NDArray[np.uint8] | None = None
         self._scales: list[NDArray[np.uint8]] = []
-        self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in _FAST]
+        thresholds = (self._parameters.fast_threshold, self._parameters.fast_threshold_low)
+        self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in thresholds]
 
     def forget(self) -> None:
         """Follows nothing into the next picture."""
@@ -105,12 +97,14 @@ class Tracker:
         before, grey = self._before, self._grey
         if before is None or grey is None or not len(points):
             return points.copy(), np.zeros(len(points), bool)
-        flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+        p, flags = self._parameters, cv2.OPTFLOW_USE_INITIAL_FLOW
+        window = (p.window_px, p.window_px)
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, p.iterations, p.flow_settled_px)
         there, found, _ = cv2.calcOpticalFlowPyrLK(
-            before, grey, points, start.copy(), winSize=_WINDOW, maxLevel=_LEVELS, criteria=_CRITERIA, flags=flags
+            before, grey, points, start.copy(), winSize=window, maxLevel=p.levels, criteria=criteria, flags=flags
         )
         back, returned, _ = cv2.calcOpticalFlowPyrLK(
-            grey, before, there, points.copy(), winSize=_WINDOW, maxLevel=0, criteria=_CRITERIA, flags=flags
+            grey, before, there, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
         )
         good = (found[:, 0] > 0) & (returned[:, 0] > 0)
         good &= np.abs(back - points).max(axis=1) < self._most_px
@@ -139,9 +133,11 @@ class Tracker:
             (N, 2) px, and (N,) which of them are there.
         """
         half, found = points / np.float32(2.0), np.ones(len(points), bool)
+        p = self._parameters
         kernel.align(
-            self._smoothed()[1], self._patches[1], slots, warps, _NEAR_PX / 2.0, _NEAR_ALIKE, _NEARLY_PX, half, found
-        )
+            self._smoothed()[1], self._patches[1], slots, warps, p.coarse_reach_px / 2.0, p.coarse_likeness,
+            p.coarse_settled_px, half, found,
+        )  # fmt: skip
         points = np.where(found[:, None], np.float32(2.0) * half, points)
         return self.settle(slots, points, warps, np.ones(len(points), bool), far, alike)
 
@@ -150,7 +146,9 @@ class Tracker:
     ) -> tuple[Points, NDArray[np.bool_]]:
         """As `align`, but only at the whole resolution, of those points that are `good`, (N,)."""
         points, good = points.copy(), good.copy()
-        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, far, alike, _SETTLED_PX, points, good)
+        kernel.align(
+            self._smoothed()[0], self._patches[0], slots, warps, far, alike, self._parameters.settled_px, points, good
+        )
         return points, good
 
     def _smoothed(self) -> list[NDArray[np.uint8]]:
@@ -165,7 +163,7 @@ class Tracker:
         out = np.zeros((max(wanted, 0), 2), np.float32)
         if wanted <= 0 or self._grey is None:
             return out
-        count = 0
+        count, p = 0, self._parameters
         for detector in self._detectors:
             corners = detector.detect(self._grey)
             candidates = np.array([c.pt for c in corners], np.float32).reshape(-1, 2)
@@ -173,13 +171,14 @@ class Tracker:
                 self._grey,
                 candidates,
                 np.ascontiguousarray(taken),
-                *_CELLS,
-                _APART_PX,
-                _MARGIN_PX,
+                p.cells_x,
+                p.cells_y,
+                p.apart_px,
+                p.margin_px,
                 self._least,
                 wanted,
                 out,
             )
-            if count >= 0.7 * wanted:
+            if count >= p.found_share * wanted:
                 break
         return out[:count]

@@ -66,17 +66,17 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
     still = (t_ns - clock[T_STILL]) * 1e-9 >= parameters.align_s
     late = (t_ns - clock[T_ALIGN]) * 1e-9 >= parameters.align_timeout_s
     level(memory, force_sum[0] if still or not late else force_sum[1])
-    tilt_sd = parameters.tilt_sd if still else parameters.moving_tilt_sd
-    speed_sd = 0.01 if still else parameters.moving_speed
+    tilt_sd = parameters.tilt_sd_rad if still else parameters.moving_tilt_sd_rad
+    speed_sd = 0.01 if still else parameters.moving_speed_mps
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
     if still or late:
         clock[PHASE] = TRACKING
         clock[HEADED] = 1
         if clock[LEVERED] == 0:
             clock[LEVERED] = 1
-            memory.lever[:] = -parameters.lever_arm * rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])[2]
+            memory.lever[:] = -parameters.lever_arm_m * rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])[2]
             o = memory.row + D_CONTACT
-            memory.covariance[o : o + 3, o : o + 3] = across_sole(memory, parameters.contact_sd**2)
+            memory.covariance[o : o + 3, o : o + 3] = across_sole(memory, parameters.contact_sd_m**2)
 
 
 @njit(**INSIDE)
@@ -111,15 +111,15 @@ def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, til
     if clock[LEVERED] == 0:
         variance[D_POSITION : D_POSITION + 3] = memory.start_sd[0] ** 2
         variance[D_ATTITUDE + 2] = memory.start_sd[1] ** 2
-        variance[D_GYRO_BIAS : D_GYRO_BIAS + 3] = parameters.gyro_bias_sd**2
-        variance[D_ACCEL_BIAS : D_ACCEL_BIAS + 3] = parameters.accel_bias_sd**2
+        variance[D_GYRO_BIAS : D_GYRO_BIAS + 3] = parameters.gyro_bias_sd_radps**2
+        variance[D_ACCEL_BIAS : D_ACCEL_BIAS + 3] = parameters.accel_bias_sd_mps2**2
     else:
         for i in range(STATES):
             variance[i] = P[o + i, o + i]
         lost, lost_before = (t_ns - clock[T_KNOWN]) * 1e-9, (clock[T_LAST] - clock[T_KNOWN]) * 1e-9
         growth = lost**2 - lost_before**2
-        variance[D_POSITION : D_POSITION + 3] += parameters.gap_speed**2 * growth
-        variance[D_ATTITUDE + 2] += parameters.gap_turn_rate**2 * growth
+        variance[D_POSITION : D_POSITION + 3] += parameters.gap_speed_mps**2 * growth
+        variance[D_ATTITUDE + 2] += parameters.gap_turn_rate_radps**2 * growth
     variance[D_VELOCITY : D_VELOCITY + 3] = speed_sd**2
     variance[D_ATTITUDE : D_ATTITUDE + 2] = tilt_sd**2
     P[o : o + STATES] = 0.0

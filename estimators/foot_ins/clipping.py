@@ -49,7 +49,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     first = 0
     hidden = np.zeros((RING, 6))
     for channel in range(6):
-        known = parameters.gyro_range if channel < 3 else parameters.accel_range
+        known = parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
         least = LEAST_RATES if channel < 3 else LEAST_FORCES
         first = max(first, _peak(memory, channel, known, least, parameters.impact_excess, hidden))
     memory.clock[RESTORED] = first
@@ -61,11 +61,11 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     for back in range(first + 1):
         i = (head - back) % RING
         moved[back] = x[:GYRO_BIAS]
-        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity)
+        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2)
     for back in range(first, -1, -1):
         i = (head - back) % RING
         memory.ring[i] += hidden[back]  # whoever looks back later sees the peak
-        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity)
+        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
         moved[back, :ATTITUDE] = x[:ATTITUDE] - moved[back, :ATTITUDE]
         moved[back, ATTITUDE + 1 :] *= -1.0
         moved[back, ATTITUDE:] = product(x[ATTITUDE:GYRO_BIAS], moved[back, ATTITUDE:])
@@ -80,7 +80,7 @@ def hides(memory: Memory, parameters: KernelParameters) -> bool:
     """
     for back in range(2):
         for channel in range(6):
-            known = parameters.gyro_range if channel < 3 else parameters.accel_range
+            known = parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
             if known > 0.0 and abs(memory.ring[(memory.clock[HEAD] - back) % RING, channel]) >= AT_LIMIT * known:
                 return True
     return False

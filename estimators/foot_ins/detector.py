@@ -43,13 +43,13 @@ def motion(memory: Memory, parameters: KernelParameters) -> float:
         force2 += s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
         fx, fy, fz = fx + s[3], fy + s[4], fz + s[5]
         n += 1
-    g = parameters.gravity
+    g = parameters.gravity_mps2
     spread2 = force2 / n - 2.0 * g * math.sqrt(fx * fx + fy * fy + fz * fz) / n + g * g
-    return max(spread2, 0.0) / parameters.accel_scale**2 + rate2 / n / parameters.gyro_scale**2
+    return max(spread2, 0.0) / parameters.accel_scale_mps2**2 + rate2 / n / parameters.gyro_scale_radps**2
 
 
 @njit(**INSIDE)
 def standing_speed(statistic: float, peak: float, parameters: KernelParameters) -> float:
     """Standard deviation of the foot's speed, m/s, so far as the statistic tells it stands."""
     level = max(parameters.still_level, parameters.still_share * peak)
-    return parameters.still_velocity * math.sqrt(1.0 + (statistic / level) ** parameters.still_power)
+    return parameters.still_velocity_mps * math.sqrt(1.0 + (statistic / level) ** parameters.still_power)

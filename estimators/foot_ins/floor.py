@@ -45,7 +45,7 @@ def stand(memory: Memory, parameters: KernelParameters, t_ns: int, standing_spee
         standing_speed: Standard deviation of the standing foot's speed, m/s, inf where it does not stand.
     """
     clock = memory.clock
-    if standing_speed > parameters.stand_speed:
+    if standing_speed > parameters.stand_speed_mps:
         clock[T_STOOD] = t_ns
         if standing_speed == math.inf and clock[LANDED] == STANDING:
             clock[LANDED] = SWINGING
@@ -59,12 +59,12 @@ def stand(memory: Memory, parameters: KernelParameters, t_ns: int, standing_spee
     height = x[POSITION + 2] + r[2]
     known, clock[LANDED] = clock[LANDED] != NEVER_LANDED, STANDING
     step = height - x[FLOOR]
-    flat = math.hypot(r[0], r[1]) <= parameters.level_tilt * parameters.lever_arm
+    flat = math.hypot(r[0], r[1]) <= parameters.level_tilt_rad * parameters.lever_arm_m
     own = np.ascontiguousarray(P[o : o + STATES, o : o + STATES])
-    variance = h @ own @ h + parameters.floor_sd**2
-    possible = abs(step) < min(parameters.level_step, parameters.max_surprise * math.sqrt(variance))
+    variance = h @ own @ h + parameters.floor_sd_m**2
+    possible = abs(step) < min(parameters.level_step_m, parameters.innovation_gate * math.sqrt(variance))
     if known and flat and possible:
-        correct(P, memory.error, o, h, -step, parameters.floor_sd**2)
+        correct(P, memory.error, o, h, -step, parameters.floor_sd_m**2)
         inject(memory)
         return
     x[FLOOR] = height

@@ -109,7 +109,7 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
     restore(memory, parameters)
     roll(memory, parameters, dt)
     speed = standing_speed(statistic, memory.peak[0], parameters)
-    if speed < parameters.max_velocity_sd:
+    if speed < parameters.max_velocity_sd_mps:
         zero_velocity(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf

@@ -44,7 +44,7 @@ def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
     x[CONTACT : CONTACT + 3] *= kept
     P[o : o + 3] *= kept
     P[:, o : o + 3] *= kept
-    P[o : o + 3, o : o + 3] += (1.0 - kept * kept) * across_sole(memory, parameters.contact_sd**2)
+    P[o : o + 3, o : o + 3] += (1.0 - kept * kept) * across_sole(memory, parameters.contact_sd_m**2)
 
 
 @njit(**INSIDE)
@@ -84,11 +84,11 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = skew(r) @ R
     H[:, D_CONTACT : D_CONTACT + 3] = skew(w) @ R
     shared = math.sqrt(max(1.0, parameters.still_correlation_s / dt))
-    W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd)
+    W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd_m)
     H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
     memory.nis[0] += surprise(_own(memory), shared * H, shared * z) ** 2 / 3.0
     memory.nis[1] += 1.0
-    _update_in_doubt(memory, H, z, parameters.max_surprise)
+    _update_in_doubt(memory, H, z, parameters.innovation_gate)
 
 
 @njit(**INSIDE)
@@ -127,11 +127,11 @@ def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: flo
 
     Someone who stands for long sways: a rate that would be a surprise as a bias is trusted less, as in `zero_velocity`.
     """
-    sd = parameters.rest_rate_noise / math.sqrt(dt)
+    sd = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt)
     H = np.zeros((3, STATES))
     H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = np.eye(3) / sd
     z = (rate - memory.nominal[GYRO_BIAS : GYRO_BIAS + 3]) / sd
-    _update_in_doubt(memory, H, z, parameters.max_surprise)
+    _update_in_doubt(memory, H, z, parameters.innovation_gate)
 
 
 @njit(**INSIDE)

@@ -69,31 +69,35 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
         dt: s; longer than `max_step_s` means that samples are missing.
     """
     x, P = memory.nominal, memory.covariance
-    R, force_in_world = carry(x, rate, force, dt, parameters.gravity)
-    acceleration2 = force_in_world[0] ** 2 + force_in_world[1] ** 2 + (force_in_world[2] - parameters.gravity) ** 2
+    R, force_in_world = carry(x, rate, force, dt, parameters.gravity_mps2)
+    acceleration2 = force_in_world[0] ** 2 + force_in_world[1] ** 2 + (force_in_world[2] - parameters.gravity_mps2) ** 2
     o = memory.row
     propagate(P, o, R, force_in_world, dt)
-    attitude_noise = parameters.gyro_noise**2
-    velocity_noise = parameters.accel_noise**2 + parameters.accel_motion_noise**2 * acceleration2
+    attitude_noise = parameters.gyro_noise_radps_rthz**2
+    velocity_noise = parameters.accel_noise_mps2_rthz**2 + parameters.accel_motion_noise_per_rthz**2 * acceleration2
     if memory.clock[FILL] > 1:
         before = memory.ring[(memory.clock[HEAD] - 1) % RING]
         jerk2 = 0.0
         for i in range(3):
             jerk2 += ((force[i] - before[3 + i]) / dt) ** 2
-        velocity_noise += parameters.accel_jerk_noise**2 * jerk2
+        velocity_noise += parameters.accel_jerk_noise_s_rthz**2 * jerk2
     if dt > parameters.max_step_s:
-        attitude_noise += parameters.gap_gyro_noise**2
-        velocity_noise += parameters.gap_accel_noise**2
+        attitude_noise += parameters.gap_gyro_noise_radps_rthz**2
+        velocity_noise += parameters.gap_accel_noise_mps2_rthz**2
     for i in range(3):
         P[o + D_ATTITUDE + i, o + D_ATTITUDE + i] += attitude_noise * dt
         P[o + D_VELOCITY + i, o + D_VELOCITY + i] += velocity_noise * dt
-        P[o + D_GYRO_BIAS + i, o + D_GYRO_BIAS + i] += parameters.gyro_bias_walk**2 * dt
-        P[o + D_ACCEL_BIAS + i, o + D_ACCEL_BIAS + i] += parameters.accel_bias_walk**2 * dt
+        P[o + D_GYRO_BIAS + i, o + D_GYRO_BIAS + i] += parameters.gyro_bias_walk_radps2_rthz**2 * dt
+        P[o + D_ACCEL_BIAS + i, o + D_ACCEL_BIAS + i] += parameters.accel_bias_walk_mps3_rthz**2 * dt
     for i in range(3):
-        if _at_limit(memory.extreme, i, rate[i], parameters.gyro_range, parameters.gyro_range_min, parameters):
-            _add_along(P, o + D_ATTITUDE, R, i, parameters.gyro_limit_noise**2 * dt)
-        if _at_limit(memory.extreme, 3 + i, force[i], parameters.accel_range, parameters.accel_range_min, parameters):
-            _add_along(P, o + D_VELOCITY, R, i, parameters.accel_limit_noise**2 * dt)
+        if _at_limit(
+            memory.extreme, i, rate[i], parameters.gyro_range_radps, parameters.gyro_range_min_radps, parameters
+        ):
+            _add_along(P, o + D_ATTITUDE, R, i, parameters.gyro_limit_noise_radps_rthz**2 * dt)
+        if _at_limit(
+            memory.extreme, 3 + i, force[i], parameters.accel_range_mps2, parameters.accel_range_min_mps2, parameters
+        ):
+            _add_along(P, o + D_VELOCITY, R, i, parameters.accel_limit_noise_mps2_rthz**2 * dt)
 
 
 @njit(**INSIDE)

@@ -24,6 +24,7 @@ from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, 
 from stridetwin.estimators.foot_to_foot.rig import shoes_of, side_by_side
 from stridetwin.estimators.foot_to_foot.samples import RelativePosition
 from stridetwin.estimators.foot_to_foot.worn import Worn
+from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.pose import Pose
 from stridetwin.streams.recording import Recording
@@ -32,7 +33,7 @@ from stridetwin.streams.samples import Array, Block, Image, Imu, Range
 
 # Which aids each method listens to; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {
-    "stridetwin": (BoardSighting, Range),
+    PROPOSED: (BoardSighting, Range),
     "published": (RelativePosition,),
     "zupt_relative_position": (RelativePosition,),
     "zupt_relative_distance": (Range,),
@@ -104,6 +105,7 @@ class FootToFoot:
             method = (options or Options()).method
         else:
             deprecated("FootToFoot(method=...)", "FootToFoot(rig, options=Options(method=...))")
+            method = current_name(method)
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
         kind = FootToFootParameters if method == PROPOSED else PublishedParameters
@@ -116,12 +118,12 @@ class FootToFoot:
         if isinstance(parameters, PublishedParameters):
             foot = parameters.noise_of_the_calibration_alone
         else:
-            variance[:2] = np.repeat([parameters.camera_position_sd, parameters.camera_rotation_sd], 3) ** 2
-            variance[2:] = np.repeat([parameters.board_position_sd, parameters.board_rotation_sd], 3) ** 2
-            clock_variance = parameters.camera_clock_sd**2
+            variance[:2] = np.repeat([parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad], 3) ** 2
+            variance[2:] = np.repeat([parameters.board_position_sd_m, parameters.board_rotation_sd_rad], 3) ** 2
+            clock_variance = parameters.camera_clock_sd_s**2
             if shoes.cameras:
                 foot, scale_variance = (
-                    replace(foot, gyro_noise=parameters.scaled_gyro_noise),
+                    replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz),
                     parameters.gyro_scale_sd**2,
                 )
         left, right = (for_sensor(foot, shoes.imus.get(f)) for f in FEET)

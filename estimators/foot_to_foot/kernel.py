@@ -115,7 +115,7 @@ def foresee(
         Whether it is known; (3,) m; (3, 3) camera <- board; (6, 6) their covariance, camera axes; the same pose
         earlier.
     """
-    board, gravity, late = 1 - camera, foot.gravity, parameters.max_delay_s + 1e-9 * earlier_ns
+    board, gravity, late = 1 - camera, foot.gravity_mps2, parameters.max_delay_s + 1e-9 * earlier_ns
     then_ns = t_ns + round(1e9 * pair.late[camera])
     a = rewind(pair.feet[camera], gravity, then_ns, parameters.max_delay_s)
     b = rewind(pair.feet[board], gravity, then_ns, parameters.max_delay_s)

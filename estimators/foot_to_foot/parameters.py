@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
-from typing import NamedTuple
+from collections import namedtuple
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.streams.errors import check_numbers
@@ -18,15 +19,15 @@ class _Common:
             alignment and gaps from it; its noise is the calibration's alone.
         max_delay_s: A sighting or echo that arrives later after its instant than this is left out, s.
         exposure_s: Of the shoe cameras: tells a board's blur from its motion, s.
-        start_position_sd: How well is known where the second foot stands at the start, where nobody says it, m.
-        start_heading_sd: And where it points, rad.
+        start_position_sd_m: How well is known where the second foot stands at the start, where nobody says it, m.
+        start_heading_sd_rad: And where it points, rad.
     """
 
     foot: FootInsParameters = field(default_factory=FootInsParameters)
     max_delay_s: float = 0.1
     exposure_s: float = 0.002
-    start_position_sd: float = 0.15
-    start_heading_sd: float = 0.2
+    start_position_sd_m: float = 0.15
+    start_heading_sd_rad: float = 0.2
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
@@ -40,36 +41,36 @@ class FootToFootParameters(_Common):
     """One set serves every wearer and rig.
 
     Attributes:
-        camera_position_sd: How well the camera's place on the shoe is known, m.
-        camera_rotation_sd: How well its direction is known, rad.
-        board_position_sd: The same of the board, m.
-        board_rotation_sd: rad.
-        camera_clock_sd: How well a camera's clock is known, s.
-        camera_clock_walk: What that loses, s/√s.
-        gyro_scale_sd: Share by which an axis of a gyro may tell too much; asked for only where a camera sees the other
-            shoe, as nothing else tells it.
-        scaled_gyro_noise: Takes the place of `foot.gyro_noise` there, which stands for errors of scale, rad/s/√Hz.
+        camera_position_sd_m: How well the camera's place on the shoe is known, m.
+        camera_rotation_sd_rad: How well its direction is known, rad.
+        board_position_sd_m: The same of the board, m.
+        board_rotation_sd_rad: rad.
+        camera_clock_sd_s: How well a camera's clock is known, s.
+        camera_clock_walk_s_rts: What that loses, s/√s.
+        gyro_scale_sd: Scale error of a gyro's axis, a share; estimated only where a camera sees the other shoe, as
+            nothing else makes it observable.
+        scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz` there, which stands for errors of scale.
         sighting_correlation_s: How long a sighting's error lasts: sightings within this time share it, s.
         max_frame_s: A sighting speaks for no more time than this, s.
-        max_sighting_surprise: Innovation of a sighting, in standard deviations, beyond which it is trusted less.
-        range_sd: A sonar's echo, m: its steps, and which part of the shoe answers.
-        max_range_surprise: An echo farther off than this, in standard deviations, is of something else.
+        sighting_gate: Innovation of a sighting, in standard deviations, beyond which it is trusted less.
+        range_sd_m: A sonar's echo, m: its steps, and which part of the shoe answers.
+        range_gate: An echo farther off than this, in standard deviations, is of something else.
         sonar_after_s: The sonar is listened to only where the other shoe has not been seen for so long, s.
     """
 
-    camera_position_sd: float = 0.001
-    camera_rotation_sd: float = 0.005
-    board_position_sd: float = 0.001
-    board_rotation_sd: float = 0.005
-    camera_clock_sd: float = 0.005
-    camera_clock_walk: float = 1e-4
+    camera_position_sd_m: float = 0.001
+    camera_rotation_sd_rad: float = 0.005
+    board_position_sd_m: float = 0.001
+    board_rotation_sd_rad: float = 0.005
+    camera_clock_sd_s: float = 0.005
+    camera_clock_walk_s_rts: float = 1e-4
     gyro_scale_sd: float = 0.003
-    scaled_gyro_noise: float = 0.001
+    scaled_gyro_noise_radps_rthz: float = 0.001
     sighting_correlation_s: float = 1.0
     max_frame_s: float = 0.05
-    max_sighting_surprise: float = 4.5
-    range_sd: float = 0.1
-    max_range_surprise: float = 3.0
+    sighting_gate: float = 4.5
+    range_sd_m: float = 0.1
+    range_gate: float = 3.0
     sonar_after_s: float = 1.0
 
 
@@ -79,66 +80,55 @@ class PublishedParameters(_Common):
 
     Attributes:
         window_s: Span of the stance detector's variances, s.
-        accel_spread: Amplitude σ̄_a by which the accelerometer's standard deviation is normalised, m/s².
-        gyro_spread: Amplitude σ̄_g of the gyro, rad/s.
+        accel_spread_mps2: Amplitude σ̄_a by which the accelerometer's standard deviation is normalised, m/s².
+        gyro_spread_radps: Amplitude σ̄_g of the gyro, rad/s.
         threshold: γ; the foot stands where the sum of the normalised variances is lower.
-        zero_velocity_sd: m/s.
-        relative_position_sd: What the heading that turns a relative position does to it, m, beside its own noise.
-        range_sd: Of a sonar's echo, m.
-        max_range_misfit: An echo farther off than this is of something else, m.
+        zero_velocity_sd_mps: m/s.
+        relative_position_sd_m: What the heading that turns a relative position does to it, m, beside its own noise.
+        range_sd_m: Of a sonar's echo, m.
+        max_range_misfit_m: An echo farther off than this is of something else, m.
     """
 
     window_s: float = 0.05
-    accel_spread: float = 0.0045
-    gyro_spread: float = 0.0017
+    accel_spread_mps2: float = 0.0045
+    gyro_spread_radps: float = 0.0017
     threshold: float = 1e4
-    zero_velocity_sd: float = 0.01
-    relative_position_sd: float = 0.015
-    range_sd: float = 0.03
-    max_range_misfit: float = 0.5
+    zero_velocity_sd_mps: float = 0.01
+    relative_position_sd_m: float = 0.015
+    range_sd_m: float = 0.03
+    max_range_misfit_m: float = 0.5
 
     @property
     def noise_of_the_calibration_alone(self) -> FootInsParameters:
         """The one-foot parameters without what they add to a sensor's data sheet."""
         return replace(
             self.foot,
-            gyro_noise=0.0,
-            gyro_limit_noise=0.0,
-            accel_noise=0.0,
-            accel_motion_noise=0.0,
-            accel_jerk_noise=0.0,
-            accel_limit_noise=0.0,
-            accel_extreme_noise=0.0,
-            gyro_bias_walk=0.0,
-            accel_bias_walk=0.0,
+            gyro_noise_radps_rthz=0.0,
+            gyro_limit_noise_radps_rthz=0.0,
+            accel_noise_mps2_rthz=0.0,
+            accel_motion_noise_per_rthz=0.0,
+            accel_jerk_noise_s_rthz=0.0,
+            accel_limit_noise_mps2_rthz=0.0,
+            accel_extreme_noise_mps2_rthz=0.0,
+            gyro_bias_walk_radps2_rthz=0.0,
+            accel_bias_walk_mps3_rthz=0.0,
         )
 
 
-class PairParameters(NamedTuple):
-    """Parameters of either method as the compiled kernel takes them; same names and units.
+if TYPE_CHECKING:
 
-    Those of the other method are 0.
-    """
+    class PairParameters(FootToFootParameters, PublishedParameters):
+        """The parameters of both methods."""
 
-    published: bool
-    max_delay_s: float
-    range_sd: float
-    camera_clock_walk: float = 0.0
-    sighting_correlation_s: float = 0.0
-    max_frame_s: float = 0.0
-    max_sighting_surprise: float = 0.0
-    max_range_surprise: float = 0.0
-    max_range_misfit: float = 0.0
-    sonar_after_s: float = 0.0
-    window_s: float = 0.0
-    accel_spread: float = 0.0
-    gyro_spread: float = 0.0
-    threshold: float = 0.0
-    zero_velocity_sd: float = 0.0
-    relative_position_sd: float = 0.0
+        published: bool = False
+else:
+    _NAMES = [f.name for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind) if f.name != "foot"]
+    PairParameters = namedtuple("PairParameters", ["published", *dict.fromkeys(_NAMES)])
+    PairParameters.__doc__ = """Parameters of either method as the compiled kernel takes them; 0 those of the other."""
 
 
 def for_kernel(parameters: FootToFootParameters | PublishedParameters) -> PairParameters:
-    """What the kernel is told."""
-    values = {name: getattr(parameters, name) for name in PairParameters._fields if hasattr(parameters, name)}
+    """What the kernel takes."""
+    own = {f.name: float(getattr(parameters, f.name)) for f in fields(parameters) if f.name != "foot"}
+    values = {f.name: 0.0 for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind)} | own
     return PairParameters(published=isinstance(parameters, PublishedParameters), **values)

@@ -49,7 +49,7 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
         squares += memory.ring[i] ** 2
         n += 1
     spread = squares / n - (total / n) ** 2
-    return spread[:3].sum() / parameters.gyro_spread**2 + spread[3:].sum() / parameters.accel_spread**2
+    return spread[:3].sum() / parameters.gyro_spread_radps**2 + spread[3:].sum() / parameters.accel_spread_mps2**2
 
 
 @njit(**INSIDE)
@@ -68,9 +68,9 @@ def published_step(
         h[:] = 0.0
         h[D_VELOCITY + i] = 1.0
         z = -memory.nominal[VELOCITY + i]
-        correct(memory.covariance, memory.error, memory.row, h, z, parameters.zero_velocity_sd**2)
+        correct(memory.covariance, memory.error, memory.row, h, z, parameters.zero_velocity_sd_mps**2)
     inject(memory)
-    return TRACKING, parameters.zero_velocity_sd
+    return TRACKING, parameters.zero_velocity_sd_mps
 
 
 @njit(**INSIDE)
@@ -100,8 +100,8 @@ def relate(
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.
     """
-    a = rewind(pair.feet[camera], foot.gravity, t_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[1 - camera], foot.gravity, t_ns, parameters.max_delay_s)
+    a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
     z = a.R @ p_other_in_imu - (b.p - a.p)
@@ -110,6 +110,6 @@ def relate(
         h[:] = 0.0
         h[STATES * (1 - camera) + D_POSITION + i] = 1.0
         h[STATES * camera + D_POSITION + i] = -1.0
-        correct(pair.covariance, pair.error, 0, h, z[i], sd**2 + parameters.relative_position_sd**2)
+        correct(pair.covariance, pair.error, 0, h, z[i], sd**2 + parameters.relative_position_sd_m**2)
     inject_all(pair)
     return math.sqrt(z @ z) / sd

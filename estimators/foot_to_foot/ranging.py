@@ -43,14 +43,14 @@ def hear(
     if not parameters.published and (t_ns - pair.seen.max()) * 1e-9 < parameters.sonar_after_s:
         return UNUSED
     other = 1 - sonar
-    a = rewind(pair.feet[sonar], foot.gravity, t_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[other], foot.gravity, t_ns, parameters.max_delay_s)
+    a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     arm_a, arm_b = a.R @ pair.sonars[sonar], b.R @ pair.echoes[other]
     d = b.p + arm_b - a.p - arm_a
     size = math.sqrt(d @ d)
     if not (a.known and b.known and size > 0.0):
         return UNUSED
-    to = np.ascontiguousarray((d / (size * parameters.range_sd)).reshape(1, 3))
+    to = np.ascontiguousarray((d / (size * parameters.range_sd_m)).reshape(1, 3))
     H = np.zeros((1, ALL_STATES))
     of_a, of_b = STATES * sonar, STATES * other
     H[:, of_a + D_POSITION : of_a + D_POSITION + 3] = -to
@@ -58,13 +58,13 @@ def hear(
     if not parameters.published:
         H[:, of_a + D_ATTITUDE : of_a + D_ATTITUDE + 3] = cross(to, arm_a)
         H[:, of_b + D_ATTITUDE : of_b + D_ATTITUDE + 3] = -cross(to, arm_b)
-    z = np.array([(distance - size) / parameters.range_sd])
+    z = np.array([(distance - size) / parameters.range_sd_m])
     length = surprise(pair.covariance, H, z)
     if parameters.published:
-        used, doubt = abs(distance - size) < parameters.max_range_misfit, 1.0
+        used, doubt = abs(distance - size) < parameters.max_range_misfit_m, 1.0
     else:
         echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.sighting_correlation_s)
-        used, doubt = length < parameters.max_range_surprise, math.sqrt(parameters.sighting_correlation_s / echo_s)
+        used, doubt = length < parameters.range_gate, math.sqrt(parameters.sighting_correlation_s / echo_s)
     if not used:
         return UNUSED
     pair.heard[sonar] = t_ns

@@ -100,7 +100,7 @@ def side_by_side(shoes: Shoes, parameters: FootToFootParameters | PublishedParam
         T = T_world_foot @ imu.mount.T_body_sensor
         q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
         guess = {} if foot == "l" else {
-            "position_sd": parameters.start_position_sd, "heading_sd": parameters.start_heading_sd
+            "position_sd": parameters.start_position_sd_m, "heading_sd": parameters.start_heading_sd_rad
         }  # fmt: skip
         start[foot] = StartPose(p_imu_in_world=T[:3, 3], q_world_imu=q, **guess)
     return start

@@ -67,18 +67,18 @@ def see(
         Length of the innovation in standard deviations, or UNUSED.
     """
     then_ns = t_ns + round(1e9 * pair.late[camera])
-    a = rewind(pair.feet[camera], foot.gravity, then_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[1 - camera], foot.gravity, then_ns, parameters.max_delay_s)
+    a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
     since_s = (t_ns - pair.seen[camera]) * 1e-9
-    walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk**2 * since_s
+    walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
     p, R, G = board_in_camera(pair, camera, a, b)
     by_clock = G[:, CLOCKS + camera]
     foretold = G @ pair.covariance @ G.T + walked * np.outer(by_clock, by_clock)
     m = len(points_in_board)
     # A turn of a foot since the exposure that its gyro got wrong shifts all points alike.
-    turned = foot.gyro_noise**2 * (abs(a.age) + abs(b.age))
+    turned = foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
     sd = np.sqrt(ray_sd**2 + m * turned)
     frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
     shared = math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
@@ -90,7 +90,7 @@ def see(
     length = surprise(pair.covariance, H, z)
     pair.nis[SIGHTINGS, 0] += surprise(pair.covariance, shared * H, shared * z) ** 2 / 6.0
     pair.nis[SIGHTINGS, 1] += 1.0
-    doubt = max(1.0, length / parameters.max_sighting_surprise)
+    doubt = max(1.0, length / parameters.sighting_gate)
     for i in range(6):
         correct(pair.covariance, pair.error, 0, H[i] / doubt, z[i] / doubt, 1.0)
     inject_all(pair)

@@ -12,17 +12,9 @@ from collections import deque
 
 import numpy as np
 
+from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 from stridetwin.estimators.terrain_map.poses import is_pose
 from stridetwin.streams.samples import Array, Odometry
-
-_KEPT_S = 2.0
-_PERIOD_S = 0.02
-_LOOK_S = 1.5
-_JUMP_M = 0.5
-_GAP_S = 1.0
-"""Without poses; those that come then may be in another frame."""
-_STALE_S = 0.2
-_TWIST_S = 0.1
 
 
 class Body:
@@ -31,14 +23,14 @@ class Body:
     Args:
         p_body_in_frame: (3,) m, the carrying body's origin in the frame whose poses come.
         R_frame_camera: (3, 3) the camera's optical frame in it.
-        still_m: Somebody who moved less within a stride goes where the camera looks.
+        parameters: One set serves everyone.
     """
 
-    def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, still_m: float) -> None:
+    def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, parameters: LocomotionModeParameters) -> None:
         self._p = p_body_in_frame
         self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # where the axis and the picture's top lead
-        self._still_m = still_m
-        self._history: deque[tuple[int, Array]] = deque(maxlen=round(_KEPT_S / _PERIOD_S) + 2)
+        self._parameters = p = parameters
+        self._history: deque[tuple[int, Array]] = deque(maxlen=round(p.kept_s / p.kept_period_s) + 2)
         self._look: Array | None = None
         self.t_ns = -1
         self.p = np.zeros(3)
@@ -55,23 +47,23 @@ class Body:
         place, forward = p + R @ self._p, (R @ self._ahead)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
         dt = (pose.t_ns - self.t_ns) * 1e-9
-        far = math.dist(place.tolist(), self.p.tolist()) > _JUMP_M + 5.0 * min(dt, 1.0)
-        jumped = self.t_ns >= 0 and (far or dt > _GAP_S)
+        far = math.dist(place.tolist(), self.p.tolist()) > self._parameters.jump_m + 5.0 * min(dt, 1.0)
+        jumped = self.t_ns >= 0 and (far or dt > self._parameters.max_gap_s)
         if jumped:
             self._history.clear()
             self._look = None
         if self._look is None:
             self._look = forward
-        share = min(1.0, dt / _LOOK_S)
+        share = min(1.0, dt / self._parameters.look_s)
         self._look = self._look + share * (forward - self._look)
         self.p, self.t_ns = place, pose.t_ns
-        if not self._history or pose.t_ns - self._history[-1][0] >= _PERIOD_S * 1e9:
+        if not self._history or pose.t_ns - self._history[-1][0] >= self._parameters.kept_period_s * 1e9:
             self._history.append((pose.t_ns, place))
         return jumped
 
     def known(self, t_ns: int) -> bool:
         """Whether a pose has come lately."""
-        return bool(self._history) and t_ns - self.t_ns < _STALE_S * 1e9
+        return bool(self._history) and t_ns - self.t_ns < self._parameters.stale_s * 1e9
 
     def before(self, seconds: float) -> Array:
         """(3,) m, where the body was so long ago, or at the oldest instant that is kept."""
@@ -87,14 +79,15 @@ class Body:
 
     def heading(self, stride_s: float) -> float:
         """Direction of the walk, rad from the world's x: the way of the last stride."""
-        way = (self.p - self.before(min(stride_s, _KEPT_S)))[:2]
+        way = (self.p - self.before(min(stride_s, self._parameters.kept_s)))[:2]
         look = np.zeros(2) if self._look is None else self._look
-        way = way + self._still_m * look / max(float(np.linalg.norm(look)), 1e-9)
+        way = way + self._parameters.still_m * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])
 
     def velocity(self) -> Array:
         """(3,) m/s, over the last tenth of a second."""
-        return (self.p - self.before(_TWIST_S)) / _TWIST_S
+        seconds = self._parameters.velocity_s
+        return (self.p - self.before(seconds)) / seconds
 
 
 def _matrix(w: float, x: float, y: float, z: float) -> Array:

@@ -16,13 +16,6 @@ from stridetwin.estimators.locomotion_mode.rollout import Chain, moments
 from stridetwin.estimators.terrain_map import Stairs, TerrainEstimate
 from stridetwin.streams.samples import Array
 
-_MATCH_M = 0.15
-_PARALLEL = 0.8
-_TREADS = 0.7
-"""Edges of one flight err alike: their distances are known that much better than the map tells of each edge."""
-_STRIPS = 2.0
-"""Treads down are seen as strips: their depth is known that much worse than of those up."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Found:
@@ -129,17 +122,19 @@ def _sizes(
     if mode not in ("SA", "SD"):
         return {}
     up = mode == "SA"
-    flight = _flight_at(estimate, place, line.forward, up)
+    flight = _flight_at(estimate, place, line.forward, up, p)
     if flight is None:
         return {"riser": piece.drop, "riser_sd": math.hypot(p.riser_sd_m, piece.drop_sd)}
     riser_sd, tread_sd = np.sqrt(np.diag(flight.covariance)[:2]).tolist()
     told = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, p.flight_riser_sd_m)}
     if flight.steps > 1:
-        told |= {"tread": flight.tread, "tread_sd": _TREADS * (1.0 if up else _STRIPS) * tread_sd}
+        told |= {"tread": flight.tread, "tread_sd": p.tread_sd_share * (1.0 if up else p.tread_down_factor) * tread_sd}
     return told
 
 
-def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
+def _flight_at(
+    estimate: TerrainEstimate, place: Array, forward: Array, up: bool, p: LocomotionModeParameters
+) -> Stairs | None:
     """The stairs with an edge at a place of the way.
 
     Args:
@@ -147,6 +142,7 @@ def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool
         place: (2,) m, where the way crosses the edge.
         forward: (2,) unit vector of the way.
         up: Whether the way leads up them.
+        p: Thresholds.
 
     Returns:
         The stairs with most steps that have one there.
@@ -154,10 +150,10 @@ def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool
     best: tuple[Stairs, float] | None = None
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)
-        if along < _PARALLEL:
+        if along < p.flight_cosine:
             continue
         away = np.abs(flight.edges - float(flight.up @ place))
         off = float(np.min(away[np.isfinite(away)], initial=math.inf))
-        if off < _MATCH_M and (best is None or flight.steps > best[0].steps):
+        if off < p.flight_match_m and (best is None or flight.steps > best[0].steps):
             best = flight, off
     return None if best is None else best[0]

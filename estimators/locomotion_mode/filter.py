@@ -23,6 +23,7 @@ from stridetwin.estimators.locomotion_mode.published import Division, WalkingInf
 from stridetwin.estimators.locomotion_mode.rhythm import Rhythm
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
+from stridetwin.estimators.methods import current_name
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.estimators.terrain_map.camera import camera_in_frame, depth_calibration
 from stridetwin.streams.errors import ConfigError
@@ -31,10 +32,6 @@ from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample
 
 METHODS = (PROPOSED, "published")
 INSOLES = ("/foot_l/insole", "/foot_r/insole")
-_USUAL_HEIGHT_M = 1.3
-"""Of neck and waist, where the ground is not known."""
-_TALLEST_M = 2.2
-_BACK_M = 2.4
 
 
 class LocomotionMode:
@@ -87,7 +84,7 @@ class LocomotionMode:
             ground = ground or TerrainMap(rig, options=options)
         else:
             deprecated("LocomotionMode(map, camera)", "LocomotionMode(rig, options=..., ground=map)")
-            ground, method = rig, method or PROPOSED
+            ground, method = rig, current_name(method or PROPOSED)
             T_frame_camera = np.eye(4) if mount is None else np.asarray(mount.T_body_sensor, float)
         assert camera is not None
         if method not in METHODS:
@@ -96,7 +93,7 @@ class LocomotionMode:
         self.ground, self.method = ground, method
         T_frame_body = T_frame_camera @ np.linalg.inv(camera.mount.T_body_sensor)
         followed = T_frame_body if method == PROPOSED else T_frame_camera
-        self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p.still_m)
+        self._body = Body(followed[:3, 3], T_frame_camera[:3, :3], p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._footing = Rhythm(p), Footing(p)
@@ -159,7 +156,8 @@ class LocomotionMode:
     def _body_height(self) -> float:
         """Of the body over the ground under it, m."""
         height = float(self._body.p[2]) - self._height(self._body.p[:2])
-        return height if 0.0 < height < _TALLEST_M else _USUAL_HEIGHT_M
+        p = self.parameters
+        return height if 0.0 < height < p.tallest_m else p.usual_height_m
 
     def _line(self) -> Line:
         heading = self._body.heading(2.0 * self._rhythm.step_s)
@@ -169,9 +167,9 @@ class LocomotionMode:
     def _profile(self, line: Line) -> Profile:
         """From farther back than the line: where a flight is hidden, what is known is where it began."""
         p, heading = self.parameters, math.atan2(line.forward[1], line.forward[0])
-        far = self.ground.profile(line.origin - _BACK_M * line.forward, heading, _BACK_M + p.behind_m + p.reach_m)
-        changes = tuple(replace(change, s=change.s - _BACK_M) for change in far.changes)
-        return replace(far, s=far.s - _BACK_M, changes=changes)
+        far = self.ground.profile(line.origin - p.back_m * line.forward, heading, p.back_m + p.behind_m + p.reach_m)
+        changes = tuple(replace(change, s=change.s - p.back_m) for change in far.changes)
+        return replace(far, s=far.s - p.back_m, changes=changes)
 
     def _ground_along(self, profile: Profile, line: Line) -> list[Piece]:
         """The pieces of a profile; where nobody has seen the ground ahead, as the legs felt it last."""
@@ -183,7 +181,7 @@ class LocomotionMode:
                 return going_on(step, foot, self.parameters)
         estimate = self.ground.estimate
         if estimate is not None:
-            self._stairs = seen_last(estimate, self._stairs)
+            self._stairs = seen_last(estimate, self._stairs, self.parameters)
         return pieces(profile, estimate, line.forward, self.parameters, self._stairs)
 
     def _predicted(self, t_ns: int) -> ModeEstimate:

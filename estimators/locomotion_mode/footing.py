@@ -19,16 +19,6 @@ from stridetwin.estimators.locomotion_mode.rhythm import Landing
 from stridetwin.estimators.locomotion_mode.rollout import Chain, moments, roll_out
 from stridetwin.streams.samples import Array
 
-_STANDING_SD_M, _WALKING_SD_M = 0.08, 0.25
-"""Of the first foot about the body, at the start and where all begins anew on the way."""
-_TURNED = 0.2
-"""Turn, rad, from which on the foot's place across the old way tells where it is along the new one."""
-_TURN_SD = 0.25
-"""Steps that turn by more, rad, are no measure of others."""
-_BESIDE_SD_M = 0.10
-"""Of the foot beside the body's way."""
-_USUAL_TOP_M, _TALL_SD_M = 1.3, 0.05
-"""Of the body over a foot, before any step; deviation with which it must be known to be of use."""
 _TOP_FLOOR = 1e-3
 """Of how well a place suits: people duck."""
 
@@ -53,13 +43,13 @@ class _Stance:
     s: Array
     density: Array
 
-    def along(self, line: Line, s: Array) -> Array:
+    def along(self, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
         """The density over the cells of another line."""
         turn = _turn(self.line.forward, line.forward)
-        if abs(turn) > _TURNED:
+        if abs(turn) > p.turned_rad:
             mean, sd = moments(self.density, self.s)
             at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
-            return _normed(_normal(s - at, math.hypot(math.cos(turn) * sd, math.sin(turn) * _BESIDE_SD_M)))
+            return _normed(_normal(s - at, math.hypot(math.cos(turn) * sd, math.sin(turn) * p.beside_sd_m)))
         old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
         density = np.interp(old, self.s, self.density, left=0.0, right=0.0)
         return _normed(density)
@@ -97,17 +87,17 @@ class Footing:
     def __init__(self, parameters: LocomotionModeParameters) -> None:
         self._p = p = parameters
         self.s: Array = np.asarray(p.grid_m * (np.arange(round((p.behind_m + p.reach_m) / p.grid_m)) + 0.5), float)
-        self.begin(_STANDING_SD_M)
+        self.begin(p.standing_sd_m)
 
-    def begin(self, sd_m: float = _WALKING_SD_M) -> None:
+    def begin(self, sd_m: float | None = None) -> None:
         """Nothing is known of the walker; where the foot stands only by the body."""
         p = self._p
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares))
-        self._tall = StepFilter(_USUAL_TOP_M, _USUAL_TOP_M, 1e-3, 0.005, 0.01)  # top of the body over a foot, m
+        self._tall = StepFilter(p.usual_height_m, p.usual_height_m, 1e-3, 0.005, 0.01)  # top of the body over a foot, m
         self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise)
         self._stance: _Stance | None = None
-        self._sd_m = sd_m
+        self._sd_m = p.walking_sd_m if sd_m is None else sd_m
         self._alike = 0  # steps in a row on ground of one mode
         self._landed: _Landed | None = None
         self.felt: Felt | None = None  # the last step as the legs felt it
@@ -115,7 +105,7 @@ class Footing:
 
     def lose(self) -> None:
         """A foot has landed where nobody knows."""
-        self._stance, self._sd_m, self._alike = None, _WALKING_SD_M, 0
+        self._stance, self._sd_m, self._alike = None, self._p.walking_sd_m, 0
 
     @property
     def step_m(self) -> float:
@@ -132,7 +122,7 @@ class Footing:
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - self._p.behind_m) / self._sd_m) ** 2)
             return np.asarray(density / density.sum())
-        return self._stance.along(line, self.s)
+        return self._stance.along(line, self.s, self._p)
 
     def stood(self, stance: Array, height: Array | None, top: float) -> Array:
         """(S,) density of the standing foot, once the body has passed over it: it is a leg's length below its top.
@@ -143,7 +133,7 @@ class Footing:
             top: Greatest height of the body over the foot, m.
         """
         sd = math.hypot(self._p.top_sd_m, self._tall.sd)
-        if height is None or sd > _TALL_SD_M:
+        if height is None or sd > self._p.height_sd_m:
             return stance
         density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + _TOP_FLOOR)
         return np.asarray(density / density.sum())
@@ -185,7 +175,7 @@ class Footing:
         self._stance = _Stance(line=line, s=self.s, density=chain.density[-1])
         self._landed = None
         if landing.after:
-            straight = 1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / _TURN_SD) ** 2)
+            straight = 1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / self._p.turn_sd_rad) ** 2)
             self._learn(landing.feet[-1], self._stance, stance, chain, ground, straight, went_m)
             if self._alike > 1 and math.isfinite(floor):
                 self._tall.update(0.0, top - floor)

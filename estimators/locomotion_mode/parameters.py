@@ -65,6 +65,46 @@ class LocomotionModeParameters:
         behind_m: How far behind the body the density begins.
         reach_m: How far ahead of it it ends.
         still_m: Somebody who moved less within a stride goes where the camera looks.
+        kept_s: Time for which the body's positions are kept.
+        kept_period_s: Time between those.
+        look_s: Time constant of the direction in which the camera looks.
+        jump_m: Poses further apart have jumped.
+        max_gap_s: Poses that come again after longer may be in another frame.
+        stale_s: A pose older than this says nothing of now.
+        velocity_s: Span over which the velocity is taken.
+        usual_height_m: Of neck and waist over the ground, where it is not known.
+        tallest_m: No camera is worn higher.
+        back_m: How far behind the body ground is looked up.
+        standing_sd_m: Of the first foot about the body, at the start.
+        walking_sd_m: The same where all begins anew on the way.
+        turned_rad: From this turn on the foot's place across the old way says where it is along the new one.
+        turn_sd_rad: Steps that turn by more are no measure of others.
+        beside_sd_m: Of the foot beside the body's way.
+        height_sd_m: Deviation with which the body's height must be known to be of use.
+        missed_steps: Step times after which a foot that touches down again has left out a step of the other.
+        bounce_share: Share of a step time within which a touch-down is a bounce.
+        over_foot_share: Share of a step time after which the body has passed over the foot.
+        pause_steps: Usual step times after which a touch-down says nothing of the rhythm.
+        longest_step_m: No step is longer.
+        force_max_n: A larger load counts as lost.
+        forget_s: Time after which the largest load of an insole is forgotten.
+        flight_match_m: An edge this near to an edge of a flight belongs to it.
+        flight_cosine: Least cosine between the way and the direction of a flight.
+        tread_sd_share: Edges of one flight share their error: their distances are known better by this factor.
+        tread_down_factor: Treads down are seen as strips: their depth is known worse by this factor.
+        significant_sd: Deviations beyond which a slope is one.
+        hidden_riser_sd: Share by which risers that were not seen may differ from usual ones.
+        hidden_tread_sd: The same of treads.
+        alike_riser_sd: The same of risers of stairs that are like those seen last.
+        alike_tread_sd: And of their treads.
+        alike_fall_m: By how much a fall may differ from so many risers of those.
+        known_riser_sd_m: Deviation below which a riser is known well.
+        known_tread_sd_m: The same of a tread.
+        under_m: Ground that is seen only from so far before the body on begins there.
+        begin_sd_m: Deviation of where.
+        hidden_per_sd: Length of what is hidden behind an edge over the deviation of the edge in the map.
+
+    From `kept_s` on all are hand-chosen on tuning seeds, below 1000.
     """
 
     lift_n: float = 12.0
@@ -118,6 +158,44 @@ class LocomotionModeParameters:
     behind_m: float = 1.2
     reach_m: float = 3.6
     still_m: float = 0.15
+    kept_s: float = 2.0
+    kept_period_s: float = 0.02
+    look_s: float = 1.5
+    jump_m: float = 0.5
+    max_gap_s: float = 1.0
+    stale_s: float = 0.2
+    velocity_s: float = 0.1
+    usual_height_m: float = 1.3
+    tallest_m: float = 2.2
+    back_m: float = 2.4
+    standing_sd_m: float = 0.08
+    walking_sd_m: float = 0.25
+    turned_rad: float = 0.2
+    turn_sd_rad: float = 0.25
+    beside_sd_m: float = 0.10
+    height_sd_m: float = 0.05
+    missed_steps: float = 1.4
+    bounce_share: float = 0.6
+    over_foot_share: float = 0.6
+    pause_steps: float = 3.0
+    longest_step_m: float = 1.35
+    force_max_n: float = 5000.0
+    forget_s: float = 5.0
+    flight_match_m: float = 0.15
+    flight_cosine: float = 0.8
+    tread_sd_share: float = 0.7
+    tread_down_factor: float = 2.0
+    significant_sd: float = 3.0
+    hidden_riser_sd: float = 0.40
+    hidden_tread_sd: float = 0.15
+    alike_riser_sd: float = 0.05
+    alike_tread_sd: float = 0.05
+    alike_fall_m: float = 0.03
+    known_riser_sd_m: float = 0.01
+    known_tread_sd_m: float = 0.03
+    under_m: float = 0.5
+    begin_sd_m: float = 0.1
+    hidden_per_sd: float = 4.0
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number above 0, or two of them exclude each other."""

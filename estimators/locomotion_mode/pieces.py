@@ -17,20 +17,6 @@ from stridetwin.streams.samples import Array
 
 _MOST = 10
 """Pieces; what lies beyond is left out."""
-_SIGNIFICANT = 3.0
-"""Deviations beyond which a slope is one."""
-_HIDDEN_SD = 0.40, 0.15
-"""Share by which risers and treads that were not seen may differ from usual ones."""
-_ALIKE_SD = 0.05, 0.05
-"""The same of those that are like the stairs that were seen last."""
-_ALIKE_M = 0.03
-"""By how much a fall may differ from so many risers of those."""
-_KNOWN_RISER_M, _KNOWN_TREAD_M = 0.01, 0.03
-"""Deviations below which stairs are known well."""
-_UNDER_M, _BEGIN_SD_M = 0.5, 0.1
-"""Ground that is seen from so far before the body on begins there; deviation of where."""
-_GAP_SD = 4.0
-"""Length of what is hidden behind an edge over the deviation that the map tells of the edge."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,9 +64,9 @@ class Flight:
     tread: float
 
 
-def seen_last(estimate: TerrainEstimate, before: Flight | None) -> Flight | None:
+def seen_last(estimate: TerrainEstimate, before: Flight | None, p: LocomotionModeParameters) -> Flight | None:
     """Of the stairs that are known well those with most steps; where there are none, as before."""
-    most = np.array([_KNOWN_RISER_M, _KNOWN_TREAD_M]) ** 2
+    most = np.array([p.known_riser_sd_m, p.known_tread_sd_m]) ** 2
     known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
     if not known:
         return before
@@ -104,8 +90,8 @@ def pieces(
     changes, until = _walked(_whole_treads(_over(profile.changes, p), p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
     seen = profile.s[profile.plane >= 0]
-    if len(seen) and seen[0] > p.behind_m + _UNDER_M:  # what is seen afar says nothing of the slope under the feet
-        bounds.append(_Bound(float(seen[0]), _BEGIN_SD_M, 0.0))
+    if len(seen) and seen[0] > p.behind_m + p.under_m:  # what is seen afar says nothing of the slope under the feet
+        bounds.append(_Bound(float(seen[0]), p.begin_sd_m, 0.0))
     for change in changes:
         bounds += _bounds(change, usual, p)
     first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
@@ -169,7 +155,7 @@ def _walked(
 def _blocks(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters) -> bool:
     """Whether an edge is none of stairs: higher than a riser and no flight goes on there, or too steep a fall."""
     if change.drop <= 0.0:
-        return -change.drop > p.riser_max_m * (1.0 + _GAP_SD * change.sd / p.tread_min_m)
+        return -change.drop > p.riser_max_m * (1.0 + p.hidden_per_sd * change.sd / p.tread_min_m)
     if change.drop <= p.riser_max_m:
         return False
     beyond = profile.plane[(profile.s > change.s) & (profile.plane >= 0)]
@@ -201,7 +187,7 @@ def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -
     """
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
-    hidden = _GAP_SD * change.sd
+    hidden = p.hidden_per_sd * change.sd
     riser, tread, riser_sd, tread_sd = _hidden_steps(-change.drop, usual, p)
     count = round(-change.drop / riser)
     sd = min(change.sd, p.brink_sd_m)
@@ -222,9 +208,9 @@ def _hidden_steps(fall: float, usual: Flight | None, p: LocomotionModeParameters
 
     As those seen last, where so many of them make the fall; else as they are anywhere.
     """
-    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < _ALIKE_M:
-        return usual.riser, usual.tread, *_ALIKE_SD
-    return p.riser_m, p.tread_m, *_HIDDEN_SD
+    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < p.alike_fall_m:
+        return usual.riser, usual.tread, p.alike_riser_sd, p.alike_tread_sd
+    return p.riser_m, p.tread_m, p.hidden_riser_sd, p.hidden_tread_sd
 
 
 def _slope(
@@ -239,7 +225,7 @@ def _slope(
         return 0.0, p.flat_sd_rad
     plane = planes[int(np.bincount(known).argmax())]
     slope, sd = math.atan(float(plane.gradient @ forward)), math.hypot(p.slope_sd_rad, plane.slope_sd)
-    if isinstance(estimate.terrain_of(plane.id), Ramp) or abs(slope) > _SIGNIFICANT * math.hypot(sd, p.flat_sd_rad):
+    if isinstance(estimate.terrain_of(plane.id), Ramp) or abs(slope) > p.significant_sd * math.hypot(sd, p.flat_sd_rad):
         return slope, sd
     share = p.flat_sd_rad**2 / (p.flat_sd_rad**2 + sd**2)
     return share * slope, math.sqrt(share) * sd

@@ -12,12 +12,6 @@ from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParam
 _OTHER = {"l": "r", "r": "l", "": ""}
 SOON_S = 0.05
 """No coming step is told to land sooner."""
-_MISSED = 1.4
-"""Step times after which a foot that touches down again has left out a step of the other."""
-_BOUNCE = 0.6
-_PASSED = 0.6
-_PAUSE = 3.0
-"""Usual step times after which a touch-down says nothing of the rhythm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +55,7 @@ class Rhythm:
 
     def over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the standing foot by now."""
-        return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _PASSED * self._time.mean
+        return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > self._p.over_foot_share * self._time.mean
 
     def land(self, foot: str, t_ns: int, heard: bool) -> Landing | None:
         """A foot touches down.
@@ -78,9 +72,9 @@ class Rhythm:
         if heard and foot == self._silent:
             self._silent = ""
         if foot == self.foot:
-            if elapsed < _BOUNCE * self._time.mean:
+            if elapsed < self._p.bounce_share * self._time.mean:
                 return None
-            missed = elapsed > _MISSED * self._time.mean
+            missed = elapsed > self._p.missed_steps * self._time.mean
         if missed:
             self._silent = _OTHER[foot]
         first = self.down_ns < 0
@@ -88,7 +82,7 @@ class Rhythm:
         if heard:
             since, steps = (self._heard_ns, 2) if self._guessed else (self.down_ns, 1 + missed)
             seconds = (t_ns - since) * 1e-9
-            if not first and seconds < _PAUSE * self._p.step_s:
+            if not first and seconds < self._p.pause_steps * self._p.step_s:
                 self._time.update(SIDE["" if self._guessed else foot], seconds / steps)
             self._heard_ns = t_ns
         self._guessed = not heard

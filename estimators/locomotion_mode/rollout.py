@@ -31,8 +31,6 @@ _LEAST = 1e-10
 """Density that is not followed any further."""
 _TAIL = 8.0
 """Deviations beyond which a density is none: there it is far below `_LEAST`."""
-_LONGEST_M = 1.35
-"""No step is longer."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +75,7 @@ def roll_out(
     over = np.where(ahead & (between > 0), p.skip ** np.maximum(between - 1, 0), 0.0)
     level, unsure = stretch(ground, s, ratios)
     shifts = length_sd * _NODES
-    band = round(_LONGEST_M / (s[1] - s[0]))
+    band = round(p.longest_step_m / (s[1] - s[0]))
     kinds = list(dict.fromkeys(lengths))
     kind = np.array([kinds.index(length) for length in lengths])
     made = [_kernels(s, level, unsure, length, shifts, band, p) for length in kinds]

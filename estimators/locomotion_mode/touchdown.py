@@ -9,9 +9,6 @@ from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParam
 from stridetwin.streams.samples import Insole
 
 FEET = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
-_FORCE_MAX = 5000.0
-_FORGET_S = 5.0
-"""After which the most that an insole told is forgotten."""
 
 
 @dataclass
@@ -43,12 +40,12 @@ class TouchDowns:
         """The foot that has touched down with this sample, else None."""
         foot = self._feet.get(FEET.get(sample.topic, ""))
         load = float(sample.force.sum())
-        if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < _FORCE_MAX:
+        if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < self._p.force_max_n:
             return None
         dt = (sample.t_ns - foot.t_ns) * 1e-9 if foot.t_ns >= 0 else 0.0
         foot.t_ns = sample.t_ns
         foot.least = min(load, foot.least + self._p.creep_nps * dt)
-        foot.most = max(load, foot.most * math.exp(-dt / _FORGET_S))
+        foot.most = max(load, foot.most * math.exp(-dt / self._p.forget_s))
         over = load - foot.least
         if foot.down:
             if over < self._p.lift_n or load < self._p.lift_share * foot.most:

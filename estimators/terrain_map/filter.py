@@ -27,11 +27,7 @@ from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 
 _VIEW = 208
 """Columns along the edge of the view from above."""
-_BELOW_M = 1.5
-"""How far under the camera the middle of the window lies."""
 _NEVER_NS = -(10**18)
-_STALE_NS = 1_000_000_000
-_FEWEST_PIXELS = 500
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
 _SMOOTHED = 4
 """Pixels of the camera's picture to one of the smoothed one."""
@@ -110,7 +106,7 @@ class TerrainMap:
             return None
         self._last_ns = sample.t_ns
         depth, count = self._camera.rectified(sample.depth, self.parameters)
-        if count < _FEWEST_PIXELS:
+        if count < self.parameters.pixels_min:
             return None
         T_world_camera = T_world_frame @ self._T_frame_camera
         T_grid_camera = self._take(sample.t_ns, depth, T_world_camera)
@@ -141,7 +137,7 @@ class TerrainMap:
 
     def heights(self, xy: Array) -> Array:
         """(N,) m, height of the ground at (N, 2) places of the world as the map saw it; NaN where it did not."""
-        columns = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_m).astype(np.int64)
+        columns = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_size_m).astype(np.int64)
         return self._planes.surface.at(columns)[1].astype(float)
 
     def profile(self, origin: Array, heading: float, length_m: float = 4.0) -> Profile:
@@ -161,7 +157,7 @@ class TerrainMap:
         """
         if self._estimate is None:
             return None
-        column = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_m).astype(np.int64)
+        column = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_size_m).astype(np.int64)
         slots = self._planes.surface.at(column + _AROUND)[0]
         if not (slots >= 0).any():
             return None
@@ -176,7 +172,7 @@ class TerrainMap:
         shift = np.array([0.0, 0.0, 1.0, 1.0]) * (_SMOOTHED - 1) / 2
         p = self.parameters
         return from_camera(
-            self._blocks, (self._camera.intrinsics - shift) / _SMOOTHED, shape, self._T_grid_camera, p.voxel_m,
+            self._blocks, (self._camera.intrinsics - shift) / _SMOOTHED, shape, self._T_grid_camera, p.voxel_size_m,
             p.range_max_m,
         )  # fmt: skip
 
@@ -186,7 +182,7 @@ class TerrainMap:
         i, j = np.nonzero(np.isfinite(surface.height))
         columns = np.column_stack([i, j])
         columns = surface.origin + (columns - surface.origin) % len(surface.label)
-        points = np.column_stack([(columns + 0.5) * self.parameters.voxel_m, surface.height[i, j]])
+        points = np.column_stack([(columns + 0.5) * self.parameters.voxel_size_m, surface.height[i, j]])
         label = surface.label[i, j]
         return points @ self._R_world_grid.T, np.where(label >= 0, self._planes.ids[label], -1)
 
@@ -197,14 +193,14 @@ class TerrainMap:
         T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]
         self._T_grid_camera = T_grid_camera
         eye = T_grid_camera[:3, 3]
-        block_m = EDGE * p.voxel_m
-        roll(blocks, eye - np.array([0.0, 0.0, _BELOW_M]), block_m, t_ns - _STALE_NS)
+        block_m = EDGE * p.voxel_size_m
+        roll(blocks, eye - np.array([0.0, 0.0, p.below_m]), block_m, t_ns - round(p.stale_s * 1e9))
         self._planes.surface.move(blocks.origin[:2] * EDGE)
         clean = without_outlines(depth, p.outline_share, camera.pixels(p.outline_px))
         top_m = float(eye[2]) + p.headroom_m
-        touch(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_m, p.truncation_m, top_m, t_ns)
+        touch(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns)
         integrate(
-            blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_m,
+            blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_size_m,
             p.truncation_m, p.weight_max, p.depth_noise_per_m,
         )  # fmt: skip
         return T_grid_camera
@@ -214,10 +210,13 @@ class TerrainMap:
         p, blocks, eye = self.parameters, self._blocks, T_grid_camera[:3, 3]
         self._looked_ns = t_ns
         first = self._view_corner(T_grid_camera)
-        height, weight = from_above(blocks, first[0], first[1], _VIEW, math.floor(eye[2] / p.voxel_m), p.voxel_m)
+        height, weight = from_above(
+            blocks, first[0], first[1], _VIEW, math.floor(eye[2] / p.voxel_size_m), p.voxel_size_m
+        )
         noise = well_seen(height, weight, float(eye[2]), p.plane_noise_m / 3, p.plane_noise_m, p.depth_noise_per_m)
-        fewest = round(p.strip_area_m2 / p.voxel_m**2)
-        labels, sums = patches(height, noise, first.astype(float) * p.voxel_m, p.voxel_m, p.ramp_rad, fewest)
+        fewest = round(p.strip_area_m2 / p.voxel_size_m**2)
+        corner = first.astype(float) * p.voxel_size_m
+        labels, sums = patches(height, noise, corner, p.voxel_size_m, p.ramp_rad, fewest, p.cell_angle_rad)
         self._planes.update(first, labels, sums, height, noise)
         planes = self._planes.planes(self._R_world_grid)
         self._estimate = TerrainEstimate(
@@ -230,7 +229,7 @@ class TerrainMap:
         p = self.parameters
         ahead = T_grid_camera[:2, 2] - T_grid_camera[:2, 1]
         ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-        middle = (T_grid_camera[:2, 3] + p.ahead_m * ahead) / p.voxel_m
+        middle = (T_grid_camera[:2, 3] + p.ahead_m * ahead) / p.voxel_size_m
         return (np.floor(middle / EDGE).astype(np.int64) - _VIEW // EDGE // 2) * EDGE
 
     def _forget(self) -> None:

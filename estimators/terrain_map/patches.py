@@ -18,7 +18,6 @@ _HERE = Path(__file__).parent
 
 CELL = 4
 """Columns along the edge of a cell: 8 cm, a third of the shortest tread."""
-_ANGLE = math.radians(7.0)
 _CELLS = 4
 """Fewest cells of a long plane."""
 _SIGMAS = 3.0
@@ -29,7 +28,7 @@ Heights = NDArray[np.float32]
 
 
 def patches(
-    height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int
+    height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int, angle: float
 ) -> tuple[Labels, Array]:
     """Planes of the ground seen from above.
 
@@ -40,6 +39,7 @@ def patches(
         voxel_m: Edge of a column.
         steepest: Steeper planes are no ground, rad.
         fewest: Columns of the smallest strip.
+        angle: Neighbouring cells of one plane differ by less in direction, rad.
 
     Returns:
         (n, n) number of each column's plane, -1 where there is none; and (P, 11) sums over each plane's columns.
@@ -47,7 +47,7 @@ def patches(
     along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
     places = (along[:, None] + corner).astype(np.float32)
     found = cell_sums(places, height, noise, CELL)
-    roots = cluster(found, _ANGLE)
+    roots = cluster(found, angle)
     return _label(places, height, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,12 +12,6 @@ from stridetwin.estimators.terrain_map.surface import NONE, Surface, forget, ove
 from stridetwin.streams.samples import Array
 
 SLOTS = 256
-_SLOPE_SD = math.radians(6.0)
-_ALIKE = 16.0
-"""Columns that share their error: what one pixel's neighbourhood, and one pose, do to them."""
-_SAME_IOU = 0.3
-_INSIDE = 0.6
-_APART = 1.5
 
 
 class PlaneSet:
@@ -36,7 +28,7 @@ class PlaneSet:
 
     def __init__(self, parameters: TerrainMapParameters) -> None:
         self._p = parameters
-        self._fewest = round(parameters.strip_area_m2 / parameters.voxel_m**2)
+        self._fewest = round(parameters.strip_area_m2 / parameters.voxel_size_m**2)
         self.surface = Surface()
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
@@ -75,7 +67,7 @@ class PlaneSet:
     def refit(self) -> None:
         """Sums over each plane's columns; a plane without enough of them goes."""
         s = self.surface
-        self._sums = sums_of(s.label, s.height, s.noise, s.origin, SLOTS, self._p.voxel_m)
+        self._sums = sums_of(s.label, s.height, s.noise, s.origin, SLOTS, self._p.voxel_size_m)
         few = (self.ids >= 0) & (self._sums[:, 0] < self._fewest)
         self._remove(np.flatnonzero(few))
 
@@ -101,11 +93,14 @@ class PlaneSet:
         """The planes of these slots by id."""
         sums = self._sums[slots]
         centres, slopes, covariances, spreads = turned(
-            *height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _ALIKE, _SLOPE_SD), R_world_grid
+            *height_planes(
+                sums, self._p.plane_sd_m, self._p.slope_sd_rad, self._p.shared_columns, self._p.slope_prior_sd_rad
+            ),
+            R_world_grid,
         )
         normals = np.column_stack([-slopes, np.ones(len(slots))])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
-        ids, votes, areas = self.ids[slots].tolist(), self.votes[slots].tolist(), sums[:, 0] * self._p.voxel_m**2
+        ids, votes, areas = self.ids[slots].tolist(), self.votes[slots].tolist(), sums[:, 0] * self._p.voxel_size_m**2
         return {
             id_: Plane(
                 id=id_, centre=centres[n], normal=normals[n], spread=spreads[n], area_m2=area, votes=votes[n],
@@ -121,7 +116,9 @@ class PlaneSet:
         new, old = np.nonzero(common)
         shared = common[new, old]
         union, smaller = sizes[new] + in_scope[old] - shared, np.minimum(sizes[new], in_scope[old])
-        alike = np.flatnonzero((shared > _SAME_IOU * union) | (shared > _INSIDE * np.maximum(smaller, 1)))
+        alike = np.flatnonzero(
+            (shared > self._p.same_iou * union) | (shared > self._p.inside_share * np.maximum(smaller, 1))
+        )
         for n in alike[np.argsort(-shared[alike], kind="stable")]:
             if slots[new[n]] == NONE and self._agrees(sums[new[n]], int(old[n])):
                 slots[new[n]] = old[n]
@@ -140,8 +137,10 @@ class PlaneSet:
     def _agrees(self, new: Array, slot: int) -> bool:
         """Whether a new plane lies on the old one, all over it, by its sums."""
         p = self._p
-        off = off_height_plane(new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, _ALIKE, _SLOPE_SD)
-        return off < (_APART * p.plane_noise_m) ** 2
+        off = off_height_plane(
+            new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, p.shared_columns, p.slope_prior_sd_rad
+        )
+        return off < (p.apart * p.plane_noise_m) ** 2
 
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
         """A pair votes for the plane, a plane that was in view without one against it."""

@@ -24,15 +24,6 @@ _LANES = np.arange(-0.24, 0.25, 0.04)
 _LEAST_LANES = 4
 _SHORTEST = 3
 """Fewest steps of a plane that counts."""
-_UNEVEN_M, _UNEVEN_RISER_M = 0.06, 0.03
-"""How far edges and risers of one flight may lie off even ones."""
-_EVEN_SD_M = 0.015
-"""Deviation of an edge that was taken from the others of its flight."""
-_GAP_M = 0.05
-"""How far it may lie outside of where nothing is seen."""
-_EDGE_M = 0.04
-"""Jumps below this are none."""
-_KNEE = math.radians(4.0)
 
 
 def profile(
@@ -57,7 +48,13 @@ def profile(
     forward = np.array([math.cos(heading), math.sin(heading)])
     surface, turn = planes.surface, R_world_grid[:2, :2]
     slot, middle = _lanes(
-        surface.label, surface.height, surface.origin, origin @ turn / p.voxel_m, forward @ turn / p.voxel_m, s, _LANES
+        surface.label,
+        surface.height,
+        surface.origin,
+        origin @ turn / p.voxel_size_m,
+        forward @ turn / p.voxel_size_m,
+        s,
+        _LANES,
     )
     plane = np.where(slot >= 0, planes.ids[slot], -1)
     for id_ in _there(plane):
@@ -159,23 +156,23 @@ def _edge_or_knee(
     if is_flat(one, p) and is_flat(other, p):
         x, y = place.tolist()
         drop, bend = other.seen_height(x, y) - one.seen_height(x, y), 0.0
-    if abs(bend) > _KNEE and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
+    if abs(bend) > p.knee_rad and abs(drop) < abs(slopes[1] - slopes[0]) * (abs(start - end) / 2 + 0.15):
         s = middle - drop / (slopes[1] - slopes[0])
         place = origin + s * forward
         sd = math.hypot(_own_sd(one, place, p), _own_sd(other, place, p)) / abs(slopes[1] - slopes[0])
         return Change(kind="knee", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
-    if abs(drop) < _EDGE_M:
+    if abs(drop) < p.edge_m:
         return None
     for flight in estimate.stairs:
-        known = _in_flight(flight, one.id, other.id, origin, forward)
+        known = _in_flight(flight, one.id, other.id, origin, forward, p)
         if known is None:
-            known = _next_to_flight(flight, one.id, other.id, drop, origin, forward)
-            if known is not None and not end - _GAP_M < known[0] < start + _GAP_M:
+            known = _next_to_flight(flight, one.id, other.id, drop, origin, forward, p)
+            if known is not None and not end - p.gap_m < known[0] < start + p.gap_m:
                 known = None
         if known is not None:
             return Change(kind="edge", s=known[0], sd=known[1], drop=drop, bend=0.0)
-    s = end + p.voxel_m / 2 if drop < 0 else start - p.voxel_m / 2
-    return Change(kind="edge", s=s, sd=max(abs(start - end) / 4, p.voxel_m / 2), drop=drop, bend=0.0)
+    s = end + p.voxel_size_m / 2 if drop < 0 else start - p.voxel_size_m / 2
+    return Change(kind="edge", s=s, sd=max(abs(start - end) / 4, p.voxel_size_m / 2), drop=drop, bend=0.0)
 
 
 def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
@@ -185,7 +182,9 @@ def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
     return math.sqrt(max(float(j @ (plane.covariance - shared) @ j), 0.0))
 
 
-def _in_flight(flight: Stairs, one: int, other: int, origin: Array, forward: Array) -> tuple[float, float] | None:
+def _in_flight(
+    flight: Stairs, one: int, other: int, origin: Array, forward: Array, p: TerrainMapParameters
+) -> tuple[float, float] | None:
     """Where a line crosses the edge between two planes of a flight, m along it, and its standard deviation.
 
     The edge lies where it was found; but a leg that stands before one edge hides it: where it lies far off those of the
@@ -194,25 +193,25 @@ def _in_flight(flight: Stairs, one: int, other: int, origin: Array, forward: Arr
     for k in range(flight.steps):
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
             even = flight.start + k * flight.tread
-            if flight.steps > 2 and abs(float(flight.edges[k]) - even) > _UNEVEN_M:
-                return _crossing(flight, even, _EVEN_SD_M, origin, forward)
+            if flight.steps > 2 and abs(float(flight.edges[k]) - even) > p.uneven_m:
+                return _crossing(flight, even, p.even_sd_m, origin, forward)
             sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), 0.005)
             return _crossing(flight, float(flight.edges[k]), sd, origin, forward)
     return None
 
 
 def _next_to_flight(
-    flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array
+    flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array, p: TerrainMapParameters
 ) -> tuple[float, float] | None:
     """The same of the edge a step beyond either end of a flight: where a riser more was seen, but not where it lies."""
-    if flight.steps < 2 or abs(abs(drop) - flight.riser) > _UNEVEN_RISER_M:
+    if flight.steps < 2 or abs(abs(drop) - flight.riser) > p.uneven_riser_m:
         return None
     climbs = drop * float(flight.up @ forward) > 0.0
     upper, lower = (other, one) if drop > 0.0 else (one, other)
     if climbs and lower == flight.planes[-1]:
-        return _crossing(flight, flight.start + flight.steps * flight.tread, _EVEN_SD_M, origin, forward)
+        return _crossing(flight, flight.start + flight.steps * flight.tread, p.even_sd_m, origin, forward)
     if climbs and upper == flight.planes[0]:
-        return _crossing(flight, flight.start - flight.tread, _EVEN_SD_M, origin, forward)
+        return _crossing(flight, flight.start - flight.tread, p.even_sd_m, origin, forward)
     return None
 
 

@@ -18,7 +18,6 @@ from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
-_PARALLEL = math.radians(20.0)
 _UNKNOWN = math.inf
 _PLACES = (3, 1, 2)
 """Of start, tread and turn in the covariance of `Stairs`."""
@@ -58,7 +57,7 @@ def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
     (x, y), (to_x, to_y), (down_x, down_y) = one.middle, other.middle, one.down.tolist()
     tread = (x - to_x) * down_x + (y - to_y) * down_y
-    return angle_between(one.down, other.down) < _PARALLEL and p.tread_min_m <= tread <= p.tread_max_m
+    return angle_between(one.down, other.down) < p.parallel_rad and p.tread_min_m <= tread <= p.tread_max_m
 
 
 def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
@@ -73,10 +72,10 @@ def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapPa
     up = -heading_of(row)
     points = np.concatenate([r.points for r in row])
     counts = np.array([len(r.points) for r in row])
-    sd = np.array([p.edge_sd_m if r.found else 2.0 * p.voxel_m for r in row])
+    sd = np.array([p.edge_sd_m if r.found else 2.0 * p.voxel_size_m for r in row])
     ground = [planes[row[0].lower], *(planes[r.upper] for r in row)]
     told, covariance, edges, across = _flight(
-        points, counts, sd, up, (0.25 * p.voxel_m) ** 2, np.array([q.centre for q in ground]),
+        points, counts, sd, up, (0.25 * p.voxel_size_m) ** 2, np.array([q.centre for q in ground]),
         np.array([q.gradient for q in ground]), np.array([q.spread for q in ground]),
         np.array([q.covariance for q in ground]),
     )  # fmt: skip

@@ -17,12 +17,6 @@ from stridetwin.estimators.terrain_map.stairs import flights, stairs
 from stridetwin.estimators.terrain_map.surface import borders
 from stridetwin.streams.samples import Array
 
-_HIDDEN_M = 0.30
-"""Ground that a riser may hide from the camera."""
-_SIGNIFICANT = 2.0
-_KERB_M = 0.04
-"""What rises by less from side to side is no ramp."""
-
 
 class _Known(NamedTuple):
     lower: Plane
@@ -37,9 +31,9 @@ def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
     A tread's two sides are seen at different times: where the poses are corrected in between, it slopes by as much as
     they were, which makes no ramp of it.
     """
-    if plane.slope < p.flat_rad + min(_SIGNIFICANT * plane.slope_sd, 2.0 * p.flat_rad):
+    if plane.slope < p.flat_rad + min(p.significant_sd * plane.slope_sd, 2.0 * p.flat_rad):
         return True
-    return plane.slope < 2.0 * p.flat_rad and plane.rise < _KERB_M
+    return plane.slope < 2.0 * p.flat_rad and plane.rise < p.kerb_m
 
 
 class Terrains:
@@ -86,7 +80,7 @@ class Terrains:
 
     def _flight(self, row: tuple[Riser, ...], planes: dict[int, Plane], blocks: Blocks) -> Stairs:
         down = heading_of(list(row))
-        R_grid_world, voxel_m = self._R_world_grid.T, self._p.voxel_m
+        R_grid_world, voxel_m = self._R_world_grid.T, self._p.voxel_size_m
         looked_up = [refined(r, planes[r.upper], down, blocks, R_grid_world, voxel_m) for r in row]
         return stairs(looked_up, planes, min(r.upper for r in row), self._p)
 
@@ -94,7 +88,7 @@ class Terrains:
         """Steps between flat planes as their columns show them."""
         p, surface = self._p, plane_set.surface
         found = borders(
-            surface.label, surface.height, surface.origin, SLOTS, round(_HIDDEN_M / p.voxel_m), p.riser_min_m,
+            surface.label, surface.height, surface.origin, SLOTS, round(p.hidden_m / p.voxel_size_m), p.riser_min_m,
             p.riser_max_m,
         )  # fmt: skip
         known: dict[tuple[int, int], _Known] = {}
@@ -116,7 +110,7 @@ class Terrains:
     def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
         """The step that columns of `borders` show."""
         p = self._p
-        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_m)
+        edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
         if edge is not None and p.riser_min_m <= edge.height <= p.riser_max_m and edge.length >= p.edge_min_m:
             return edge
         return None

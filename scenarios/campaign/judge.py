@@ -11,10 +11,10 @@ from stridetwin.scenarios import injected
 from stridetwin.scenarios.campaign.campaign_file import Quality
 from stridetwin.scenarios.check import Finding, check_recording
 from stridetwin.sim.config import Person
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording import Recording
 
 _RESIDUAL = "/truth/root_residual"
-_G = 9.81
 
 
 def measured(recording: Recording, person: Person, fell_at_s: float | None) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
 def _root_help_pct(recording: Recording, person: Person) -> float:
     """Mean force that helped at the root, beside the ground's, % of the body weight; 0 for a walk that is played."""
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1)
-    return _rounded(100.0 * float(force.mean()) / (person.mass_kg * _G))
+    return _rounded(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
 
 
 def _words(finding: Finding) -> str:

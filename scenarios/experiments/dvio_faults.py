@@ -164,7 +164,7 @@ def run_case(case: Case, make: Maker = dvio) -> dict[str, Any]:
         for name, spoilt in FAULTS.items():
             rig = spoilt.rig(recording.rig)
             arriving = spoilt.arriving(odometry_samples(recording, MOUNT), rig, case.seed, recording.duration)
-            found[name] = figures(follow(make("stridetwin", rig, MOUNT), arriving), truth)
+            found[name] = figures(follow(make("proposed", rig, MOUNT), arriving), truth)
     return {"seed": case.seed, "physics": case.physics, "faults": found}
 
 

@@ -32,12 +32,13 @@ from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.standard_rig import standard_rig
 from stridetwin.sim.track import Track
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
 
 FEET = ("l", "r")
-REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "stridetwin")
-G_SENSITIVITY = math.radians(0.009) / 9.80665  # ADIS16485: 0.009 °/s/g; rad/s per m/s²
+REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
+G_SENSITIVITY = math.radians(0.009) / STANDARD_GRAVITY_MPS2  # ADIS16485: 0.009 °/s/g; rad/s per m/s²
 PAPER_PAIR = (2.9687, -1.2354)  # m to the west, the paper's ZUPT errors; their mean is the drift in common
 
 

@@ -122,7 +122,7 @@ def run_case(case: Case) -> dict[str, Any]:
                 others = recording.samples([*INSOLES, depth_camera(recording.rig).depth_topic])
                 samples = heapq.merge(poses, others, key=lambda s: s.t_ns)
                 arriving = spoilt.arriving(samples, recording.rig, case.seed, recording.duration)
-                found[name].append(scored(tell(arriving, recording), recording, sole_m)["stridetwin"].rows())
+                found[name].append(scored(tell(arriving, recording), recording, sole_m)["proposed"].rows())
             if fell_at_s(recording) is not None:
                 fell.append(config.name)
     return {"seed": case.seed, "physics": case.physics, "mount": mount, "fell": fell, "faults": found}

@@ -65,8 +65,8 @@ def run_case(case: Case) -> dict[str, Any]:
                 for by in BY[:2]:
                     all_of_them: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
                     all_of_them.sort(key=lambda s: s.t_ns)
-                    rows = scored(tell(all_of_them, recording, ("stridetwin",)), recording, sole_m)
-                    told[light][by].append(rows["stridetwin"].rows())
+                    rows = scored(tell(all_of_them, recording, ("proposed",)), recording, sole_m)
+                    told[light][by].append(rows["proposed"].rows())
             legs += _like_the_last(recording, steps)
             if fell_at_s(recording) is not None:
                 fell.append(config.name)

@@ -20,7 +20,7 @@ from stridetwin.scenarios.norms import reference, reference_rows
 from stridetwin.scenarios.walk_spread import EDGES, together
 
 Walk = tuple[dict[str, Any], ModeScores]
-WORDS = {"stridetwin": "stridetwin", "published": "published", FORGETFUL: "one picture"}
+WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one picture"}
 """A method's name over its column."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
 _ACCURACIES = (

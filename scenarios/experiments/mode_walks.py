@@ -197,7 +197,7 @@ def posed(
         topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from spoil(iter(recording.samples(topics)))
         return
-    odometer = dvio("stridetwin", recording.rig, mount)
+    odometer = dvio("proposed", recording.rig, mount)
     arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
     for sample in spoil(arriving):
         if isinstance(sample, Imu | Image | Depth):

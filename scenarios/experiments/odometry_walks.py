@@ -28,7 +28,7 @@ from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 
-METHODS = ("stridetwin", "dvio", "vins_rgbd", "vins_mono")
+METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
 SENSORS = ("head_imu", "head_camera")
 HEALTHY = ("tracking", "coasting")

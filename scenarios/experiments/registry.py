@@ -10,6 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from stridetwin.estimators.methods import with_current_names
 from stridetwin.scenarios.experiments import (
     assistance,
     dvio_bench,
@@ -121,7 +122,7 @@ EXPERIMENTS = {
             ("zhao_generality", zhao_generality.SEEDS, Telling()),
             ("zhao_generality_given_poses", zhao_generality.SEEDS, Telling(poses="given")),
             ("zhao_generality_shallow", zhao_generality.SEEDS, Telling(pitch_down="shallow")),
-            ("zhao_baselines", zhao_generality.SEEDS[:60], Telling(methods=("stridetwin", "published", FORGETFUL))),
+            ("zhao_baselines", zhao_generality.SEEDS[:60], Telling(methods=("proposed", "published", FORGETFUL))),
         )
     },
     **{name: _told_modes(name, zhao_trials.SEEDS, partial(zhao_trials.run_case, name)) for name in zhao_trials.TRIALS},
@@ -277,8 +278,13 @@ def _row_key(case: Case) -> str | None:
 
 
 def _read(case: Case) -> dict[str, Any]:
-    result: dict[str, Any] = json.loads(case.file(".json").read_text(encoding="utf-8"))
-    return result
+    return read_row(case.file(".json"))
+
+
+def read_row(file: Path) -> dict[str, Any]:
+    """A case's row from its file, with the methods' names of today."""
+    row: dict[str, Any] = with_current_names(json.loads(file.read_text(encoding="utf-8")))
+    return row
 
 
 @dataclass(frozen=True, kw_only=True)

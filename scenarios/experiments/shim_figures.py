@@ -21,7 +21,7 @@ SHOWN = {"shim_level": "Level walk", "shim_stairs": "Stair", "shim_ramp_14": "Ra
 DOTS = 150
 """Of a mode in Figure 24: evenly many of all steps, so that the page stays small."""
 _COLORS = {"LG": "#5b6b7f", "SA": "#d9480f", "SD": "#f0a030", "RA": "#0b6bcb", "RD": "#7a9fd0"}
-_METHOD_COLORS = {"stridetwin": "#0a7d7d", "published": "#a3327a"}
+_METHOD_COLORS = {"proposed": "#0a7d7d", "published": "#a3327a"}
 _INK = "#0f1c2e"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.sim.gait.smooth import ease, ease_rate
 from stridetwin.sim.sensors.strapdown import increments
 from stridetwin.sim.track import Track
@@ -36,7 +37,7 @@ class SteadyWalk:
         heel_off_rad: Largest pitch of the foot, toes down, early in swing.
         toes_up_rad: Largest pitch the other way, before it lands.
         latitude_rad: Of the place.
-        gravity: m/s².
+        gravity_mps2: As the filters assume it.
     """
 
     strides: int = 100
@@ -49,7 +50,7 @@ class SteadyWalk:
     heel_off_rad: float = 0.6
     toes_up_rad: float = 0.25
     latitude_rad: float = math.radians(33.64)
-    gravity: float = 9.8029
+    gravity_mps2: float = FootInsParameters().gravity_mps2
 
     @property
     def duration_s(self) -> float:
@@ -99,7 +100,7 @@ class SteadyWalk:
         Args:
             sensor: Track of the IMU at the N ends and starts of its intervals.
         """
-        down = np.array([0.0, 0.0, -self.gravity])
+        down = np.array([0.0, 0.0, -self.gravity_mps2])
         dt, rate, force = increments(sensor[:1], sensor[1:], down)
         to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
         velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])

@@ -25,7 +25,7 @@ from stridetwin.streams.trajectory import Trajectory
 
 FEET = ("l", "r")
 PUBLISHED = ("zupt", "zupt_relative_distance", "zupt_relative_position")
-METHODS = (*PUBLISHED, "stridetwin")
+METHODS = (*PUBLISHED, "proposed")
 _TURNED = 0.1  # rad that a foot may turn between a picture and the estimate that follows it
 
 Paths = dict[str, FootInsPath]
@@ -101,7 +101,7 @@ def every_method(
         method: FootToFoot(rig, options=Options(method=method), start=start).run(imus, [*witness.relative, *echoes])
         for method in PUBLISHED
     }
-    return found | {"stridetwin": ours}, witness.sightings
+    return found | {"proposed": ours}, witness.sightings
 
 
 def _heard(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:

@@ -9,6 +9,7 @@ Here the term is taken off the reference acceleration, so that a contact holds w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numba
@@ -18,6 +19,28 @@ from numpy.typing import NDArray
 from stridetwin.sim.dynamics.couplings import chain_of
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross
 from stridetwin.streams.samples import Array
+
+
+class Contacts(NamedTuple):
+    """The engine's contacts at one instant.
+
+    Attributes:
+        geom: (C, 2) the geoms that touch.
+        pos: (C, 3) m, middle between the two surfaces.
+        frame: (C, 9) axes in rows; the first one points from the first geom to the second.
+        address: (C,) first row of the constraint forces, -1 where a contact makes none.
+    """
+
+    geom: NDArray[np.int32]
+    pos: Array
+    frame: Array
+    address: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Contacts:
+        """Those of a state."""
+        contact = data.contact
+        return cls(contact.geom, contact.pos, contact.frame, contact.efc_address)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,18 +63,18 @@ class ContactBias:
 
     def apply(self, data: mujoco.MjData) -> None:
         """Corrects the reference accelerations of all contacts; to be called between `mj_step1` and `mj_step2`."""
-        contact = data.contact
         _apply(
-            self.body, self.chain, contact.geom, contact.pos, contact.frame, contact.efc_address, data.cvel,
-            data.cdof_dot, data.subtree_com[1], data.qvel, data.efc_aref,
+            self.body, self.chain, Contacts.of(data), data.cvel, data.cdof_dot, data.subtree_com[1], data.qvel,
+            data.efc_aref,
         )  # fmt: skip
 
 
 @numba.njit(cache=True)
 def _apply(
-    body: NDArray[np.int32], chain: NDArray[np.bool_], geoms: NDArray[np.int32], pos: Array, frame: Array,
-    address: NDArray[np.int32], cvel: Array, cdof_dot: Array, centre: Array, qvel: Array, aref: Array,
+    body: NDArray[np.int32], chain: NDArray[np.bool_], contacts: Contacts, cvel: Array, cdof_dot: Array,
+    centre: Array, qvel: Array, aref: Array,
 ) -> None:  # fmt: skip
+    geoms, pos, frame, address = contacts
     v, bias, turn = np.empty(3), np.empty(3), np.empty(3)
     for c in range(len(address)):
         if address[c] < 0:
@@ -64,7 +87,7 @@ def _apply(
             cross(w, pos[c] - centre, v)
             v += cvel[b, 3:]
             bias_acceleration(cdof_dot, chain[b], centre, qvel, v, w, pos[c], bias, turn)
-            sign = 1.0 if which == 1 else -1.0  # the frame's first axis points from the first geom to the second
+            sign = 1.0 if which == 1 else -1.0
             for row in range(3):
                 for axis in range(3):
                     aref[address[c] + row] -= sign * frame[c, 3 * row + axis] * bias[axis]

@@ -18,7 +18,7 @@ from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.replan import StepReplan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian, rotate
-from stridetwin.sim.dynamics.whole_body import eliminate, solve
+from stridetwin.sim.dynamics.whole_body import PushingPoints, Tasks, eliminate, solve
 from stridetwin.streams.samples import Array
 
 
@@ -50,6 +50,68 @@ class FootGains(NamedTuple):
     force: float = 2e-6
     force_change: float = 6e-5
     friction: float = 0.7
+
+
+class _Body(NamedTuple):
+    """What is fixed of the controlled body, and the forces of the step before.
+
+    Attributes:
+        driven: (n,) coordinates that the controller moves, the root's six first.
+        free: (b,) coordinates without a motor.
+        weight: (n,) weights of the accelerations wanted.
+        bodies: (2, points) body of each sole point.
+        local: (points, 3) m, the points in their bodies.
+        point_chain: (2, points, n) which coordinates move a point.
+        feet: (2,) bodies of the feet.
+        foot_chain: (2, n) which coordinates move a foot.
+        push: (2, points, 4) N, forces along the edges of the friction cones; overwritten at each step.
+        assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
+    """
+
+    driven: NDArray[np.int64]
+    free: NDArray[np.int64]
+    weight: Array
+    bodies: NDArray[np.int64]
+    local: Array
+    point_chain: NDArray[np.bool_]
+    feet: NDArray[np.int64]
+    foot_chain: NDArray[np.bool_]
+    push: Array
+    assist: Array
+
+
+class _State(NamedTuple):
+    """The engine's state, under the engine's names but for `centre` (3,), the walker's centre of mass, m."""
+
+    cdof: Array
+    cdof_dot: Array
+    cvel: Array
+    centre: Array
+    qvel: Array
+    xpos: Array
+    xmat: Array
+
+
+class _WantedFeet(NamedTuple):
+    """A row of the plan (`Plan`), of both feet."""
+
+    price: Array
+    share: Array
+    R_sole: Array
+    p_foot: Array
+    R_foot: Array
+    v_foot: Array
+    w_foot: Array
+    a_foot: Array
+    dw_foot: Array
+
+
+class _Forces(NamedTuple):
+    """Generalised forces (nv,): the engine's bias and passive ones, and those of the couplings and motors."""
+
+    bias: Array
+    passive: Array
+    known: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,13 +164,11 @@ class Controller:
         believed: float,
     ) -> None:  # fmt: skip
         self._model, self._gains, self._believed = model, gains, believed
-        self._assist = np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist)
         weight = believed * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
         self._help_max = gains.assist_max * weight
         names = layout.names[6:]
         motor = np.array([not name.startswith("exo_") for name in names])
-        self.driven = np.concatenate([np.arange(6), layout.dof[motor]])
-        self.free = layout.dof[~motor]
+        driven, free = np.concatenate([np.arange(6), layout.dof[motor]]), layout.dof[~motor]
         weights = np.full(model.nv, gains.joint)
         weights[:3], weights[3:6] = gains.root, gains.tilt
         for name, dof in zip(names, layout.dof):
@@ -120,17 +180,20 @@ class Controller:
                 weights[dof] = gains.leg
             elif name.startswith("toe"):
                 weights[dof] = gains.toe
-        self._weight = weights[self.driven]
         self._rate = np.full(model.nv, gains.joint_rate)
         self._rate[:6] = gains.root_rate
         self._rate[:2] = gains.sway_rate
         points = sole_points(size)
-        self._bodies = np.array([[model.body(f"{body}_{side}").id for body, _ in points] for side in SIDES])
-        self._local = np.array([p for _, p in points])
-        self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
-        self._point_chain = np.array([[chain_of(model, b)[self.driven] for b in row] for row in self._bodies])
-        self._foot_chain = np.array([chain_of(model, b)[self.driven] for b in self._feet])
-        self._push = np.zeros((len(SIDES), len(points), 4))
+        bodies = np.array([[model.body(f"{body}_{side}").id for body, _ in points] for side in SIDES])
+        feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
+        self._body = _Body(
+            driven=driven, free=free, weight=weights[driven], bodies=bodies,
+            local=np.array([p for _, p in points]),
+            point_chain=np.array([[chain_of(model, b)[driven] for b in row] for row in bodies]), feet=feet,
+            foot_chain=np.array([chain_of(model, b)[driven] for b in feet]),
+            push=np.zeros((len(SIDES), len(points), 4)),
+            assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
+        )  # fmt: skip
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
         self._M = np.empty((model.nv, model.nv))
         self._error = np.empty(model.nv)
@@ -151,31 +214,34 @@ class Controller:
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
+        forces = _Forces(data.qfrc_bias, data.qfrc_passive, known)
         h, wanted = _aims(
-            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, data.qfrc_bias,
-            data.qfrc_passive, known, self._toes,
+            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._believed, forces, self._toes
+        )  # fmt: skip
+        state = _State(
+            data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat
+        )  # fmt: skip
+        feet = _WantedFeet(
+            plan.price[i], plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i],
+            plan.w_foot[i], plan.a_foot[i], plan.dw_foot[i],
         )  # fmt: skip
         torque = _step(
-            self._believed * self._M, h, wanted, self._weight, self.driven, self.free, data.cdof,
-            data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat,
-            self._bodies, self._local, self._point_chain, self._feet, self._foot_chain, touching,
-            plan.price[i], plan.share[i], plan.R_sole[i], plan.p_foot[i], plan.R_foot[i], plan.v_foot[i],
-            plan.w_foot[i], plan.a_foot[i], plan.dw_foot[i], shift.foot, gains.foot, self._push, self._assist,
+            self._believed * self._M, h, wanted, self._body, state, feet, touching, shift.foot, gains.foot
         )  # fmt: skip
-        return _limited(torque, self.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
+        return _limited(torque, self._body.driven, self._toes, self._error, plan.v[i], self._help_max, gains.torque_max)
 
 
 @numba.njit(cache=True)
 def _aims(
-    rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, qfrc_bias: Array,
-    passive: Array, known: Array, toes: NDArray[np.int64],
+    rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, believed: float, forces: _Forces,
+    toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:  # fmt: skip
     """Bias less the known forces, and the accelerations wanted; both (nv,)."""
     wanted = a + rate * (rate * error + 2.0 * (v - qvel))
     wanted[:3] += rate[:3] * (rate[:3] * root[0] + 2.0 * root[1]) + root[2]
-    h = believed * qfrc_bias - passive - known
+    h = believed * forces.bias - forces.passive - forces.known
     for toe in toes:
-        h[toe] += passive[toe]
+        h[toe] += forces.passive[toe]
     return h, wanted
 
 
@@ -196,17 +262,13 @@ def _limited(
 
 @numba.njit(cache=True)
 def _step(
-    M: Array, h: Array, wanted: Array, weight: Array, driven: NDArray[np.int64], free: NDArray[np.int64], cdof: Array,
-    cdof_dot: Array, cvel: Array, centre: Array, qvel: Array, xpos: Array, xmat: Array, bodies: NDArray[np.int64],
-    local: Array, point_chain: NDArray[np.bool_], feet: NDArray[np.int64], foot_chain: NDArray[np.bool_],
-    touching: NDArray[np.bool_], price: Array, share: Array, R_sole: Array, p_foot: Array, R_foot: Array,
-    v_foot: Array, w_foot: Array, a_foot: Array, dw_foot: Array, moved: Array, gains: FootGains, push: Array,
-    assist: Array,
+    M: Array, h: Array, wanted: Array, body: _Body, state: _State, plan: _WantedFeet, touching: NDArray[np.bool_],
+    moved: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
-    """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates).
-
-    `push` (2, points, 4) holds the forces along the edges of the friction cones, of the step before and then of this.
-    """
+    """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
+    driven, free, weight, bodies, local, point_chain, feet, foot_chain, push, assist = body
+    cdof, cdof_dot, cvel, centre, qvel, xpos, xmat = state
+    price, share, R_sole, p_foot, R_foot, v_foot, w_foot, a_foot, dw_foot = plan
     n = len(driven)
     axes, axes_dot, speed = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     for j in range(n):
@@ -272,8 +334,8 @@ def _step(
             m += 3
     A, bias_driven = eliminate(M, h, driven, free)
     _, torque, now, _ = solve(
-        A, bias_driven, wanted[driven], weight, tasks[:m], aims[:m], weights[:m], contacts[: 3 * k], edges[:k],
-        cost[:k], gains.force_change, last[:k], assist,
+        A, bias_driven, wanted[driven], weight, Tasks(tasks[:m], aims[:m], weights[:m]),
+        PushingPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), assist,
     )  # fmt: skip
     push[:] = 0.0
     k = 0

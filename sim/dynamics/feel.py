@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.dynamics.contact_bias import Contacts
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import PER_FOOT
 from stridetwin.streams.samples import Array
@@ -55,19 +56,18 @@ class Soles:
             (2, points) whether a point may push; (2,) m, height of the floor above the plane of the planned footprint,
             NaN where the foot feels none.
         """
-        contact = data.contact
         return _feel(
-            self.point, contact.geom, contact.pos, contact.dist, contact.frame, plan.R_sole[i], plan.p_sole[i],
-            plan.swinging[i], plan.until_landing[i], plan.touching[i], before,
+            self.point, Contacts.of(data), data.contact.dist, plan.R_sole[i], plan.p_sole[i], plan.swinging[i],
+            plan.until_landing[i], plan.touching[i], before,
         )  # fmt: skip
 
 
 @numba.njit(cache=True)
 def _feel(
-    point: NDArray[np.int64], geoms: NDArray[np.int32], pos: Array, dist: Array, frame: Array, R_sole: Array,
-    p_sole: Array, swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_],
-    before: NDArray[np.bool_],
+    point: NDArray[np.int64], contacts: Contacts, dist: Array, R_sole: Array, p_sole: Array,
+    swinging: NDArray[np.bool_], until_landing: Array, touching: NDArray[np.bool_], before: NDArray[np.bool_],
 ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
+    geoms, pos, frame, _ = contacts
     may_push = np.zeros((2, PER_FOOT), dtype=np.bool_)
     total, count = np.zeros(2), np.zeros(2)
     for c in range(len(dist)):

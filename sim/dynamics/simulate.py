@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES, Dynamics, Exo
 from stridetwin.sim.coordinates import Coordinates
-from stridetwin.sim.dynamics.contact_bias import ContactBias
+from stridetwin.sim.dynamics.contact_bias import ContactBias, Contacts
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
@@ -18,7 +18,7 @@ from stridetwin.sim.dynamics.drive import DRIVER_S, Drive, Law
 from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import Sensed, StepReplan
-from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk, through
+from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk, through
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import cross
 from stridetwin.sim.exoskeleton import couplings
@@ -149,8 +149,11 @@ class _Record:
 
     def __init__(self, n: int, model: mujoco.MjModel) -> None:
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
-        self._R, self._p = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3))
-        self._force, self._moment, self._cop = np.zeros((n, 2, 3)), np.zeros((n, 2, 3)), np.zeros((n, 2, 3))
+        shape = n, len(SIDES), 3
+        self._loads = FootRecord(
+            R=np.empty((*shape, 3)), p=np.empty(shape), force=np.zeros(shape), moment=np.zeros(shape),
+            cop=np.zeros(shape),
+        )  # fmt: skip
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
         names = [model.geom(g).name for g in range(model.ngeom)]
         self._side = np.array([{"sole_l": 0, "sole_r": 1}.get(name[:6], -1) for name in names])
@@ -161,36 +164,36 @@ class _Record:
 
     def after(self, i: int, data: mujoco.MjData) -> None:
         """Notes the contacts at the start of step i, known once it is done."""
-        contact = data.contact
         _foot_loads(
-            self._side, self._feet, data.xpos, data.xmat, contact.geom, contact.pos, contact.frame,
-            contact.efc_address, data.efc_force, self._R[i], self._p[i], self._force[i], self._moment[i], self._cop[i],
+            self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )  # fmt: skip
 
     def recent(self, n: int, first: int, reference: Reference, size: Wearer) -> SimulatedWalk:
         """What happened from one step to before another, as a walk of its own; its footsteps are the planned ones."""
         t, x = STEP_S * np.arange(first, n, dtype=float), reference.coordinates.from_mujoco(self._q[first:n])
+        loads = self._loads.at(slice(first, n))
         return SimulatedWalk(
             duration_s=float(t[-1]), size=size, steps=reference.steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=None, t=t, torque=self._torque[first:n], foot_force=self._force[first:n],
-            foot_torque=self._moment[first:n], cop=self._cop[first:n], _pitch=np.zeros((n - first, len(SIDES))),
+            splines=through(t, x), fell_at=None, t=t, torque=self._torque[first:n], foot_force=loads.force,
+            foot_torque=loads.moment, cop=loads.cop, _pitch=np.zeros((n - first, len(SIDES))),
         )  # fmt: skip
 
     def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:
         """The walk that the first n steps make."""
         return SimulatedWalk.of(
-            reference, size, STEP_S * np.arange(n, dtype=float), self._q[:n], self._torque[:n], self._force[:n],
-            self._moment[:n], self._cop[:n], fell_at, self._R[:n], self._p[:n],
+            reference, size, STEP_S * np.arange(n, dtype=float), self._q[:n], self._torque[:n],
+            self._loads.at(slice(n)), fell_at,
         )  # fmt: skip
 
 
 @numba.njit(cache=True)
 def _foot_loads(
-    side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, geoms: NDArray[np.int32], pos: Array,
-    frame: Array, address: NDArray[np.int32], efc_force: Array, R_feet: Array, p_feet: Array, force: Array,
-    moment: Array, cop: Array,
+    side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, contacts: Contacts, efc_force: Array,
+    loads: FootRecord,
 ) -> None:  # fmt: skip
     """Notes the feet's frames, sums elliptic contacts to a wrench on each foot and normal forces to a centre."""
+    geoms, pos, frame, address = contacts
+    R_feet, p_feet, force, moment, cop = loads
     for s in range(2):
         p_feet[s], R_feet[s] = xpos[feet[s]], xmat[feet[s]].reshape(3, 3)
     lift, own, arm = np.zeros(2), np.empty(3), np.empty(3)
@@ -202,7 +205,7 @@ def _foot_loads(
         if s < 0:
             continue
         f = efc_force[address[c] : address[c] + 3]
-        for k in range(3):  # the frame's first axis points from the first geom to the second
+        for k in range(3):
             own[k] = f[0] * frame[c, k] + f[1] * frame[c, 3 + k] + f[2] * frame[c, 6 + k]
             if first:
                 own[k] = -own[k]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,28 @@ from stridetwin.streams.samples import Array
 
 _LOADED_N = 20.0
 _EARLY_OR_LATE_S = 0.12  # a touch-down is looked for this close to the planned one
+
+
+class FootRecord(NamedTuple):
+    """Frames of both feet and what the ground gave them, at N physics steps or at one.
+
+    Attributes:
+        R: (N, 2, 3, 3) the feet's frames.
+        p: (N, 2, 3) m, their origins.
+        force: (N, 2, 3) N, world.
+        moment: (N, 2, 3) N m about the frames' origins.
+        cop: (N, 2, 3) m, centre of pressure; meaningless without load.
+    """
+
+    R: Array
+    p: Array
+    force: Array
+    moment: Array
+    cop: Array
+
+    def at(self, rows: int | slice) -> FootRecord:
+        """One step, or some of them."""
+        return FootRecord(*(values[rows] for values in self))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,8 +81,8 @@ class SimulatedWalk:
 
     @classmethod
     def of(
-        cls, reference: Reference, size: Wearer, t: Array, q: Array, torque: Array, foot_force: Array,
-        foot_torque: Array, cop: Array, fell_at: float | None, R_foot: Array, p_foot: Array,
+        cls, reference: Reference, size: Wearer, t: Array, q: Array, torque: Array, loads: FootRecord,
+        fell_at: float | None,
     ) -> SimulatedWalk:  # fmt: skip
         """The walk of N physics steps.
 
@@ -69,28 +91,24 @@ class SimulatedWalk:
             size: Wearer.
             t: (N,) s.
             q: (N, nq).
-            torque: As in the class, like the three that follow.
-            foot_force: (N, 2, 3).
-            foot_torque: (N, 2, 3).
-            cop: (N, 2, 3).
+            torque: (N, nv), as in the class.
+            loads: Of the feet at these steps.
             fell_at: s, or None.
-            R_foot: (N, 2, 3, 3) the feet's frames.
-            p_foot: (N, 2, 3) m.
         """
         x = reference.coordinates.from_mujoco(q)
         end = float(t[-1])
         steps = {
             side: [
-                _as_it_happened(step, t, foot_force[:, k, 2], p_foot[:, k], R_foot[:, k])
+                _as_it_happened(step, t, loads.force[:, k, 2], loads.p[:, k], loads.R[:, k])
                 for step in reference.steps[side] if step.t_touch < end
             ]
             for k, side in enumerate(SIDES)
         }  # fmt: skip
-        pitch = np.column_stack([_pitch(steps[side], t, R_foot[:, k]) for k, side in enumerate(SIDES)])
+        pitch = np.column_stack([_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
         return cls(
             duration_s=end, size=size, steps=steps, coordinates=reference.coordinates,
-            splines=through(t, x), fell_at=fell_at, t=t, torque=torque, foot_force=foot_force,
-            foot_torque=foot_torque, cop=cop, _pitch=pitch,
+            splines=through(t, x), fell_at=fell_at, t=t, torque=torque, foot_force=loads.force,
+            foot_torque=loads.moment, cop=loads.cop, _pitch=pitch,
         )  # fmt: skip
 
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:

@@ -12,6 +12,8 @@ problem; the elimination to six rows is ours).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,38 @@ from stridetwin.streams.samples import Array
 
 _NEWTON_STEPS = 25
 _TOLERANCE = 1e-9
+
+
+class Tasks(NamedTuple):
+    """What m rows of Jacobians should accelerate by.
+
+    Attributes:
+        rows: (m, n) Jacobian rows.
+        wanted: (m,) accelerations less their J' q'.
+        weight: (m,).
+    """
+
+    rows: Array
+    wanted: Array
+    weight: Array
+
+
+class PushingPoints(NamedTuple):
+    """The k contact points that may push, and the weights of their force.
+
+    Attributes:
+        rows: (3 k, n) Jacobians.
+        edges: (k, 4, 3) edges of each point's friction cone, world axes.
+        weight: (k,) of force at each point.
+        change_weight: Of a change of force.
+        last: (k, 4) forces along the edges in the step before.
+    """
+
+    rows: Array
+    edges: Array
+    weight: Array
+    change_weight: float
+    last: Array
 
 
 @numba.njit(cache=True)
@@ -114,8 +148,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
 
 @numba.njit(cache=True)
 def solve(
-    M: Array, h: Array, wanted: Array, weight: Array, tasks: Array, task_wanted: Array, task_weight: Array,
-    contacts: Array, edges: Array, cost: Array, change: float, last: Array, assist: Array,
+    M: Array, h: Array, wanted: Array, weight: Array, tasks: Tasks, points: PushingPoints, assist: Array
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Accelerations, torques and contact forces of one control step.
 
@@ -124,27 +157,23 @@ def solve(
         h: (n,) bias.
         wanted: (n,) accelerations.
         weight: (n,) their weights.
-        tasks: (m, n) Jacobian rows of the tasks.
-        task_wanted: (m,) accelerations of the tasks less their J' q'.
-        task_weight: (m,).
-        contacts: (3 k, n) Jacobians of the contact points that may push.
-        edges: (k, 4, 3) edges of each point's friction cone, world axes.
-        cost: (k,) price of force at each point.
-        change: Price of a change of force.
-        last: (k, 4) forces along the edges in the step before.
+        tasks: What else should accelerate.
+        points: Contact points that may push.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
 
     Returns:
         (n,) accelerations; (n,) generalised forces, the root's being the assist; (k, 4) contact forces along
         the edges; (6,) what the root lacks (0 but for rounding).
     """
+    task_rows, task_wanted, task_weight = tasks
+    contacts, edges, cost, change, last = points
     n, k = len(h), len(cost)
     # the tasks reach only root and legs; elsewhere the Hessian is the diagonal of the weights
     back = np.empty((n, 7))
     back[:, :6] = M[:6].T
-    back[:, 6] = weight * wanted + tasks.T @ (task_weight * task_wanted)
-    reached = np.array([j for j in range(n) if np.any(tasks[:, j] != 0.0)])
-    own = tasks[:, reached]
+    back[:, 6] = weight * wanted + task_rows.T @ (task_weight * task_wanted)
+    reached = np.array([j for j in range(n) if np.any(task_rows[:, j] != 0.0)])
+    own = task_rows[:, reached]
     X = back[reached]
     solve_positive(np.diag(weight[reached]) + (own.T * task_weight) @ own, X)
     back /= weight.reshape(-1, 1)

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from stridetwin.sim.body import Wearer
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
-GRAVITY = 9.81
 SWING_KNOTS = (0.0, 0.08, 0.18, 0.30, 0.44, 0.60, 0.76, 0.89, 1.0)  # shares of swing
 RISE_KNOTS = (0.0, 0.30, 0.55, 0.80, 1.0)  # shares of the time from heel-off to toe-off
 TRAVEL_KNOTS = (0.0, 0.08, 0.20, 0.36, 0.54, 0.72, 0.87, 1.0)  # shares of stance
@@ -85,7 +85,7 @@ def leg_length(size: Wearer) -> float:
 
 def pace(speed_mps: float, size: Wearer) -> float:
     """Dimensionless speed, the root of the Froude number."""
-    return float(speed_mps / np.sqrt(GRAVITY * leg_length(size)))
+    return float(speed_mps / np.sqrt(NOMINAL_GRAVITY_MPS2 * leg_length(size)))
 
 
 def level_style(pace_: float) -> Style:

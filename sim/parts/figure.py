@@ -11,9 +11,10 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
 from stridetwin.streams.fields import number, refused, words
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
 DEG = math.pi / 180
-G = 9.80665
+G = STANDARD_GRAVITY_MPS2
 _FIGURE = "figure"
 _SOURCED = ("value", "source")
 

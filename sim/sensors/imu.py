@@ -13,10 +13,10 @@ from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
 from stridetwin.sim.sensors.strapdown import increments, joined, steadily_before
 from stridetwin.sim.sensors.wander import Wander
 from stridetwin.sim.track import Track
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
-GRAVITY = 9.81
 INNER_HZ = 1000.0
 """Least rate at which a part with a limited bandwidth follows the motion."""
 
@@ -39,7 +39,9 @@ class ImuModel:
         gravity: m/s², along −z of the world.
     """
 
-    def __init__(self, calibration: ImuCalibration, part: ImuPart, noise: Noise, gravity: float = GRAVITY) -> None:
+    def __init__(
+        self, calibration: ImuCalibration, part: ImuPart, noise: Noise, gravity: float = NOMINAL_GRAVITY_MPS2
+    ) -> None:
         self._calibration, self._noise = calibration, noise
         self._gravity = np.array([0.0, 0.0, -gravity])
         self.rate_hz = part.rate_hz

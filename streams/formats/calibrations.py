@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.imported import Notes, Pictures
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
@@ -22,8 +23,8 @@ GIVE = "give one with --rig FILE (Kalibr YAML)"
 # instability (10 °/h, 40 µg) in 100 s
 _GYRO_NOISE = math.radians(0.014)
 _GYRO_WALK = math.radians(10 / 3600) / 10
-_ACCEL_NOISE = 150e-6 * 9.80665
-_ACCEL_WALK = 40e-6 * 9.80665 / 10
+_ACCEL_NOISE = 150e-6 * STANDARD_GRAVITY_MPS2
+_ACCEL_WALK = 40e-6 * STANDARD_GRAVITY_MPS2 / 10
 _FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, which RGB-D sets without a calibration mean
 
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 import ast
 import importlib.util
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
+import numba
+import pytest
+
 from stridetwin import estimators
-from stridetwin.estimators.compiled import cached
+from stridetwin.estimators import compiled
+from stridetwin.estimators.compiled import SUPPORTED, cached, is_supported, missing_internals
 
 INNER = "from numba import njit\n\n\n@njit\ndef doubled(x):\n    return 2 * x\n"
 OUTER = "from inner import doubled\n\n\ndef outer(x):\n    return doubled(x) + 1\n"
@@ -76,3 +81,44 @@ def test_python_calls_nothing_that_only_compiled_functions_can():
         called = named_by_python(tree)
         reached = imported(tree) | {(module, name) for name in called}
         assert not [name for _, name in inside & reached if name in called], module
+
+
+def test_the_installed_numba_has_the_internals_that_fast_compilation_needs():
+    """Where this fails, see `INTERNALS`: adapt `compiled.py` and move `SUPPORTED` and the bound in pyproject.toml."""
+    assert not missing_internals()
+    assert is_supported(numba.__version__)
+    assert hasattr(numba.njit(cache=True)(missing_internals)._cache._cache_file, "_source_stamp")
+
+
+def test_a_lacking_internal_is_named(monkeypatch):
+    monkeypatch.setattr(compiled, "INTERNALS", (("numba.core.codegen", "JITCodeLibrary.gone"), ("numba.none", "x")))
+    assert missing_internals() == ["numba.core.codegen.JITCodeLibrary.gone", "numba.none.x"]
+
+
+def test_the_package_asks_for_the_versions_that_are_supported():
+    asked = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["dependencies"]
+    first, beyond = (".".join(map(str, version)) for version in SUPPORTED)
+    assert f"numba>={first},<{beyond}" in asked
+
+
+@pytest.mark.parametrize(
+    ("version", "supported"),
+    [("0.60.0", False), ("0.61.0rc1", True), ("0.68.1", True), ("0.69.0", False), ("1.0", False)],
+)
+def test_versions_are_told_apart(version, supported):
+    assert is_supported(version) is supported
+
+
+def test_with_another_numba_everything_is_compiled_plainly(tmp_path, monkeypatch):
+    """Numbers stay the same; only the options differ."""
+    monkeypatch.setattr(numba, "__version__", "99.0.0")
+    plain = loaded(Path(compiled.__file__).parent, "compiled")
+    assert plain.INSIDE == {}
+    (tmp_path / "inner.py").write_text(
+        INNER.replace("@njit", "@njit(**INSIDE)").replace("import njit", "import njit\n\nINSIDE = {}")
+    )
+    (tmp_path / "outer.py").write_text(OUTER)
+    monkeypatch.setitem(sys.modules, "inner", loaded(tmp_path, "inner"))
+    function = plain.cached(tmp_path)(loaded(tmp_path, "outer").outer)
+    assert function(3) == 7
+    assert sum(function.stats.cache_misses.values()) == 1

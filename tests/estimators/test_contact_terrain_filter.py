@@ -9,13 +9,16 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain
 from stridetwin.estimators.contact_terrain.chain import OFFSETS
-from stridetwin.estimators.contact_terrain.geometry import DhRow, parse_exoskeleton, to_text
+from stridetwin.estimators.contact_terrain.geometry import Compliance, DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.estimators.contact_terrain.offsets import Offsets, StepFigures
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.scenarios.steps import score_steps
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
+
+CLASSES = DEFAULTS.classes
 
 
 def rms(values):
@@ -196,8 +199,49 @@ def test_a_gap_is_survived(walk):
 
 
 def test_an_unknown_method_is_refused(walk):
-    with pytest.raises(ConfigError, match="valid: stridetwin or published"):
+    with pytest.raises(ConfigError, match="valid: proposed or published"):
         ContactTerrain(walk[0], "best")
+
+
+def test_the_former_name_of_the_proposed_method_goes_on_for_one_release(walk, ours):
+    exo, samples, _ = walk
+    with pytest.warns(DeprecationWarning, match="'stridetwin' is now 'proposed'"):
+        former = ContactTerrain(exo, "stridetwin")
+    assert table(former.run(samples)).tobytes() == table(ours).tobytes()
+
+
+def test_compliance_survives_its_file_bit_by_bit_and_files_without_it_mean_the_defaults(walk):
+    exo, _, _ = walk
+    text = to_text(exo)
+    assert parse_exoskeleton(text, "exo.yaml").compliance == exo.compliance == Compliance()
+    other = replace(exo, compliance=Compliance(vector_sd_m=(0.01, 0.02, 0.0), slope_sd_rad=0.1, spread_gain=0.0))
+    assert parse_exoskeleton(to_text(other), "exo.yaml").compliance == other.compliance
+    before = text[: text.index("compliance:")]
+    assert parse_exoskeleton(before, "exo.yaml").compliance == Compliance()
+    for line, said in (("slope_sd_deg: -1", "compliance.slope_sd_deg: -1"), ("slack_m: 0.1", "compliance.slack_m")):
+        with pytest.raises(ConfigError, match=said):
+            parse_exoskeleton(f"{before}compliance: {{{line}}}\n", "exo.yaml")
+
+
+def test_a_more_compliant_exoskeleton_leads_to_larger_standard_deviations(walk, ours):
+    exo, samples, _ = walk
+    soft = replace(exo, compliance=Compliance(vector_sd_m=(0.03, 0.03, 0.02), slope_sd_rad=np.radians(2.0)))
+    for firm, yielding in zip(ours, ContactTerrain(soft).run(samples)):
+        assert yielding.slope_sd > firm.slope_sd
+        assert yielding.elevation_sd > firm.elevation_sd
+
+
+@pytest.mark.parametrize(
+    ("group", "changed", "said"),
+    [
+        ("classes", {"sure": 1.0}, "sure: 1.0 .* below 1"),
+        ("footfall", {"left_n": 90.0}, "left_n: 90.0 .* landed_n"),
+        ("ticks", {"hold_s": -0.1}, "hold_s: -0.1"),
+    ],
+)
+def test_parameters_that_make_no_sense_are_refused(group, changed, said):
+    with pytest.raises(ConfigError, match=said):
+        ContactTerrainParameters(**{group: replace(getattr(DEFAULTS, group), **changed)})
 
 
 @pytest.mark.parametrize(
@@ -215,21 +259,22 @@ def test_an_unknown_method_is_refused(walk):
 )
 def test_modes_follow_from_geometry(slope, height, mode):
     beyond = beyond_slopes(height, 0.6, np.radians(slope), np.radians(slope))
-    probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005)
+    probabilities = step_modes(np.radians(slope), np.radians(0.5), beyond, 0.005, CLASSES)
     assert sum(probabilities.values()) == pytest.approx(1.0)
-    assert most_likely(probabilities)[0] == mode
-    assert most_likely(step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005))[0] == "unknown"
+    assert most_likely(probabilities, CLASSES.sure)[0] == mode
+    between = step_modes(np.radians(2.5), np.radians(0.5), 0.0, 0.005, CLASSES)
+    assert most_likely(between, CLASSES.sure)[0] == "unknown"
 
 
 @pytest.mark.parametrize(("slope", "share"), [(0.0, 0.0), (2.5, 0.5), (-2.5, 0.5), (5.0, 1.0), (-14.0, 1.0)])
 def test_ground_slopes_from_half_the_gentlest_ramp_on(slope, share):
-    assert sloping(np.radians(slope), np.radians(0.3)) == pytest.approx(share, abs=1e-6)
+    assert sloping(np.radians(slope), np.radians(0.3), CLASSES.ramp_rad) == pytest.approx(share, abs=1e-6)
 
 
 def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
     rng = np.random.default_rng(0)
     J_vector, J_slopes = rng.normal(0.0, 0.5, (2, 3, OFFSETS)), rng.normal(0.0, 1.0, (2, 2, OFFSETS))
-    offsets, sd = Offsets(), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
+    offsets, sd = Offsets(DEFAULTS.offsets, Compliance().sag_sd_m), np.array([0.006, 0.006, 0.002, 0.006, 0.006])
     for k in range(7000):
         noise = rng.normal(0.0, 0.3 * sd)
         step = StepFigures(

@@ -7,26 +7,28 @@ from hypothesis import strategies as st
 
 from stridetwin.estimators.contact_terrain import TerrainSvm
 from stridetwin.estimators.contact_terrain.cop import centre_of_pressure
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS
 from stridetwin.estimators.contact_terrain.phases import Phase, foot_phase
 from stridetwin.estimators.contact_terrain.pivot import Pivot, pivot_foot
-from stridetwin.estimators.contact_terrain.plane import MARKERS_MIN, Markers, slope
+from stridetwin.estimators.contact_terrain.plane import Markers, slope
 from stridetwin.streams.errors import StrideTwinError
 
+PUBLISHED = DEFAULTS.published
 CELLS = np.array([[0.0, 0.0], [0.125, 0.03], [0.14, -0.02], [0.2, -0.01]])
 FF, HC, HO, FO = Phase.FOOT_FLAT, Phase.HEEL_CONTACT, Phase.HEEL_OFF, Phase.FOOT_OFF
 
 
 def test_the_centre_of_pressure_is_the_weighted_mean_of_the_cells():
-    assert centre_of_pressure(CELLS, np.array([100.0, 0, 0, 100])) == pytest.approx([0.1, -0.005])
-    assert centre_of_pressure(CELLS, np.full(4, 3.0)) is None
+    assert centre_of_pressure(CELLS, np.array([100.0, 0, 0, 100]), PUBLISHED.pressing_n) == pytest.approx([0.1, -0.005])
+    assert centre_of_pressure(CELLS, np.full(4, 3.0), PUBLISHED.pressing_n) is None
 
 
 @pytest.mark.parametrize(
     ("x", "rate", "phase"), [(0.01, 2.0, HC), (0.01, 0.1, FF), (0.1, 2.0, FF), (0.18, 2.0, HO), (0.18, 0.1, FF)]
 )
 def test_phases_follow_centre_of_pressure_and_rate(x, rate, phase):
-    assert foot_phase(CELLS, np.array([x, 0.0]), rate) is phase
-    assert foot_phase(CELLS, None, rate) is FO
+    assert foot_phase(CELLS, np.array([x, 0.0]), rate, PUBLISHED) is phase
+    assert foot_phase(CELLS, None, rate, PUBLISHED) is FO
 
 
 @pytest.mark.parametrize(
@@ -59,7 +61,7 @@ def test_markers_on_a_slope_give_its_plane(pitch, turn):
     forward = np.array([np.cos(turn) * np.cos(pitch), np.sin(turn) * np.cos(pitch), np.sin(pitch)])
     medial = np.array([-np.sin(turn), np.cos(turn), 0.0])
     markers = Markers()
-    for s in np.linspace(0.0, 0.12, MARKERS_MIN):
+    for s in np.linspace(0.0, 0.12, PUBLISHED.markers_min):
         assert markers.plane() is None
         markers.add(np.array([5.0, -3.0, 1.0]) + s * forward, medial)
     plane = markers.plane()

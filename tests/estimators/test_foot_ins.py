@@ -100,8 +100,8 @@ def test_a_heel_that_rises_slowly_does_not_pull_the_path_down() -> None:
         FootIns(parameters=p, start=start_of(truth)).run(truth.imu).trajectory.p_frame_in_world[-1, 2]
         - truth.p_imu_in_world[-1, 2]
         for p in (
-            FootInsParameters(level_step=0.0),
-            FootInsParameters(level_step=0.0, lever_sd=0.0, contact_sd=0.0, max_surprise=1e9),
+            FootInsParameters(level_step_m=0.0),
+            FootInsParameters(level_step_m=0.0, lever_sd_m=0.0, contact_sd_m=0.0, innovation_gate=1e9),
         )
     )
     assert fixed < -0.03 * truth.distance
@@ -113,7 +113,7 @@ def glide(strides: int = 8, speed: float = 3.0, rate_hz: float = 200.0) -> Block
     kick = speed * rate_hz / 20 * (1.0 - np.cos(2 * np.pi * (np.arange(20) + 0.5) / 20))
     stride = np.concatenate([kick, np.zeros(8), -kick, np.zeros(80)])
     ahead = np.concatenate([np.zeros(400), np.tile(stride, strides)])
-    force = np.column_stack([ahead, np.zeros_like(ahead), np.full_like(ahead, FootInsParameters().gravity)])
+    force = np.column_stack([ahead, np.zeros_like(ahead), np.full_like(ahead, FootInsParameters().gravity_mps2)])
     t_ns = np.arange(1, len(ahead) + 1) * round(1e9 / rate_hz)
     columns = {"angular_rate": np.zeros_like(force), "specific_force": force}
     return Block(topic="/foot_l/imu", kind=Imu, t_ns=t_ns, columns=columns)
@@ -125,7 +125,7 @@ def test_a_swing_that_looks_still_for_an_instant_is_not_stopped() -> None:
     way = np.cumsum(np.cumsum(ahead) / 200.0)[-1] / 200.0
     robust, credulous = (
         FootIns(parameters=p).run(imu).trajectory.p_frame_in_world[-1, 0]
-        for p in (FootInsParameters(), FootInsParameters(max_surprise=1e9))
+        for p in (FootInsParameters(), FootInsParameters(innovation_gate=1e9))
     )
     assert abs(robust - way) < 0.15 * way
     assert abs(credulous - way) > 0.90 * way
@@ -280,7 +280,7 @@ def test_a_limited_gyro_costs_certainty_and_less_accuracy_than_trusting_it() -> 
     limited = block_like(truth, angular_rate=np.clip(truth.imu.columns["angular_rate"], -5.0, 5.0))
     told, untold = (
         FootIns(parameters=p, start=start_of(truth)).run(limited).trajectory
-        for p in (FootInsParameters(gyro_range=5.0, level_step=0.0), FootInsParameters(level_step=0.0))
+        for p in (FootInsParameters(gyro_range_radps=5.0, level_step_m=0.0), FootInsParameters(level_step_m=0.0))
     )
     end = truth.p_imu_in_world[-1]
     assert np.trace(told.covariance[-1, :3, :3]) > np.trace(untold.covariance[-1, :3, :3])
@@ -316,7 +316,7 @@ def test_nothing_that_a_sensor_says_yields_a_nan(stream: list[tuple[int, list[fl
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("gravity", 0.0), ("window_s", -1.0), ("still_power", float("nan")), ("gyro_noise", -1e-3)],
+    [("gravity_mps2", 0.0), ("window_s", -1.0), ("still_power", float("nan")), ("gyro_noise_radps_rthz", -1e-3)],
 )
 def test_a_bad_parameter_is_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ConfigError, match=field):

@@ -22,8 +22,8 @@ turn_by_scale = from_python(scale_of_gyros.turn_by_scale)
 
 @pytest.mark.parametrize("foot", [0, 1])
 def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(foot: int) -> None:
-    parameters = for_sensor(FootInsParameters(still_velocity=1e6, rest_level=0.0), None)
-    gravity = np.array([0.0, 0.0, parameters.gravity])
+    parameters = for_sensor(FootInsParameters(still_velocity_mps=1e6, rest_level=0.0), None)
+    gravity = np.array([0.0, 0.0, parameters.gravity_mps2])
     rates = np.random.default_rng(1).normal(4.0, 3.0, (30, 3))
     arms, mounts = np.zeros((2, 3)), np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
 

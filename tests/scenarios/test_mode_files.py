@@ -41,7 +41,7 @@ def test_steps_are_counted_anew_where_the_odometry_began_anew():
     assert [m.steady_s for m in made] == pytest.approx([0.0, 0.5, 1.0])
 
 
-@pytest.mark.parametrize("method", ["stridetwin", "published"])
+@pytest.mark.parametrize("method", ["proposed", "published"])
 def test_estimate_writes_a_row_a_step(walk, tmp_path, method):
     out = tmp_path / "modes.csv"
     assert main(["estimate", "locomotion_mode", str(walk), "--method", method, "-o", str(out)]) == 0

@@ -108,7 +108,7 @@ def read_stridetwin(words):
         assert asked.scenario in {*catalogue(), *campaigns(), *YOURS}
     if getattr(asked, "physics", None):
         assert asked.physics in PHYSICS
-    if asked.command in ("estimate", "live") and asked.method != "stridetwin":
+    if asked.command in ("estimate", "live") and asked.method != "proposed":
         from stridetwin.estimators import contact_terrain, dvio, foot_to_foot, locomotion_mode
 
         kinds = {e.__name__.split(".")[-1]: e.METHODS for e in (contact_terrain, dvio, foot_to_foot, locomotion_mode)}

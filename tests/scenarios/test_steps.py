@@ -119,12 +119,12 @@ def test_the_experiment_lays_its_figures_beside_the_papers():
             for i in range(3)
         ]  # fmt: skip
 
-    walks = {walk: {m: steps("LG", 0.0) for m in ("stridetwin", "published")} for walk in shim_table5.WALKS}
-    walks["shim_stairs"] = {m: steps("SA", 0.165) + steps("SD", -0.165) for m in ("stridetwin", "published")}
-    false = {"stridetwin": 1, "published": 3}
+    walks = {walk: {m: steps("LG", 0.0) for m in ("proposed", "published")} for walk in shim_table5.WALKS}
+    walks["shim_stairs"] = {m: steps("SA", 0.165) + steps("SD", -0.165) for m in ("proposed", "published")}
+    false = {"proposed": 1, "published": 3}
     cases = [{"subject": who, "fell": [], "walks": walks, "false_steps": false} for who in (1, 2)]
     result = shim_table5.collect(cases)
-    row = result["summary"]["stridetwin"]["SA"]
+    row = result["summary"]["proposed"]["SA"]
     assert row["elevation_rmse_mm"] == pytest.approx(10.0)
     assert row["slope_rmse_deg"] == pytest.approx(np.degrees(np.sqrt(5 / 3) * 0.01))
     assert (row["steps"], row["elevation_in_95_pct"], row["d_rmse_mm"]) == (6, 100.0, 0.0)
@@ -136,5 +136,5 @@ def test_the_experiment_lays_its_figures_beside_the_papers():
     assert "steps told that are none: 2" in lines
     alone = shim_table5.collect(cases[:1])  # nobody else's steps to train a machine on
     assert "classification_accuracy_pct" not in alone["summary"]["published"]["all"]
-    assert alone["summary"]["stridetwin"]["all"]["classification_accuracy_pct"] == 100.0
+    assert alone["summary"]["proposed"]["all"]["classification_accuracy_pct"] == 100.0
     assert "right classes by subject, %: S1 -" in shim_table5.table(alone | {"cases": cases[:1]})

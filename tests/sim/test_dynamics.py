@@ -20,7 +20,7 @@ from stridetwin.sim.dynamics.replan import Planned, Sensed, StepReplan
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import sole_points, toe_prices
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
-from stridetwin.sim.dynamics.whole_body import contact_forces, eliminate, solve
+from stridetwin.sim.dynamics.whole_body import PushingPoints, Tasks, contact_forces, eliminate, solve
 from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
@@ -169,8 +169,8 @@ def test_control_step_obeys_the_equations_of_motion() -> None:
     tasks, aims = rng.normal(size=(4, n)), rng.normal(size=4)
     wanted, unaided = rng.normal(size=n), np.zeros(6)
     qacc, torque, push, rest = solve(
-        M, h, wanted, np.full(n, 0.1), tasks, aims, np.ones(4), contacts, edges, np.full(k, 1e-3), 1e-4,
-        rng.uniform(0.0, 1.0, (k, 4)), unaided,
+        M, h, wanted, np.full(n, 0.1), Tasks(tasks, aims, np.ones(4)),
+        PushingPoints(contacts, edges, np.full(k, 1e-3), 1e-4, rng.uniform(0.0, 1.0, (k, 4))), unaided,
     )  # fmt: skip
     assert push.min() >= 0.0
     force = np.einsum("ke,kei->ki", push, edges).ravel()

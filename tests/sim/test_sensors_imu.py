@@ -12,9 +12,9 @@ from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.sensor_suite import step_ends
 from stridetwin.sim.sensors import imu as imu_model
-from stridetwin.sim.sensors.imu import GRAVITY
 from stridetwin.sim.sensors.wander import FLOOR, Wander
 from stridetwin.sim.track import Track
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration, Mount
 
 STILL = Noise(None)
@@ -95,7 +95,7 @@ def strapdown(block, start):
             power = power @ hat / n
             gamma1 = gamma1 + power / (n + 1)
         before = v
-        v = v + np.array([0.0, 0.0, -GRAVITY]) * dt + R.apply(gamma1 @ f) * dt
+        v = v + np.array([0.0, 0.0, -NOMINAL_GRAVITY_MPS2]) * dt + R.apply(gamma1 @ f) * dt
         p = p + (before + v) / 2 * dt
         R = R * Rotation.from_rotvec(phi)
         path.append(p)

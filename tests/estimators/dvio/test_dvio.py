@@ -121,7 +121,7 @@ def tilt_and_speed_errors(wall, e):
     return tilt, np.linalg.norm(R.T @ v - told.T @ e.v_imu_in_world)
 
 
-@pytest.mark.parametrize("method", ["stridetwin", "dvio", "vins_mono"])
+@pytest.mark.parametrize("method", ["proposed", "dvio", "vins_mono"])
 @pytest.mark.parametrize("begin_s", [3.0, 4.1])
 def test_starts_in_motion(method, begin_s):
     wall = moving(4.0, begin_s=begin_s)
@@ -324,7 +324,7 @@ def test_refuses_what_it_cannot_use():
         Dvio(Rig())
     with pytest.raises(ConfigError, match="host_depth"):
         DvioParameters(host_depth="some")
-    with pytest.raises(ConfigError, match="sight_sd_px"):
-        DvioParameters(sight_sd_px=0.0)
+    with pytest.raises(ConfigError, match="pixel_noise_px"):
+        DvioParameters(pixel_noise_px=0.0)
     with pytest.raises(StrideTwinError, match="/foot_l/imu"):
         Dvio(rig()).update(Imu(topic="/foot_l/imu", t_ns=0, angular_rate=np.zeros(3), specific_force=np.zeros(3)))

@@ -15,7 +15,7 @@ from tests.estimators.terrain_map.scenes import RIG
 CAMERA = RIG.cameras["/head/color"]
 
 
-def predictor(method="stridetwin"):
+def predictor(method="proposed"):
     return LocomotionMode(TerrainMap(RIG), CAMERA, method=method)
 
 
@@ -152,7 +152,7 @@ def test_published_tells_the_mode_of_the_ground_under_the_print(walk):
     assert told(-0.90, -0.40) == "LG"
 
 
-@pytest.mark.parametrize("method", ["stridetwin", "published"])
+@pytest.mark.parametrize("method", ["proposed", "published"])
 def test_a_touch_down_without_a_pose_makes_no_double_step(walk, method):
     landed = footprints()[3][0]
     mode = predictor(method)

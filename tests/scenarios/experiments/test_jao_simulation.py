@@ -63,18 +63,18 @@ def test_the_papers_picture(result: dict) -> None:
     for foot in range(2):
         assert error["zupt_relative_distance"][foot] < error["zupt"][foot]
         assert error["zupt_relative_position"][foot] < 0.15
-        assert error["stridetwin"][foot] < 0.12
-    assert max(result["summary"]["mean_abs_north_error_m"]["stridetwin"]) < 0.01
-    assert set(result["paper"]["mean_end_error_m"]) == set(REPORTED) - {"stridetwin"}
+        assert error["proposed"][foot] < 0.12
+    assert max(result["summary"]["mean_abs_north_error_m"]["proposed"]) < 0.01
+    assert set(result["paper"]["mean_end_error_m"]) == set(REPORTED) - {"proposed"}
 
 
 def test_ours_stays_at_the_floor_of_the_drawn_noise(result: dict) -> None:
     """Run by run, what the two gyros' noise alone does to a path that is tied without loss."""
     simulation = Simulation(Setup())
-    runs = result["cases"] + [run_seed(1, methods=("stridetwin",))]
+    runs = result["cases"] + [run_seed(1, methods=("proposed",))]
     for seed, run in enumerate(runs):
         floor = simulation.floor_of(simulation.inertial(np.random.default_rng(seed))[1])[1]
-        for end in run["methods"]["stridetwin"]["end_error_m"]:
+        for end in run["methods"]["proposed"]["end_error_m"]:
             assert abs(end[1] - floor) < 0.06
 
 

@@ -25,7 +25,7 @@ gait: {stand_s: 0.5}
 sensors:
   head_camera: {rate_hz: 2}
 """
-DRIFT = {"stridetwin": 0.05, "dvio": 0.26, "vins_rgbd": 0.5, "vins_mono": 30.0}  # m over the whole walk
+DRIFT = {"proposed": 0.05, "dvio": 0.26, "vins_rgbd": 0.5, "vins_mono": 30.0}  # m over the whole walk
 
 
 @dataclass
@@ -88,8 +88,8 @@ def test_the_closed_loop_tells_every_method_beside_the_paper(walk) -> None:
         assert result["methods"][method]["loop_drift_m"] == pytest.approx(DRIFT[method], rel=0.02)
     collected = zhao_closed_loop.collect([result])
     summary = collected["summary"]
-    assert {m: summary[m]["failures"] for m in METHODS} == {"stridetwin": 0, "dvio": 0, "vins_rgbd": 0, "vins_mono": 1}
-    assert summary["stridetwin"]["by_mount"]["head"]["loop_drift_m"] == summary["stridetwin"]["loop_drift_m"]
+    assert {m: summary[m]["failures"] for m in METHODS} == {"proposed": 0, "dvio": 0, "vins_rgbd": 0, "vins_mono": 1}
+    assert summary["proposed"]["by_mount"]["head"]["loop_drift_m"] == summary["proposed"]["loop_drift_m"]
     assert summary["time_ms"]["p99"] >= summary["time_ms"]["mean"] > 0.0
     assert collected["paper"]["dvio"]["loop_drift_m"] == pytest.approx(0.2563, abs=1e-4)
     assert collected["paper"]["vins_mono"]["loop_drift_m"] == ">10"
@@ -201,4 +201,4 @@ def test_what_an_estimator_is_told_of_wrong_calibration(walk) -> None:
 
 def test_the_methods_are_the_papers_and_ours() -> None:
     told = set(zhao_closed_loop.paper())
-    assert set(odometry_walks.METHODS) == told | {"stridetwin"}
+    assert set(odometry_walks.METHODS) == told | {"proposed"}

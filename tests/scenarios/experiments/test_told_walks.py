@@ -41,7 +41,7 @@ def step(mode: str, told: str, p: float) -> ScoredMode:
                       probabilities=probabilities)  # fmt: skip
 
 
-def row(seed: int, told: str = "SA", methods: tuple[str, ...] = ("stridetwin", "published")) -> dict:
+def row(seed: int, told: str = "SA", methods: tuple[str, ...] = ("proposed", "published")) -> dict:
     scores = ModeScores(steps=[step("LG", "LG", 0.99), step("SA", told, 0.75)]).rows()
     angles = np.linspace(0.2, 0.6, 50)
     return {
@@ -134,13 +134,13 @@ def test_told_probabilities_stand_beside_the_share_that_was_right() -> None:
 
 @pytest.mark.parametrize("name", [*TRIALS, "zhao_generality", "zhao_baselines"])
 def test_table_and_page_have_the_papers_figures(name) -> None:
-    methods = ("stridetwin", "published", *([FORGETFUL] if name == "zhao_baselines" else []))
+    methods = ("proposed", "published", *([FORGETFUL] if name == "zhao_baselines" else []))
     more = {} if name in TRIALS else vars(condition(1000))
     results = [row(1000, methods=methods) | more, row(1001, "LG", methods) | more]
     experiment = EXPERIMENTS[name]
     result = json.loads(json.dumps({"experiment": name, **experiment.collect(results), "cases": results}))
-    assert result["summary"]["stridetwin"]["walks_accuracy_pct"]["mean"] == 75.0
-    assert result["summary"]["stridetwin"]["walks_accuracy_pct"]["sd"] == 25.0
+    assert result["summary"]["proposed"]["walks_accuracy_pct"]["mean"] == 75.0
+    assert result["summary"]["proposed"]["walks_accuracy_pct"]["sd"] == 25.0
     lines = experiment.table(result)
     accuracy = next(line for line in lines if line.startswith("accuracy %"))
     theirs = mode_tables.paper(name)["published"]["accuracy_pct"]["mean"]
@@ -179,7 +179,7 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
     results = [row(1000 + i, told) | vars(persons[i // 2]) for i, told in enumerate(["SA", "SA", "LG", "LG"])]
     results[1]["fell_at_s"] = 3.5
     result = {"experiment": "zhao_generality", **EXPERIMENTS["zhao_generality"].collect(results), "cases": results}
-    mean = result["summary"]["stridetwin"]["walks_accuracy_pct"]
+    mean = result["summary"]["proposed"]["walks_accuracy_pct"]
     assert mean["over"] == len({(p.height_group, p.member) for p in persons}) == 2
     assert mean["of"] == "persons"
     assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
@@ -200,7 +200,7 @@ def test_steps_of_which_nothing_was_told_count() -> None:
     rows = {"steps": ModeScores(steps=steps).rows()["steps"], "alarms_pct": 0.0}
     case = {"seed": 1000, "fell": [], "traps": {t: dict.fromkeys(METHODS, rows) for t in mode_not_fooled.TRAPS}}
     result = {"cases": [case], **mode_not_fooled.collect([case])}
-    for of in result["summary"]["stridetwin"].values():
+    for of in result["summary"]["proposed"].values():
         assert (of["steps"], of["accuracy_pct"], of["told"]["LG"], of["told"][""]) == (2, 50.0, 1, 1)
     assert len(mode_not_fooled.table(result)) == 3 + len(mode_not_fooled.TRAPS)
 

@@ -45,8 +45,8 @@ def test_every_method_is_told_of_in_every_case(short) -> None:
     assert set(result["cases"]) == set(jao_walk.CASES)
     for case in result["cases"].values():
         assert set(case) == {*METHODS, "sightings"}
-        assert np.abs(case["stridetwin"]["end_error_m"]).max() < 0.06
-        assert case["stridetwin"]["feet_disagree_rms_m"] < 0.03
+        assert np.abs(case["proposed"]["end_error_m"]).max() < 0.06
+        assert case["proposed"]["feet_disagree_rms_m"] < 0.03
     seen = {name: case["sightings"] for name, case in result["cases"].items()}
     assert 0 < seen["half_blind"] < 0.8 * seen["unclipped"]
 

@@ -1,4 +1,4 @@
-"""Our method: contacts that hold where a foot really holds, attitudes from gyros, offsets learnt on the way."""
+"""The proposed method: points of contact that really hold, attitudes from gyros, offsets estimated on the way."""
 
 from __future__ import annotations
 
@@ -12,45 +12,17 @@ from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.attitude import Attitudes
 from stridetwin.estimators.contact_terrain.chain import FOOT, OFFSETS, SAG, foot_place, turning
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate
-from stridetwin.estimators.contact_terrain.footfall import BOUNCE_S, OFF_N, ON_N, TOES_DOWN, Footfall, holds
+from stridetwin.estimators.contact_terrain.footfall import Footfall, holds
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import at_stop, leg_angles, links
 from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, sloping, step_modes
-from stridetwin.estimators.contact_terrain.offsets import (
-    CLIMB_SHARE,
-    SLOPE_SD,
-    SLOPE_SHARE,
-    VECTOR_SD,
-    Belief,
-    Offsets,
-    StepFigures,
-)
+from stridetwin.estimators.contact_terrain.offsets import Belief, Offsets, StepFigures
+from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
-
-LOADED_N = 100.0
-BOTH_N = 150.0
-"""With this load on both feet their contacts are trusted fully."""
-CARRIED_N = 300.0
-"""Who stands on one foot loads it with more."""
-SWING_RADPS = 3.0
-"""A foot on the ground seldom turns faster."""
-CREPT = 0.15
-"""Of what the other foot carries, what cells of a foot in the air may tell together."""
-LANDING_RADPS = 0.7
-"""A foot that lands on its heel and turns that fast is trusted half."""
-
-
-STOP_MARGIN = math.radians(2.0)
-STRAINED_SLOPE_SD, STRAINED_SD = math.radians(8.0), 0.015
-"""rad and m, what an ankle at its stop may do to a foot's attitude and place."""
-SLOPING_SD = 0.002
-"""m by which holders and cuffs give otherwise on a slope than on the level, in the same way at every step."""
-STEADY, GIVE = 0.0015, 5.0
-"""m by which the vector between two feet that stand varies, and what a frame that lets it vary more may be off by."""
 
 
 class Crossing:
@@ -85,19 +57,22 @@ class Crossing:
         return np.asarray(np.sqrt(variance))
 
 
-class StrideTwin:
-    """Our method.
+class Proposed:
+    """The proposed method.
 
     Args:
         exo: Geometry.
+        parameters: Of sensors, walkers and buildings.
     """
 
-    def __init__(self, exo: Exoskeleton) -> None:
+    def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
+        self._limits, self._classes, self._yields = parameters.footfall, parameters.classes, exo.compliance
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]
-        self._attitudes, self._offsets = Attitudes(), Offsets()
-        self._cells = [CellLoads(), CellLoads()]
-        self._falls = [Footfall(0, True), Footfall(0, True)]
+        self._attitudes = Attitudes(parameters.attitudes)
+        self._offsets = Offsets(parameters.offsets, exo.compliance.sag_sd_m)
+        self._cells = [CellLoads(parameters.cells), CellLoads(parameters.cells)]
+        self._falls = [Footfall(0, True, self._limits), Footfall(0, True, self._limits)]
         self._down, self._left_ns = [True, True], [0, 0]
         self._newest, self._steps = 0, 0
         self._crossing = Crossing()
@@ -105,7 +80,7 @@ class StrideTwin:
         self._p_before = np.zeros(3)
 
     def update(self, tick: Tick) -> StepEstimate | None:
-        """Takes a tick; returns what it tells of the last footprint, None where it tells nothing new."""
+        """Takes a tick; returns the estimate of the last footprint, None where nothing is new."""
         if tick.dt == 0.0:
             self._forget()
         self._attitudes.update(tick)
@@ -115,19 +90,20 @@ class StrideTwin:
         R_sole = [self._attitudes.R[3 + i] @ sole.T_foot_sole[:3, :3] for i, sole in enumerate(self._soles)]
         R = self._attitudes.R
         angles = [leg_angles(leg, R[0], R[1 + i], R[3 + i], tick.knee[i]) for i, leg in enumerate(self._links)]
-        free = [not at_stop(leg, q, STOP_MARGIN) for leg, q in zip(self._links, angles)]
+        free = [not at_stop(leg, q, self._yields.stop_margin_rad) for leg, q in zip(self._links, angles)]
         for side in range(2):
             self._touch(side, tick.t_ns, loads, rates, cells[side], R_sole[side])
         if all(self._down):
             self._cross(angles, loads, float(rates[self._newest]), all(free))
         self._leave(tick.t_ns, loads, rates, cells)
+        loaded_n = self._limits.loaded_n
         flat = [
             self._down[i]
             and self._falls[i].lie(
-                R_sole[i], float(rates[i]), bool(loads[i] > LOADED_N), bool(loads[1 - i] < LOADED_N), free[i]
+                R_sole[i], float(rates[i]), bool(loads[i] > loaded_n), bool(loads[1 - i] < loaded_n), free[i]
             )
             for i in range(2)
-        ]  # fmt: skip
+        ]
         new = self._newest
         if not flat[new] or not self._falls[new].flat or self._crossing.weight == 0.0:
             return None
@@ -139,13 +115,14 @@ class StrideTwin:
         Who walks always has a foot down. Where the last one that is down unloads and turns faster than the other one,
         it is leaving: the other one has landed on cells that do not feel it.
         """
-        other = 1 - side
-        if self._down[side] or not (loads[side] > ON_N or (loads[other] < OFF_N and rates[other] > rates[side])):
+        other, limits = 1 - side, self._limits
+        leaves = loads[other] < limits.left_n and rates[other] > rates[side]
+        if self._down[side] or not (loads[side] > limits.landed_n or leaves):
             return
         self._down[side] = True
-        if t_ns - self._left_ns[side] > BOUNCE_S * 1e9:
-            feels = loads[side] > ON_N and self._cells[side].alive[0]
-            on_heel = 2.0 * cells[0] > loads[side] if feels else R_world_sole[2, 0] > -math.sin(TOES_DOWN)
+        if t_ns - self._left_ns[side] > limits.bounce_s * 1e9:
+            feels = loads[side] > limits.landed_n and self._cells[side].alive[0]
+            on_heel = 2.0 * cells[0] > loads[side] if feels else R_world_sole[2, 0] > -math.sin(limits.toes_down_rad)
             self._land(side, bool(on_heel))
 
     def _leave(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
@@ -154,10 +131,11 @@ class StrideTwin:
         A foot that swings beside one that carries its wearer, and feels little but for one cell, has left: that cell
         sticks, or all of them have crept.
         """
+        limits = self._limits
         for side in sorted(range(2), key=lambda side: -rates[side]):
-            swings = rates[side] > SWING_RADPS and loads[1 - side] > CARRIED_N
+            swings = rates[side] > limits.swing_radps and loads[1 - side] > limits.carried_n
             felt = loads[side] - cells[side].max() if swings else loads[side]
-            if all(self._down) and felt < (CREPT * loads[1 - side] if swings else OFF_N):
+            if all(self._down) and felt < (limits.crept_share * loads[1 - side] if swings else limits.left_n):
                 self._down[side], self._left_ns[side] = False, t_ns
                 self._cells[side].empty()
 
@@ -168,21 +146,21 @@ class StrideTwin:
             if side != self._newest:  # a foot that lands twice steps from the other one both times
                 self._p_before = self._p_before + self._belief.values[:3]
         self._steps += 1
-        self._falls[side] = Footfall(self._steps, on_heel)
+        self._falls[side] = Footfall(self._steps, on_heel, self._limits)
         self._newest, self._crossing, self._belief = side, Crossing(), None
 
     def _forget(self) -> None:
         """After a gap nobody knows whether the feet are where they were."""
-        self._falls = [Footfall(fall.step, fall.on_heel) for fall in self._falls]
+        self._falls = [Footfall(fall.step, fall.on_heel, self._limits) for fall in self._falls]
         self._crossing, self._belief = Crossing(), None
 
     def _cross(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
         """Adds a tick in which both feet are down to the vector between their contacts."""
         new, old = self._newest, 1 - self._newest
         fall = self._falls[new]
-        weight = min(1.0, max(float(loads.min()), 1.0) / BOTH_N) ** 2
+        weight = min(1.0, max(float(loads.min()), 1.0) / self._limits.both_n) ** 2
         if fall.on_heel:
-            weight /= 1.0 + (rate / LANDING_RADPS) ** 2
+            weight /= 1.0 + (rate / self._limits.landing_radps) ** 2
         vector, J = self._contact(new, fall.on_heel, angles[new])
         before, J_before = self._contact(old, False, angles[old])
         J = J - J_before
@@ -215,10 +193,13 @@ class StrideTwin:
             slopes[k] = math.asin(max(-1.0, min(1.0, f[2])))
             J_slopes[k, at] = turning(f, R_foot)[2] / math.cos(slopes[k])
         strained = np.array([self._falls[new].strained, self._falls[old].strained])
-        slope_sd = np.sqrt(SLOPE_SD**2 + (SLOPE_SHARE * slopes) ** 2 + (STRAINED_SLOPE_SD * strained) ** 2)
-        place_sd = np.hypot(VECTOR_SD, STRAINED_SD * self._crossing.strained / self._crossing.weight)
-        place_sd[2] = math.hypot(place_sd[2], CLIMB_SHARE * max(vector[2], 0.0))
-        place_sd = np.hypot(place_sd, GIVE * np.maximum(self._crossing.spread() - STEADY, 0.0))
+        exo = self._yields
+        slope_sd = np.sqrt(
+            exo.slope_sd_rad**2 + (exo.slope_share * slopes) ** 2 + (exo.strained_slope_sd_rad * strained) ** 2
+        )
+        place_sd = np.hypot(exo.vector_sd_m, exo.strained_sd_m * self._crossing.strained / self._crossing.weight)
+        place_sd[2] = math.hypot(place_sd[2], exo.climb_share * max(vector[2], 0.0))
+        place_sd = np.hypot(place_sd, exo.spread_gain * np.maximum(self._crossing.spread() - exo.steady_m, 0.0))
         sd = np.concatenate([place_sd, slope_sd])
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 
@@ -228,10 +209,12 @@ class StrideTwin:
         self._belief = belief = self._offsets.judge(self._figures(), start=fall.step == 0)
         x, y, height, slope, before = belief.values
         covariance = belief.covariance.copy()
-        covariance[2, 2] += (SLOPING_SD * sloping(slope, math.sqrt(covariance[3, 3]))) ** 2
+        covariance[2, 2] += (
+            self._yields.sloping_sd_m * sloping(slope, math.sqrt(covariance[3, 3]), self._classes.ramp_rad)
+        ) ** 2
         sd = np.sqrt(np.diag(covariance))
         beyond = beyond_slopes(height, math.hypot(x, y), slope, before)
-        mode, probability = most_likely(step_modes(slope, sd[3], beyond, sd[2]))
+        mode, probability = most_likely(step_modes(slope, sd[3], beyond, sd[2], self._classes), self._classes.sure)
         return StepEstimate(
             t_ns=t_ns, step=fall.step, foot=SIDES[self._newest], slope=float(slope), elevation=float(height),
             slope_sd=float(sd[3]), elevation_sd=float(sd[2]), normal=_normal(fall.R_world_sole(), slope),

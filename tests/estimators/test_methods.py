@@ -1,0 +1,46 @@
+"""The former name of the proposed methods, as users give it and as recorded rows hold it."""
+
+from __future__ import annotations
+
+import json
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from stridetwin.estimators.dvio.parameters import METHODS, named
+from stridetwin.estimators.methods import current_name
+from stridetwin.scenarios.cli import parser
+from stridetwin.scenarios.experiments.registry import read_row
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+
+
+def test_the_former_name_warns_and_others_stay_as_they_are():
+    with pytest.warns(DeprecationWarning, match="'stridetwin' is now 'proposed'"):
+        assert current_name("stridetwin") == "proposed"
+    assert [current_name(name) for name in ("proposed", "published", "vins_mono", "best")] == [
+        "proposed", "published", "vins_mono", "best",
+    ]  # fmt: skip
+
+
+def test_the_former_name_chooses_the_same_parameters():
+    with pytest.warns(DeprecationWarning, match="proposed"):
+        assert named("stridetwin") is METHODS["proposed"]
+
+
+@pytest.mark.parametrize("words", [("estimate", "dvio", "walk.mcap", "-o", "path.txt"), ("live", "dvio")])
+def test_the_command_line_takes_the_former_name(words):
+    with pytest.warns(DeprecationWarning, match="proposed"):
+        assert parser().parse_args([*words, "--method", "stridetwin"]).method == "proposed"
+    assert parser().parse_args(words).method == "proposed"
+
+
+@pytest.mark.parametrize("stem", ["zhao_baselines", "jao_loop_126m", "zhao_closed_loop"])
+def test_rows_recorded_before_are_read_under_the_name_of_today(stem, tmp_path):
+    with tarfile.open(RESULTS / f"{stem}.tar.xz") as packed:
+        packed.extractall(tmp_path, filter="data")
+    file = min(tmp_path.glob("seed_*.json"))
+    text, row = file.read_text(), read_row(file)
+    assert '"stridetwin":' in text
+    assert json.loads(text.replace('"stridetwin":', '"proposed":')) == row
