@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
+import typer
+
+from stridetwin.scenarios.commands.options import METHODS, ImportableOptions, one_of
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.source import imported
 from stridetwin.streams.errors import StrideTwinError
@@ -19,7 +23,55 @@ ESTIMATORS = {
 }
 
 
-def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(ImportableOptions):
+    """Run one estimator on a recording or an IMU table."""
+
+    estimator: Annotated[
+        str,
+        typer.Argument(
+            metavar="ESTIMATOR",
+            help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars if recorded; "
+            "contact_terrain: exoskeleton; dvio: RGB-D camera with IMU on head or chest; "
+            "terrain_map: depth camera and poses; locomotion_mode: these and insoles.",
+            **one_of(tuple(ESTIMATORS)),
+        ),
+    ]
+    foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: foot of a recording (default l).")] = None
+    lag: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="foot_ins: smooth each pose with the next S seconds, up to 10."),
+    ] = None
+    method: Annotated[
+        str,
+        typer.Option(help="foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm.", **one_of(METHODS)),
+    ] = "stridetwin"
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame "
+            "(default: poses of the recording).",
+        ),
+    ] = None
+    mesh: Annotated[bool, typer.Option("--mesh", help="terrain_map: write the ground as a .glb as well.")] = False
+    exoskeleton: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="contact_terrain: geometry, where the recording provides none."),
+    ] = None
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain, locomotion_mode: "
+            "table, .csv; terrain_map: .json, and a .ply beside it.",
+        ),
+    ]
+
+
+def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     """`estimate`."""
     from stridetwin.scenarios.estimates import estimate_feet, estimate_foot, foot_filter
     from stridetwin.scenarios.imu_table import TABLES
@@ -62,7 +114,7 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data | {"rows": rows}, lines=lines)
 
 
-def _estimate_steps(arguments: Namespace, progress: Progress) -> Outcome:
+def _estimate_steps(arguments: EstimateOptions, progress: Progress) -> Outcome:
     from stridetwin.scenarios.estimates import estimate_steps
     from stridetwin.scenarios.steps import write_steps
 
@@ -76,7 +128,7 @@ def _estimate_steps(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[f"{file}: {len(made)} steps"])
 
 
-def _estimate_terrain(arguments: Namespace, progress: Progress) -> Outcome:
+def _estimate_terrain(arguments: EstimateOptions, progress: Progress) -> Outcome:
     from stridetwin.scenarios.terrain_files import document, map_recording, write_terrain
     from stridetwin.streams.tum import read_tum
 
@@ -92,7 +144,7 @@ def _estimate_terrain(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[f"{files[0]}: {len(found['planes'])} planes; {told}"])
 
 
-def _estimate_modes(arguments: Namespace, progress: Progress) -> Outcome:
+def _estimate_modes(arguments: EstimateOptions, progress: Progress) -> Outcome:
     from stridetwin.scenarios.mode_files import predict_recording, predicted_steps, write_modes
     from stridetwin.streams.tum import read_tum
 
