@@ -41,8 +41,9 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
     try:
         from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
     except ModuleNotFoundError as error:
+        extra = "closed-loop" if str(error.name).startswith("dm_") else "twin"
         raise StrideTwinError(
-            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[twin]'"
+            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[{extra}]'"
         ) from error
     asked = Asked(
         folder=arguments.output or Path("runs") / arguments.experiment,
