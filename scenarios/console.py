@@ -1,11 +1,16 @@
-"""What the command line says while it works: a bar on a terminal, a line a stage elsewhere."""
+"""Progress of a command on stderr: a bar with the time left on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
 import sys
-from typing import TextIO
+import time
+from typing import TYPE_CHECKING, TextIO
 
-_BAR = 28
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+_LINE_EVERY_S = 30.0
+"""Between two lines of one stage, so that the log of a long run says how far it is and stays short."""
 
 
 class Console:
@@ -16,30 +21,84 @@ class Console:
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream = stream or sys.stderr
-        self._live = self._stream.isatty()
-        self._stage, self._shown = "", -1
+        stream = stream or sys.stderr
+        self._shown: _Bar | _Lines = _Bar(stream) if stream.isatty() else _Lines(stream)
 
     def __call__(self, stage: str, share: float) -> None:
-        """Says how far a stage is.
+        """Shows how far a stage is.
 
         Args:
             stage: Its name.
             share: 0-1.
         """
-        percent = int(100 * min(max(share, 0.0), 1.0))
-        if stage == self._stage and (not self._live or percent == self._shown):
-            return
-        if self._live:
-            full = percent * _BAR // 100
-            self._stream.write(f"\r\x1b[K{stage:<9} [{'#' * full}{'.' * (_BAR - full)}] {percent:3d} %")
-        else:
-            self._stream.write(f"{stage} ...\n")
-        self._stage, self._shown = stage, percent
-        self._stream.flush()
+        self._shown.show(stage, min(max(share, 0.0), 1.0))
 
     def close(self) -> None:
         """Clears the bar."""
-        if self._live and self._stage:
-            self._stream.write("\r\x1b[K")
-            self._stream.flush()
+        self._shown.close()
+
+
+class _Bar:
+    """One line on a terminal, rewritten by Rich."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._stage = ""
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+
+    def show(self, stage: str, share: float) -> None:
+        if self._bar is None:
+            self._bar = _started(self._stream)
+        if stage != self._stage or self._task is None:
+            if self._task is not None:
+                self._bar.remove_task(self._task)
+            self._stage, self._task = stage, self._bar.add_task(stage, total=1.0)
+        self._bar.update(self._task, completed=share)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = self._task = None
+
+
+def _started(stream: TextIO) -> Progress:
+    from rich.console import Console as Terminal
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description:<9}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=Terminal(file=stream), transient=True, redirect_stdout=False)
+    bar.start()
+    return bar
+
+
+class _Lines:
+    """A line per stage, and where a stage takes long one every half minute with the time left."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._stage = ""
+        self._begun_s = self._written_s = 0.0
+
+    def show(self, stage: str, share: float) -> None:
+        now_s = time.monotonic()
+        if stage != self._stage:
+            self._stage, self._begun_s = stage, now_s
+            self._write(f"{stage} ...", now_s)
+        elif now_s - self._written_s >= _LINE_EVERY_S and 0.0 < share < 1.0:
+            left_s = (now_s - self._begun_s) * (1.0 - share) / share
+            self._write(f"{stage} {share:.0%}, {_clock(left_s)} left ...", now_s)
+
+    def close(self) -> None:
+        pass
+
+    def _write(self, line: str, now_s: float) -> None:
+        self._stream.write(f"{line}\n")
+        self._stream.flush()
+        self._written_s = now_s
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"

@@ -1,7 +1,8 @@
 """MCAP files read front to back without their summary, so that a cut-off file reads like a whole one.
 
-The stock reader needs the summary at the end, which a killed writer never wrote; here the records are walked
-as they lie, and every CRC that the file carries is checked on the way.
+Every CRC that the file carries is checked on the way. The mcap library's `StreamReader` reads cut-off files, too, but
+it trusts the lengths inside a record: one wrong length ends the reading, where here that record alone is lost, and a
+file of a few bytes may ask for all memory. It does not check the CRC of the summary either.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from types import ModuleType
 EXTRAS = frozenset(
     ["mujoco", "dm_control", "dm_env", "trimesh", "rerun", "rerun_sdk", "dask", "distributed", "cma", "sklearn"]
 )  # fmt: skip
-"""Import names of what `twin`, `view`, `cluster`, `learn` and others bring."""
+"""Import names of what the extras bring."""
 
 
 class Nothing(MetaPathFinder):

@@ -7,11 +7,17 @@ import signal
 import sys
 import threading
 import time
-from argparse import Namespace
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import chain
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
+import typer
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.methods import PROPOSED
+from stridetwin.scenarios.commands.options import METHODS, ImportableOptions, Options, one_of, positive, share
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.source import imported
 from stridetwin.streams.errors import RecordingError, StrideTwinError
@@ -32,7 +38,74 @@ _SWITCH_S = 0.0005
 """After which a thread that computes lets those run that read: by default they wait ten times as long."""
 
 
-def send_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class SendOptions(ImportableOptions):
+    """Play a recording to `live` in real time, as hardware would."""
+
+    to: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of `live` (default 127.0.0.1:7365).")] = ""
+    speed: Annotated[
+        float,
+        typer.Option(parser=share, metavar="N", help="Times real time; 0: as fast as the receiver takes it."),
+    ] = 1.0
+    topic: Annotated[list[str], typer.Option(metavar="TOPIC", help="A stream to send (default all but the truth).")] = (
+        field(default_factory=list)
+    )
+    patience: Annotated[
+        float, typer.Option(parser=positive, metavar="S", help="How long to wait for the receiver, s.")
+    ] = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions(Options):
+    """Run one estimator on samples as hardware sends them, record them, or both."""
+
+    estimator: Annotated[
+        str | None,
+        typer.Argument(metavar="ESTIMATOR", help="As in `estimate`.", **one_of(registry.names())),
+    ] = None
+    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address to listen at (default 127.0.0.1:7365).")] = (
+        ""
+    )
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Calibration (Kalibr YAML) in place of what the senders provide."),
+    ] = None
+    record: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording of all samples (.mcap).")] = None
+    foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: which foot (default l).")] = None
+    method: Annotated[str, typer.Option(help="As in `estimate`.", **one_of(METHODS))] = PROPOSED
+    exoskeleton: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="contact_terrain: geometry, where the sender provides none."),
+    ] = None
+    budget: Annotated[
+        float | None,
+        typer.Option(parser=positive, metavar="MS", help="Exit 1 if 1 % of a stream's samples take longer."),
+    ] = None
+    window: Annotated[
+        float | None,
+        typer.Option(
+            parser=share,
+            metavar="MS",
+            help="How long samples wait for older ones of other streams (default 10; maps 60).",
+        ),
+    ] = None
+    skip_pictures: Annotated[
+        float | None,
+        typer.Option(
+            parser=positive,
+            metavar="MS",
+            help="Skip images that have waited longer, so that a slow estimator keeps up (default: none).",
+        ),
+    ] = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="As in `estimate`; without it each estimate is a row on stdout."
+        ),
+    ] = None
+
+
+def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     """`send`."""
     from stridetwin.streams.rig import Rig
     from stridetwin.streams.sender import Sender
@@ -81,7 +154,7 @@ def _peeked(messages: Iterator[Message]) -> Iterator[Message]:
     return iter(()) if first is None else chain([first], messages)
 
 
-def live_command(arguments: Namespace, progress: Progress) -> Outcome:
+def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     """`live`."""
     from stridetwin.estimators import registry
     from stridetwin.scenarios.commands.estimate import goes_with, options_of

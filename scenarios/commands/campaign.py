@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from argparse import Namespace
 from pathlib import Path
 
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
-from stridetwin.scenarios.commands.walk import record_command
+from stridetwin.scenarios.commands.walk import GenerateOptions, record_command
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 _SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
 
 
-def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
+def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate`; what a file holds says whether it is a scenario or a campaign."""
     from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign
     from stridetwin.scenarios.fields import suggest
@@ -32,7 +31,7 @@ def generate_command(arguments: Namespace, progress: Progress) -> Outcome:
     return record_command(arguments, progress)
 
 
-def campaign_command(path: Path, arguments: Namespace, progress: Progress) -> Outcome:
+def campaign_command(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a campaign."""
     from stridetwin.scenarios.campaign import card, manifest
     from stridetwin.scenarios.campaign.campaign_file import read_campaign

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options
+from stridetwin.estimators.base import MAP, MODES, PATH, PROPOSED, STEPS, Declaration, Options
+from stridetwin.scenarios.commands.options import METHODS, ImportableOptions, one_of
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.source import imported
 from stridetwin.streams.errors import StrideTwinError
 
 if TYPE_CHECKING:
+    from stridetwin.scenarios.commands.bridge import LiveOptions
     from stridetwin.scenarios.pipeline import Found
     from stridetwin.streams.trajectory import Trajectory
 
@@ -21,7 +25,55 @@ Written = tuple[list[Path], int, list[str]]
 """Files, rows, and what to say of them."""
 
 
-def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(ImportableOptions):
+    """Run one estimator on a recording or an IMU table."""
+
+    estimator: Annotated[
+        str,
+        typer.Argument(
+            metavar="ESTIMATOR",
+            help="foot_ins: IMU of one foot; foot_to_foot: both feet, with cameras and sonars if recorded; "
+            "contact_terrain: exoskeleton; dvio: RGB-D camera with IMU on head or chest; "
+            "terrain_map: depth camera and poses; locomotion_mode: these and insoles.",
+            **one_of(registry.names()),
+        ),
+    ]
+    foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: foot of a recording (default l).")] = None
+    lag: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="foot_ins: smooth each pose with the next S seconds, up to 10."),
+    ] = None
+    method: Annotated[
+        str,
+        typer.Option(help="foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm.", **one_of(METHODS)),
+    ] = PROPOSED
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="terrain_map, locomotion_mode: TUM trajectory of the depth camera's optical frame "
+            "(default: poses of the recording).",
+        ),
+    ] = None
+    mesh: Annotated[bool, typer.Option("--mesh", help="terrain_map: write the ground as a .glb as well.")] = False
+    exoskeleton: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="contact_terrain: geometry, where the recording provides none."),
+    ] = None
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="TUM trajectory to write (foot_to_foot: _l and _r are added); contact_terrain, locomotion_mode: "
+            "table, .csv; terrain_map: .json, and a .ply beside it.",
+        ),
+    ]
+
+
+def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     """`estimate`."""
     found = registry.estimator(arguments.estimator)
     if arguments.mesh and found.declaration.kind != MAP:
@@ -33,7 +85,7 @@ def estimate_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=lines)
 
 
-def options_of(arguments: Namespace, declaration: Declaration) -> Options:
+def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaration) -> Options:
     """What the arguments of `estimate` or `live` choose.
 
     Raises:
@@ -58,7 +110,7 @@ def goes_with(choose: Callable[[Declaration], bool]) -> str:
     return ", ".join(name for name, found in registry.estimators().items() if choose(found.declaration))
 
 
-def _paths(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
+def _paths(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.scenarios.imu_table import TABLES
     from stridetwin.scenarios.live_chain import part_file
     from stridetwin.scenarios.pipeline import paths
@@ -77,7 +129,7 @@ def _paths(arguments: Namespace, found: Found, options: Options, progress: Progr
     return list(made), sum(map(len, made.values())), [f"{file}: {len(path)} poses" for file, path in made.items()]
 
 
-def _steps(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
+def _steps(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.scenarios.pipeline import steps
     from stridetwin.scenarios.steps import write_steps
 
@@ -87,7 +139,7 @@ def _steps(arguments: Namespace, found: Found, options: Options, progress: Progr
     return [arguments.output], len(made), [f"{arguments.output}: {len(made)} steps"]
 
 
-def _terrain(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
+def _terrain(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.scenarios.pipeline import mapped
     from stridetwin.scenarios.terrain_files import document, write_terrain
 
@@ -100,7 +152,7 @@ def _terrain(arguments: Namespace, found: Found, options: Options, progress: Pro
     return files, len(known["planes"]), [f"{files[0]}: {len(known['planes'])} planes; {words}"]
 
 
-def _modes(arguments: Namespace, found: Found, options: Options, progress: Progress) -> Written:
+def _modes(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
     from stridetwin.scenarios.mode_files import predicted_steps, write_modes
     from stridetwin.scenarios.pipeline import predicted
 
@@ -110,7 +162,7 @@ def _modes(arguments: Namespace, found: Found, options: Options, progress: Progr
     return [arguments.output], len(rows), [f"{arguments.output}: {len(rows)} steps"]
 
 
-def _given(arguments: Namespace) -> Trajectory | None:
+def _given(arguments: EstimateOptions) -> Trajectory | None:
     """The poses of `--poses`."""
     from stridetwin.streams.tum import read_tum
 

@@ -2,20 +2,48 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
+import typer
+
+from stridetwin.scenarios.commands.options import Options, count, one_of, whole
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
+from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.streams.errors import StrideTwinError
 
 
-def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions(Options):
+    """Run a paper's experiment and print its table beside ours."""
+
+    experiment: Annotated[
+        str, typer.Argument(metavar="NAME", help=", ".join(EXPERIMENT_NAMES), **one_of(tuple(EXPERIMENT_NAMES)))
+    ]
+    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Cases at a time.")] = 1
+    seed: Annotated[
+        int | None, typer.Option(parser=whole, metavar="FIRST", help="Seed of the first case (default 1000).")
+    ] = None
+    subset: Annotated[int | None, typer.Option(parser=count, metavar="K", help="Number of cases (default all).")] = None
+    physics: Annotated[
+        Literal["kinematic", "dynamic"], typer.Option(help="How the body moves, in experiments with walks.")
+    ] = "dynamic"
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an earlier run that stopped.")] = False
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings of the walks in the folder.")] = False
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the cases (default runs/NAME).")
+    ] = None
+
+
+def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """`experiment`."""
     try:
         from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
     except ModuleNotFoundError as error:
+        extra = "closed-loop" if str(error.name).startswith("dm_") else "twin"
         raise StrideTwinError(
-            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[twin]'"
+            f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[{extra}]'"
         ) from error
     asked = Asked(
         folder=arguments.output or Path("runs") / arguments.experiment,

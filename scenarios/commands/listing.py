@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from argparse import Namespace
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
+from stridetwin.scenarios.commands.options import Options
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 
 
-def list_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class ListOptions(Options):
+    """List scenarios, sensors, parts, estimators and experiments."""
+
+
+def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
     from stridetwin.estimators.registry import estimators
     from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from stridetwin.scenarios.commands.options import Options
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
 
@@ -17,24 +17,24 @@ _FOLDERS = ("run", "generate", "export", "experiment", "place")
 _MAKE_FOLDERS = (("import", "output"), ("score", "history"))
 
 
-def check_outputs(arguments: Namespace) -> None:
+def check_outputs(command: str, arguments: Options) -> None:
     """Refuses what would overwrite an input, or be lost at the end of a long run.
 
     Raises:
         ConfigError: An output that is read, too, or given twice; one that no file can be.
     """
     given = dict(vars(arguments))
-    if arguments.command == "history":
+    if command == "history":
         given["file"] = given.pop("history")  # what it reads
     outputs = {name: given.pop(name) for name in _OPTIONS if isinstance(given.get(name), Path)}
     taken = list(_files(given.values()))
     for name, path in outputs.items():
-        option = f"{arguments.command} {_OPTIONS[name]}"
+        option = f"{command} {_OPTIONS[name]}"
         if any(_same(path, other) for other in taken):
             raise ConfigError(option, "", str(path), "a file that is neither read nor written for something else")
-        if name != "output" or arguments.command not in _FOLDERS:
+        if name != "output" or command not in _FOLDERS:
             partial_path(path)
-            if not path.parent.is_dir() and (arguments.command, name) not in _MAKE_FOLDERS:
+            if not path.parent.is_dir() and (command, name) not in _MAKE_FOLDERS:
                 raise ConfigError(option, "", str(path), f"a file in a folder that is there; there is no {path.parent}")
         taken.append(path)
 

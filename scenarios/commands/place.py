@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
+from stridetwin.scenarios.commands.options import Options, count, whole
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.streams.errors import StrideTwinError
 
@@ -14,7 +16,38 @@ if TYPE_CHECKING:
     from stridetwin.scenarios.placement.problem_file import Problem
 
 
-def place_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions(Options):
+    """Sweep or optimise where sensors sit, or which parts they are."""
+
+    problem: Annotated[
+        str,
+        typer.Argument(
+            metavar="SENSOR|PROBLEM",
+            help="Placement of the catalogue (see `list`), such as foot_camera, or a .yaml file.",
+        ),
+    ]
+    scenario: Annotated[
+        str | None, typer.Option(metavar="SCENARIO", help="Walk this scenario instead of the file's.")
+    ] = None
+    walks: Annotated[
+        int | None, typer.Option(parser=count, metavar="K", help="Walks of each scenario (default: as the file says).")
+    ] = None
+    seed: Annotated[
+        int | None,
+        typer.Option(parser=whole, metavar="FIRST", help="Seed of the first walk (default: as the file says)."),
+    ] = None
+    budget: Annotated[
+        int | None, typer.Option(parser=count, metavar="N", help="Optimise: places to try (default: as the file says).")
+    ] = None
+    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Walks at a time.")] = 1
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an earlier run that stopped.")] = False
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the files (default runs/NAME).")
+    ] = None
+
+
+def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     """`place`."""
     from stridetwin.scenarios.placement.problem_file import find_problem, read_problem
 
@@ -39,7 +72,7 @@ def place_command(arguments: Namespace, progress: Progress) -> Outcome:
     )
 
 
-def _asked(problem: Problem, arguments: Namespace) -> Problem:
+def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
     """The problem with what the command line says in place of the file."""
     from stridetwin.scenarios.campaign.named_files import NamedFiles
     from stridetwin.scenarios.fields import Where

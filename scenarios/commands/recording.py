@@ -5,14 +5,66 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from argparse import Namespace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
 
+import typer
+
+from stridetwin.scenarios.commands.options import ImportableOptions, SourceOptions, positive
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.source import imported, opened
 from stridetwin.streams.errors import StrideTwinError
 
 
-def export_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(SourceOptions):
+    """Write a recording in another tool's format."""
+
+    format: Annotated[
+        Literal["euroc", "tum", "rosbag2", "opensim", "table"],
+        typer.Option(help="Format; tum: path of a frame (FILE.txt) or RGB-D folder; table: IMU."),
+    ]
+    frame: Annotated[
+        str | None, typer.Option(help="tum, table: frame of the path or the IMU, such as pelvis (default foot_l/imu).")
+    ] = None
+    camera: Annotated[
+        str | None, typer.Option(metavar="TOPIC", help="euroc, tum: camera (default the first with depth).")
+    ] = None
+    stereo_baseline: Annotated[
+        float | None,
+        typer.Option(parser=positive, metavar="M", help="euroc: render a right camera at this distance from depth."),
+    ] = None
+    storage: Annotated[Literal["mcap", "sqlite3"], typer.Option(help="rosbag2: storage.")] = "mcap"
+    model: Annotated[Literal["rajagopal", "gait2392"], typer.Option(help="opensim: names and signs of this model.")] = (
+        "rajagopal"
+    )
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="PATH", help="File or folder to write.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportCommandOptions(ImportableOptions):
+    """Convert another tool's recording into one of ours."""
+
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="RECORDING", help="Recording to write (.mcap).")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(ImportableOptions):
+    """Validate a recording; exit 1 if a problem would invalidate estimates."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(SourceOptions):
+    """Open a recording in Rerun."""
+
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Rerun file to write (default beside the recording)."),
+    ] = None
+
+
+def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     """`export`."""
     from stridetwin.scenarios.export import export
 
@@ -32,7 +84,7 @@ def export_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[f"{arguments.output}: {n} rows of {name}" for name, n in rows.items()])
 
 
-def import_command(arguments: Namespace, progress: Progress) -> Outcome:
+def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:
     """`import`."""
     from stridetwin.streams.formats.recorded import write_recording
 
@@ -57,18 +109,17 @@ def import_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=lines)
 
 
-def check_command(arguments: Namespace, progress: Progress) -> Outcome:
+def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
     """`check`."""
     from stridetwin.scenarios.check import check_recording, check_table
 
     progress("check", 0.0)
-    arguments.lenient = True  # a check tells all that is wrong, not the first of it
-    recording = imported(arguments, tell=False)
+    recording = imported(replace(arguments, lenient=True), tell=False)  # a check reports every problem
     found = check_recording(recording, lambda share: progress("check", share))
     return Outcome(data=found.data, lines=check_table(found), code=1 if found.spoilt else 0)
 
 
-def view_command(arguments: Namespace, progress: Progress) -> Outcome:
+def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     """`view`."""
     from stridetwin.scenarios.ahead import all_estimates
     from stridetwin.scenarios.evaluate import evaluate, true_frames

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import json
-from argparse import Namespace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
+
+from stridetwin.scenarios.commands.options import Options, one_of
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 
 SCHEMAS = ("scenario", "part")
 
 
-def schema_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class SchemaOptions(Options):
+    """Print the JSON Schema of a kind of file, for editors."""
+
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"{', '.join(SCHEMAS)}.", **one_of(SCHEMAS))]
+
+
+def schema_command(arguments: SchemaOptions, progress: Progress) -> Outcome:
     """`schema`."""
     found = file_schema(arguments.kind)
     return Outcome(data=found, lines=as_text(found).splitlines())

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
+import typer
+
+from stridetwin.scenarios.commands.options import Options, count, positive, probability, share
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.streams.errors import StrideTwinError
 
@@ -61,7 +64,69 @@ _KINDS = (
 """A score that tells an estimator's kind, and what is shown of it."""
 
 
-def score_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class ScoreOptions(Options):
+    """Score estimates against the truth of recordings, and against a baseline."""
+
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
+    ]
+    lenient: Annotated[bool, typer.Option("--lenient", help="Read a damaged recording as far as possible.")] = False
+    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Recordings at a time.")] = 1
+    estimate: Annotated[list[str], typer.Option(metavar="NAME=FILE", help="Score a TUM file made elsewhere.")] = field(
+        default_factory=list
+    )
+    estimator: Annotated[
+        list[str], typer.Option(metavar="NAME=MODULE:CLASS", help="Score a Python class with update(sample).")
+    ] = field(default_factory=list)
+    program: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME=COMMAND",
+            help="Score a program that reads {recording} and writes the TUM file {output}, both words of the command.",
+        ),
+    ] = field(default_factory=list)
+    timeout: Annotated[float, typer.Option(parser=positive, metavar="S", help="Time limit of a program, s.")] = 600.0
+    frame: Annotated[str, typer.Option(help="Frame that these three estimate.")] = "foot_l/imu"
+    align: Annotated[Literal["start", "yaw", "se3"], typer.Option(help="Alignment of paths with the truth.")] = "start"
+    baseline: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="An earlier `score --json`; exit 1 if a score is worse.")
+    ] = None
+    least: Annotated[
+        float,
+        typer.Option(parser=share, metavar="PCT", help="Ignore smaller changes: % of an error, points of a share."),
+    ] = 1.0
+    false_alarms: Annotated[
+        float,
+        typer.Option(
+            parser=probability,
+            metavar="PCT",
+            help="Percentage of comparisons in which a score may seem worse by chance.",
+        ),
+    ] = 1.0
+    tolerance: Annotated[
+        float, typer.Option(parser=share, metavar="PCT", help="How much worse means of few walks may be, %.")
+    ] = 10.0
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison as JUnit XML.")] = None
+    markdown: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison for a pull request.")] = (
+        None
+    )
+    history: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Append a line with means and verdict (.jsonl).")
+    ] = None
+    label: Annotated[str | None, typer.Option(metavar="TEXT", help="--history: name of this version.")] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryOptions(Options):
+    """Draw how scores changed from version to version."""
+
+    history: Annotated[Path, typer.Argument(metavar="FILE", help="File that `score --history` has written (.jsonl).")]
+    title: Annotated[str, typer.Option(help="Title of the page.")] = "History"
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write (.html).")]
+
+
+def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     """`score`."""
     from stridetwin.scenarios.evaluate import summary
     from stridetwin.scenarios.gate.compare import Rules, check_level, compare_scores
@@ -106,7 +171,7 @@ def score_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=lines, code=code)
 
 
-def history_command(arguments: Namespace, progress: Progress) -> Outcome:
+def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
     """`history`."""
     from stridetwin.scenarios.gate.history import history_page, read_history
     from stridetwin.streams.files import whole_file
@@ -118,7 +183,7 @@ def history_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[f"{arguments.output}: {len(lines)} versions, the last: {lines[-1]['verdict']}"])
 
 
-def _own(arguments: Namespace) -> tuple[OwnEstimator, ...]:
+def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     """Estimators in the place of the built-in ones; what is wrong with one is told before anything is scored."""
     from stridetwin.scenarios.gate.own_estimators import Program, PythonClass, TumFile
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stridetwin.scenarios.commands.options import ImportableOptions
 from stridetwin.streams.errors import StrideTwinError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def opened(path: Path, lenient: bool, options: ImportOptions | None = None, *, t
     return recording
 
 
-def imported(arguments: Namespace, *, tell: bool = True) -> Recording:
+def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
     """`opened`, as the arguments of a command tell how."""
     from stridetwin.streams.opening import ImportOptions
 

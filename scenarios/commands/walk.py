@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import shlex
 import sys
-from argparse import Namespace
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from stridetwin.scenarios.commands.options import WalkOptions, count, whole
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.score import score_table
 
@@ -16,7 +18,52 @@ if TYPE_CHECKING:
     from stridetwin.scenarios.scenario_file import Scenario
 
 
-def run_command(arguments: Namespace, progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(WalkOptions):
+    """Walk, estimate and score in one go."""
+
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="Name in the catalogue (see `list`), or a .yaml file.")
+    ]
+    seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Determines every byte.")] = 0
+    no_film: Annotated[bool, typer.Option("--no-film", help="Leave the film out of the report.")] = False
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the files (default runs/SCENARIO).")
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerateOptions(WalkOptions):
+    """Record a walk, or the data set of a campaign, without estimates."""
+
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO|CAMPAIGN", help="Name in the catalogue (see `list`), or a .yaml file.")
+    ]
+    seed: Annotated[
+        int | None,
+        typer.Option(parser=whole, metavar="N", help="Determines every byte (default 0, or the campaign's)."),
+    ] = None
+    workers: Annotated[
+        int | None, typer.Option(parser=count, metavar="N", help="Campaign: walks at a time (default 1).")
+    ] = None
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Campaign: walk on the workers of this Dask scheduler.")
+    ] = None
+    subset: Annotated[int | None, typer.Option(parser=count, metavar="K", help="Campaign: only the first K walks.")] = (
+        None
+    )
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Recording to write (.mcap); for a campaign: output folder, existing walks are kept.",
+        ),
+    ]
+
+
+def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
     """`run`."""
     from stridetwin.scenarios.runner import run_scenario
 
@@ -30,7 +77,7 @@ def run_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[*score_table(run.scores), "", f"report  {report}", f"files   {folder}/"])
 
 
-def record_command(arguments: Namespace, progress: Progress) -> Outcome:
+def record_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
     from stridetwin.scenarios.record import record
     from stridetwin.scenarios.runner import make_twin
@@ -44,7 +91,7 @@ def record_command(arguments: Namespace, progress: Progress) -> Outcome:
     return Outcome(data=data, lines=[f"{arguments.output}: {twin.duration_s:.1f} s of {scenario.config.name}"])
 
 
-def _scenario(arguments: Namespace) -> Scenario:
+def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
     from stridetwin.scenarios.runner import without_cameras
     from stridetwin.scenarios.scenario_file import PHYSICS, load_scenario
     from stridetwin.streams.errors import ConfigError
@@ -59,7 +106,7 @@ def _scenario(arguments: Namespace) -> Scenario:
     return without_cameras(scenario) if arguments.no_cameras else scenario
 
 
-def _how_to_repeat(arguments: Namespace) -> str:
+def _how_to_repeat(arguments: RunOptions) -> str:
     words = ["stridetwin", "run", arguments.scenario, "--seed", str(arguments.seed)]
     words += ["--physics", arguments.physics] if arguments.physics else []
     words += ["--no-cameras"] if arguments.no_cameras else []

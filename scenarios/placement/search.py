@@ -54,7 +54,7 @@ def optimise(
             import cma
     except ModuleNotFoundError as error:
         raise StrideTwinError(
-            f"{error.name} is not installed; optimise needs it: pip install 'stridetwin[twin]'"
+            f"{error.name} is not installed; optimise needs it: pip install 'stridetwin[placement]'"
         ) from error
     numbers, choices = [k for k in knobs if not k.values], [k for k in knobs if k.values]
     combinations = list(itertools.product(*(k.values for k in choices)))

@@ -5,7 +5,7 @@ import socket
 import threading
 from contextlib import suppress
 
-from stridetwin.scenarios.cli import parser
+from stridetwin.scenarios.cli import parse
 from stridetwin.streams.errors import StrideTwinError
 
 
@@ -19,9 +19,9 @@ def free_port():
 
 def outcome(*words):
     """What a command has to say; its error, where it has one."""
-    arguments = parser().parse_args([str(w) for w in words])
+    call = parse([str(w) for w in words])
     try:
-        return arguments.act(arguments, lambda *_: None)
+        return call.run(lambda *_: None)
     except StrideTwinError as error:
         return error
 

@@ -70,7 +70,7 @@ def test_every_command_has_help(capsys, command):
     with pytest.raises(SystemExit) as stop:
         main([*command, "--help"])
     assert stop.value.code == 0
-    assert "usage: stridetwin" in capsys.readouterr().out
+    assert "Usage: stridetwin" in capsys.readouterr().out
 
 
 def test_run_leaves_every_file_and_says_where_the_report_is(walk):

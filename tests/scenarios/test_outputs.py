@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.cli import main, parser
+from stridetwin.scenarios.cli import main, parse
 from stridetwin.scenarios.commands.outputs import check_outputs
 
 
@@ -76,4 +76,5 @@ def test_a_file_in_a_folder_that_is_not_there_is_refused_before_anything_is_done
 
 def test_a_scenario_may_be_called_as_the_folder_of_its_run(here):
     (here / "demo").mkdir()
-    check_outputs(parser().parse_args(["run", "demo", "-o", "demo"]))
+    call = parse(["run", "demo", "-o", "demo"])
+    check_outputs(call.command, call.options)

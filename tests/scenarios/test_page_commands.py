@@ -14,6 +14,7 @@ from page_commands import PAGES, ROOT, fenced, in_text, name, rows_of_the_comman
 
 from stridetwin.scenarios import cli, runner
 from stridetwin.scenarios.campaign.campaign_file import campaigns
+from stridetwin.scenarios.commands import COMMANDS
 from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.scenarios.placement.problem_file import problems
 from stridetwin.scenarios.scenario_file import PHYSICS, catalogue
@@ -95,20 +96,20 @@ def filled(words):
 
 def read_stridetwin(words):
     """Fails where the command line would refuse the words, or there is no such walk."""
-    commands = cli.parser()._subparsers._group_actions[0].choices
-    if words[0] == "COMMAND" or (len(words) == 1 and words[0] in commands):
+    if words[0] == "COMMAND" or (len(words) == 1 and words[0] in COMMANDS):
         return
     if "--help" in words:
-        assert words == ["--help"] or words[0] in commands
+        assert words == ["--help"] or words[0] in COMMANDS
         return
-    asked = cli.parser().parse_args(words)
+    call = cli.parse(words)
+    asked = call.options
     if getattr(asked, "problem", None):
         assert asked.problem in {*problems(), *YOURS}
     if getattr(asked, "scenario", None):
         assert asked.scenario in {*catalogue(), *campaigns(), *YOURS}
     if getattr(asked, "physics", None):
         assert asked.physics in PHYSICS
-    if asked.command in ("estimate", "live") and asked.method != "proposed":
+    if call.command in ("estimate", "live") and asked.method != "proposed":
         from stridetwin.estimators import contact_terrain, dvio, foot_to_foot, locomotion_mode
 
         kinds = {e.__name__.split(".")[-1]: e.METHODS for e in (contact_terrain, dvio, foot_to_foot, locomotion_mode)}
@@ -175,7 +176,7 @@ def test_a_command_is_one(command, monkeypatch):
 
 
 def test_the_page_of_the_command_line_tells_every_command_and_experiment():
-    commands = set(cli.parser()._subparsers._group_actions[0].choices)
+    commands = set(COMMANDS)
     rows = rows_of_the_command_line(commands)
     for usage in rows:
         for words in variants(usage):

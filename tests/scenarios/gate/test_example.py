@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from stridetwin.scenarios.cli import parser
+from stridetwin.scenarios.cli import parse
 
 FILE = Path(__file__).parents[3] / "docs" / "examples" / "gate.yml"
 
@@ -27,8 +27,8 @@ def test_the_workflow_caches_its_baseline_and_asks_what_the_command_line_knows()
         words = [w for w in words if w not in ("", "github.event.pull_request.head.sha")]
         if words[-1] == "--label":
             words.append("commit")
-        asked = parser().parse_args(words)
-        kinds.append((asked.command, bool(getattr(asked, "baseline", None))))
+        call = parse(words)
+        kinds.append((call.command, bool(getattr(call.options, "baseline", None))))
     assert kinds == [("generate", False), ("score", False), ("score", True)]
 
 

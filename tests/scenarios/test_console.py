@@ -1,0 +1,59 @@
+"""Progress: plain lines in a log, a bar on a terminal."""
+
+import io
+import re
+
+import pytest
+
+from stridetwin.scenarios import console
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The time that the console reads, in seconds; a test sets it."""
+    now = [0.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_log_has_a_line_per_stage_and_the_time_left_of_a_long_one(clock):
+    log = io.StringIO()
+    progress = console.Console(log)
+    for second in range(91):
+        clock[0] = float(second)
+        progress("walk", second / 120)
+    progress("estimate", 0.0)
+    progress.close()
+    assert log.getvalue().splitlines() == [
+        "walk ...",
+        "walk 25%, 0:01:30 left ...",
+        "walk 50%, 0:01:00 left ...",
+        "walk 75%, 0:00:30 left ...",
+        "estimate ...",
+    ]
+
+
+def test_a_terminal_has_one_bar_that_goes_away(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    screen = Terminal()
+    progress = console.Console(screen)
+    for share in (0.0, 0.25, 1.0):
+        progress("walk", share)
+    progress("estimate", 0.5)
+    progress.close()
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", screen.getvalue())
+    assert "estimate" in shown
+    assert "50%" in shown
+    assert screen.getvalue().endswith("\x1b[2K")
+    assert screen.getvalue().count("\x1b[?25l") == screen.getvalue().count("\x1b[?25h") == 1
+
+
+def test_a_bar_that_was_never_shown_leaves_the_terminal_alone():
+    screen = Terminal()
+    console.Console(screen).close()
+    assert screen.getvalue() == ""
