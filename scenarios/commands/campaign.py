@@ -36,7 +36,7 @@ def campaign_command(path: Path, arguments: Namespace, progress: Progress) -> Ou
     """`generate` of a campaign."""
     from stridetwin.scenarios.campaign import card, manifest
     from stridetwin.scenarios.campaign.campaign_file import read_campaign
-    from stridetwin.scenarios.campaign.generate import Asked, generate
+    from stridetwin.scenarios.campaign.generate import Options, generate
     from stridetwin.scenarios.campaign.plan import Extra
     from stridetwin.scenarios.campaign.walk import ACCEPTED, FAILED
     from stridetwin.scenarios.scenario_file import PHYSICS
@@ -51,7 +51,7 @@ def campaign_command(path: Path, arguments: Namespace, progress: Progress) -> Ou
         valid = "HOST:PORT or PROTOCOL://HOST:PORT, such as tcp://10.0.0.5:8786"
         raise ConfigError("command line", "--scheduler", arguments.scheduler, valid)
     folder = arguments.output
-    asked = Asked(
+    options = Options(
         folder=folder,
         workers=arguments.workers or 1,
         scheduler=arguments.scheduler,
@@ -59,7 +59,7 @@ def campaign_command(path: Path, arguments: Namespace, progress: Progress) -> Ou
         subset=arguments.subset,
         extra=Extra(physics=arguments.physics, cameras=not arguments.no_cameras),
     )
-    done = generate(read_campaign(path), asked, progress)
+    done = generate(read_campaign(path), options, progress)
     walks, verdicts = done.manifest["walks"], done.verdicts
     hours = sum(w["duration_s"] for w in walks if w["status"] == ACCEPTED) / 3600
     data = {

@@ -12,12 +12,12 @@ from stridetwin.streams.errors import StrideTwinError
 def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`experiment`."""
     try:
-        from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
+        from stridetwin.scenarios.experiments.registry import Options, named, run_experiment
     except ModuleNotFoundError as error:
         raise StrideTwinError(
             f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[twin]'"
         ) from error
-    asked = Asked(
+    options = Options(
         folder=arguments.output or Path("runs") / arguments.experiment,
         workers=arguments.workers,
         first=arguments.seed,
@@ -26,5 +26,5 @@ def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
         resume=arguments.resume,
         keep=arguments.keep,
     )
-    result = run_experiment(arguments.experiment, asked, progress)
+    result = run_experiment(arguments.experiment, options, progress)
     return Outcome(data=result, lines=named(arguments.experiment).table(result))
