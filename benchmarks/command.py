@@ -1,4 +1,4 @@
-"""What the command line of every benchmark does: measure, then print one JSON object or a summary to read."""
+"""The command line of every benchmark: measure, then print one JSON object or a summary."""
 
 from __future__ import annotations
 
@@ -12,24 +12,29 @@ from stridetwin.streams.errors import StrideTwinError
 
 
 def command(doc: str | None) -> ArgumentParser:
-    """A parser that is described by the first line of a module's docstring and takes `--json`."""
+    """A parser with `--json`, described by the first line of a module's docstring."""
     parser = ArgumentParser(description=(doc or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(parser)
     return parser
+
+
+def add_json(parser: ArgumentParser) -> None:
+    """Adds `--json`, which `answer` reads."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def answer(
     parser: ArgumentParser, measure: Callable[[Namespace], dict[str, Any]], show: Callable[[dict[str, Any]], None]
 ) -> int:
-    """Measures as the command line says, and prints what is found.
+    """Measures with the arguments of the command line, and prints the result.
 
     Args:
         parser: Of `command`, with the benchmark's own arguments.
-        measure: From the arguments, all figures in the form of an experiment's JSON.
-        show: Prints them for a reader.
+        measure: From the arguments to all figures, in the form of an experiment's JSON.
+        show: Prints them as text.
 
     Returns:
-        Exit code: 0, or 2 with the message on stderr where the measuring raises a StrideTwinError.
+        Exit code: 0, or 2 with the message on stderr where the measurement raises a StrideTwinError.
     """
     arguments = parser.parse_args()
     try:
@@ -45,7 +50,7 @@ def answer(
 
 
 def show_summary(width: int, figure: str) -> Callable[[dict[str, Any]], None]:
-    """Prints the figures of each entry of `summary`, names padded to `width`, values formatted as `figure` says."""
+    """Prints the figures of each entry of `summary`, names padded to `width`, values in the format `figure`."""
 
     def show(result: dict[str, Any]) -> None:
         for name, figures in result["summary"].items():

@@ -1,7 +1,7 @@
 """Does the gate see what is worse, and only that: injected regressions on the same walks, unchanged code on fresh ones.
 
 `python -m benchmarks.gate [--walks 30] [--fresh 20] [--folder runs/gate] [--json]` makes walks of ten seconds without
-cameras (`benchmarks.campaign_speed`), scores `foot_ins` and `contact_terrain` on them as they are, and
+cameras (`benchmarks.speed.campaign`), scores `foot_ins` and `contact_terrain` on them as they are, and
 
 - with each of `REGRESSIONS` on the same `--walks` walks: found is one whose estimator the gate calls worse. How much
   worse it is is told by the composite of its errors, and by their means, over these walks.
@@ -27,12 +27,12 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.campaign_speed import written
 from benchmarks.command import answer, command
+from benchmarks.speed.campaign import write_campaign
 from stridetwin.estimators import foot_ins
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios import estimates
-from stridetwin.scenarios.campaign.generate import Asked, generate
+from stridetwin.scenarios.campaign.generate import Options, generate
 from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.scenarios.evaluate import evaluate, summary
 from stridetwin.scenarios.gate.compare import Comparison, Rules, compare_scores
@@ -288,9 +288,9 @@ def as_table(rows: Sequence[dict[str, Any]], names: Iterable[str] | None = None)
 def walks(folder: Path, seed: int, count: int) -> list[Path]:
     """Recordings of so many accepted walks of the campaign with a seed; those that are there are not made again."""
     (folder / "campaign").mkdir(parents=True, exist_ok=True)
-    asked = Asked(folder=folder / f"walks_{seed}", subset=count, seed=seed)
-    done = generate(written(folder / "campaign"), asked, lambda *_: None)
-    return [asked.folder / w["recording"] for w in done.manifest["walks"] if w["status"] == ACCEPTED]
+    options = Options(folder=folder / f"walks_{seed}", subset=count, seed=seed)
+    done = generate(write_campaign(folder / "campaign"), options, lambda *_: None)
+    return [options.folder / w["recording"] for w in done.manifest["walks"] if w["status"] == ACCEPTED]
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:

@@ -39,8 +39,8 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """How a campaign is to be run.
+class Options:
+    """Options of a campaign run.
 
     Attributes:
         folder: Gets everything.
@@ -82,50 +82,50 @@ class Done:
         return Counter(kind for w in self.manifest["walks"] for kind in {r.split(":")[0] for r in w["reasons"]})
 
 
-def generate(campaign: Campaign, asked: Asked, progress: Progress) -> Done:
+def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
     """Makes the walks of a campaign that are not there yet, of this configuration and version of the code.
 
     Args:
-        campaign: What is asked.
-        asked: How.
+        campaign: The campaign.
+        options: How it is run.
         progress: Told the stage and how far it is (0-1).
 
     Raises:
         StrideTwinError: Anything that the user can put right; what is finished stays.
     """
     progress("plan", 0.0)
-    if asked.seed is not None:
-        campaign = replace(campaign, seed=asked.seed)
-    check_extremes(campaign, asked.extra)
+    if options.seed is not None:
+        campaign = replace(campaign, seed=options.seed)
+    check_extremes(campaign, options.extra)
     made_by = versions()
     own = {name: sha256(path) for name, path in sorted(campaign.own.items())}
     jobs = [
         Job(
             walk=walk,
-            folder=asked.folder.absolute(),
+            folder=options.folder.absolute(),
             quality=campaign.quality,
             key=key_of(walk, own, made_by),
             versions=made_by,
         )
-        for walk in plan(campaign, asked.extra)[: asked.subset]
+        for walk in plan(campaign, options.extra)[: options.subset]
     ]
-    with _held(asked.folder):
+    with _held(options.folder):
         found = {job.walk.name: _kept(job) for job in jobs}
         rows = {name: row for name, row in found.items() if row.get("status")}
         missing = [job for job in jobs if job.walk.name not in rows]
         outdated = sum(bool(found[job.walk.name]) for job in missing)
         if outdated:  # they tell of recordings that are going to be replaced
             for name in (manifests.NAME, card.NAME):
-                (asked.folder / name).unlink(missing_ok=True)
-        lay_files(asked.folder, campaign.own)
+                (options.folder / name).unlink(missing_ok=True)
+        lay_files(options.folder, campaign.own)
         stage = f"walks, {outdated} of another version anew" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
-        for row in engines.rows(missing, asked.workers, asked.scheduler):
+        for row in engines.rows(missing, options.workers, options.scheduler):
             rows[row["walk"]] = row
             progress(stage, len(rows) / len(jobs))
         told = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)
         for name, text in ((card.NAME, card.card(told)), (manifests.NAME, json_text(told))):
-            with whole_file(asked.folder / name) as file:
+            with whole_file(options.folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return Done(manifest=told, made=len(missing))
 

@@ -35,7 +35,7 @@ def campaign_command(path: Path, arguments: GenerateOptions, progress: Progress)
     """`generate` of a campaign."""
     from stridetwin.scenarios.campaign import card, manifest
     from stridetwin.scenarios.campaign.campaign_file import read_campaign
-    from stridetwin.scenarios.campaign.generate import Asked, generate
+    from stridetwin.scenarios.campaign.generate import Options, generate
     from stridetwin.scenarios.campaign.plan import Extra
     from stridetwin.scenarios.campaign.walk import ACCEPTED, FAILED
     from stridetwin.scenarios.scenario_file import PHYSICS
@@ -50,7 +50,7 @@ def campaign_command(path: Path, arguments: GenerateOptions, progress: Progress)
         valid = "HOST:PORT or PROTOCOL://HOST:PORT, such as tcp://10.0.0.5:8786"
         raise ConfigError("command line", "--scheduler", arguments.scheduler, valid)
     folder = arguments.output
-    asked = Asked(
+    options = Options(
         folder=folder,
         workers=arguments.workers or 1,
         scheduler=arguments.scheduler,
@@ -58,7 +58,7 @@ def campaign_command(path: Path, arguments: GenerateOptions, progress: Progress)
         subset=arguments.subset,
         extra=Extra(physics=arguments.physics, cameras=not arguments.no_cameras),
     )
-    done = generate(read_campaign(path), asked, progress)
+    done = generate(read_campaign(path), options, progress)
     walks, verdicts = done.manifest["walks"], done.verdicts
     hours = sum(w["duration_s"] for w in walks if w["status"] == ACCEPTED) / 3600
     data = {

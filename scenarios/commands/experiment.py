@@ -39,13 +39,13 @@ class ExperimentOptions(Options):
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """`experiment`."""
     try:
-        from stridetwin.scenarios.experiments.registry import Asked, named, run_experiment
+        from stridetwin.scenarios.experiments.registry import Options, named, run_experiment
     except ModuleNotFoundError as error:
         extra = "closed-loop" if str(error.name).startswith("dm_") else "twin"
         raise StrideTwinError(
             f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[{extra}]'"
         ) from error
-    asked = Asked(
+    options = Options(
         folder=arguments.output or Path("runs") / arguments.experiment,
         workers=arguments.workers,
         first=arguments.seed,
@@ -54,5 +54,5 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         resume=arguments.resume,
         keep=arguments.keep,
     )
-    result = run_experiment(arguments.experiment, asked, progress)
+    result = run_experiment(arguments.experiment, options, progress)
     return Outcome(data=result, lines=named(arguments.experiment).table(result))

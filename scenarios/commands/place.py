@@ -52,23 +52,23 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     from stridetwin.scenarios.placement.problem_file import find_problem, read_problem
 
     try:
-        from stridetwin.scenarios.placement.run import Asked, run_placement
+        from stridetwin.scenarios.placement.run import Options, run_placement
     except ModuleNotFoundError as error:
         raise StrideTwinError(
             f"{error.name} is not installed; placements need the simulator: pip install 'stridetwin[twin]'"
         ) from error
     path = find_problem(arguments.problem)
     problem = _asked(read_problem(path), arguments)
-    asked = Asked(
+    options = Options(
         folder=arguments.output or Path("runs") / path.stem,
         workers=arguments.workers,
         seed=arguments.seed,
         walks=arguments.walks,
         resume=arguments.resume,
     )
-    result = run_placement(problem, asked, progress)
+    result = run_placement(problem, options, progress)
     return Outcome(
-        data=result, lines=[*_lines(result), f"page  {(asked.folder / 'placement.html').absolute().as_uri()}"]
+        data=result, lines=[*_lines(result), f"page  {(options.folder / 'placement.html').absolute().as_uri()}"]
     )
 
 

@@ -157,8 +157,8 @@ EXPERIMENTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """How an experiment is to be run.
+class Options:
+    """Options of an experiment run.
 
     Attributes:
         folder: Gets one JSON file a case, as soon as it is done.
@@ -188,12 +188,12 @@ class Asked:
         ]
 
 
-def run_experiment(name: str, asked: Asked, progress: Progress) -> dict[str, Any]:
+def run_experiment(name: str, options: Options, progress: Progress) -> dict[str, Any]:
     """Runs the cases of an experiment.
 
     Args:
         name: Of `EXPERIMENTS`.
-        asked: How.
+        options: How it is run.
         progress: Told how far it is (0-1).
 
     Returns:
@@ -203,23 +203,23 @@ def run_experiment(name: str, asked: Asked, progress: Progress) -> dict[str, Any
         StrideTwinError: There is no such experiment; the message lists those there are.
     """
     experiment = named(name)
-    cases = asked.cases(experiment.seeds)
-    asked.folder.mkdir(parents=True, exist_ok=True)
+    cases = options.cases(experiment.seeds)
+    options.folder.mkdir(parents=True, exist_ok=True)
     keys = {case.seed: _keys(name, experiment, case) for case in cases}
-    found = {case.seed: _row_key(case) for case in cases} if asked.resume else {}
+    found = {case.seed: _row_key(case) for case in cases} if options.resume else {}
     missing = [c for c in cases if found.get(c.seed) != keys[c.seed].row]
     outdated = sum(found.get(c.seed) is not None for c in missing)
     stage = f"{name}, {outdated} of another version anew" if outdated else name
     progress(stage, 1.0 - len(missing) / len(cases))
     jobs = [_Job(case=c, run=experiment.run_case, walks=keys[c.seed].walks) for c in missing]
-    for done, (job, result) in enumerate(as_done(_Job.result, jobs, asked.workers), 1):
+    for done, (job, result) in enumerate(as_done(_Job.result, jobs, options.workers), 1):
         with whole_file(job.case.file(".json")) as file:
             file.write_text(json.dumps({"key": keys[job.case.seed].row, **result}), encoding="utf-8")
         progress(stage, 1.0 - (len(missing) - done) / len(cases))
     results = [_read(case) for case in cases]
     result = {"experiment": name, **experiment.collect(results), "cases": results}
     if experiment.report is not None:
-        with whole_file(asked.folder / "report.html") as file:
+        with whole_file(options.folder / "report.html") as file:
             file.write_text(experiment.report(result), encoding="utf-8")
     return result
 

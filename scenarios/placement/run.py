@@ -32,8 +32,8 @@ _ALIKE = 0.05  # of every range: places nearer to each other are one place in th
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """How a placement is to be run.
+class Options:
+    """Options of a placement run.
 
     Attributes:
         folder: Gets its files.
@@ -57,7 +57,7 @@ class Asked:
         return replace(problem, seeds=seeds)
 
 
-def run_placement(problem: Problem, asked: Asked, progress: Progress) -> dict[str, Any]:
+def run_placement(problem: Problem, options: Options, progress: Progress) -> dict[str, Any]:
     """Searches places and compares them.
 
     Returns:
@@ -67,13 +67,13 @@ def run_placement(problem: Problem, asked: Asked, progress: Progress) -> dict[st
     Raises:
         StrideTwinError: Anything that the user can put right.
     """
-    problem, folder = asked.of(problem), asked.folder
+    problem, folder = options.of(problem), options.folder
     with held(folder):
         (folder / FOLDER).mkdir(exist_ok=True)
         lay_files(folder, problem.own)
         check_ends(problem, folder)
-        rows = Rows(folder / row_files.NAME, asked.resume)
-        measure = Measure(problem, folder, rows, asked.workers, progress)
+        rows = Rows(folder / row_files.NAME, options.resume)
+        measure = Measure(problem, folder, rows, options.workers, progress)
         searched = _searched(problem, measure)
         losses = _means(searched.losses(problem.scores))
         if not np.isfinite(losses).any():

@@ -18,7 +18,7 @@ from stridetwin.scenarios import processes
 from stridetwin.scenarios.campaign import engines
 from stridetwin.scenarios.campaign import walk as campaign_walk
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
-from stridetwin.scenarios.campaign.generate import Asked, generate
+from stridetwin.scenarios.campaign.generate import Options, generate
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.campaign.walk import Job
 from stridetwin.scenarios.check import check_recording
@@ -54,7 +54,7 @@ def campaign(home):
 @pytest.fixture(scope="module")
 def one(home, campaign):
     """What one worker makes."""
-    done = generate(campaign, Asked(folder=home / "one"), quiet)
+    done = generate(campaign, Options(folder=home / "one"), quiet)
     assert (done.made, done.verdicts) == (3, {"accepted": 3})
     return home / "one"
 
@@ -103,15 +103,15 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, t
     folder = tmp_path / "two"
     shutil.copytree(one, folder)
     before = told(folder)
-    generate_again = generate(campaign, Asked(folder=folder), quiet)
+    generate_again = generate(campaign, Options(folder=folder), quiet)
     assert generate_again.made == 0
     (folder / "recordings" / "walk_00001.mcap").write_bytes(b"")
     (folder / "rows" / "walk_00002.json").write_text("{")
     (folder / ".unfinished").mkdir()
     (folder / ".unfinished" / "half").write_text("x")
-    assert generate(campaign, Asked(folder=folder), quiet).made == 2
+    assert generate(campaign, Options(folder=folder), quiet).made == 2
     assert told(folder) == before
-    done = generate(replace(campaign, walks=4), Asked(folder=folder), quiet)
+    done = generate(replace(campaign, walks=4), Options(folder=folder), quiet)
     assert done.made == 1
     assert {n: b for n, b in told(folder).items() if n in before and "/" in n} == {
         n: b for n, b in before.items() if "/" in n
@@ -119,7 +119,7 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, t
 
 
 def test_two_workers_give_the_same_bytes(one, campaign, tmp_path):
-    assert generate(campaign, Asked(folder=tmp_path / "two", workers=2), quiet).made == 3
+    assert generate(campaign, Options(folder=tmp_path / "two", workers=2), quiet).made == 3
     assert told(tmp_path / "two") == told(one)
 
 
@@ -135,7 +135,7 @@ def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campa
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
-        asked = Asked(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
+        asked = Options(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
         assert generate(campaign, asked, kill_one).made == 3
     assert len(killed) == 1
     assert told(tmp_path / "cluster") == told(one)
@@ -177,7 +177,7 @@ def test_a_reason_does_not_say_where_this_machine_has_the_campaign(campaign, tmp
 def test_workers_of_another_version_stop_it(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(campaign_walk, "versions", lambda: {"sources": "here"})
     with pytest.raises(StrideTwinError, match="other versions than asked for: sources here"):
-        generate(campaign, Asked(folder=tmp_path), quiet)
+        generate(campaign, Options(folder=tmp_path), quiet)
 
 
 class FrailPool:
@@ -241,7 +241,7 @@ def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):
         assert old in text
         text = text.replace(old, new)
     (tmp_path / "my" / "small.yaml").write_text(text)
-    done = generate(read_campaign(path), Asked(folder=tmp_path / "out"), quiet)
+    done = generate(read_campaign(path), Options(folder=tmp_path / "out"), quiet)
     assert done.verdicts == {"accepted": 1, "rejected": 1}
     assert done.reasons == {"sensors": 1}
     (rejected,) = [w for w in done.manifest["walks"] if w["status"] == "rejected"]
@@ -262,7 +262,7 @@ def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path)
     path = write(tmp_path / "loop", SMALL, SHORT.replace("  - level: {length_m: 2}\n", loop))
     fault = "  faults: [{kind: freeze, topic: /foot_l/imu, at_s: 500}]\n"
     path.write_text(SMALL.replace("walks: 3", "walks: 1") + fault)
-    done = generate(read_campaign(path), Asked(folder=tmp_path / "out"), quiet)
+    done = generate(read_campaign(path), Options(folder=tmp_path / "out"), quiet)
     (walk,) = done.manifest["walks"]
     assert (walk["status"], done.reasons) == ("rejected", {"refused": 1})
     assert "recording" not in walk
@@ -272,7 +272,7 @@ def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path)
     path.write_text(text)
     for falls, status in (("reject", "rejected"), ("keep", "accepted")):
         path.write_text(f"{text}quality: {{falls: {falls}}}\n")  # is judged anew, not walked
-        done = generate(read_campaign(path), Asked(folder=tmp_path / "pushed"), quiet)
+        done = generate(read_campaign(path), Options(folder=tmp_path / "pushed"), quiet)
         (walk,) = done.manifest["walks"]
         assert walk["status"] == status
         assert walk["fell_at_s"] > 1
@@ -285,11 +285,11 @@ def test_only_one_generate_works_in_a_folder(one, campaign, tmp_path):
     def another(stage: str, share: float) -> None:
         if stage == "walks":
             with pytest.raises(StrideTwinError, match="another generate works there"):
-                generate(campaign, Asked(folder=folder), quiet)
+                generate(campaign, Options(folder=folder), quiet)
 
     folder = tmp_path / "two"
     shutil.copytree(one, folder)
-    generate(campaign, Asked(folder=folder), another)
+    generate(campaign, Options(folder=folder), another)
 
 
 def test_the_command_says_what_is_wrong(tmp_path, capsys):

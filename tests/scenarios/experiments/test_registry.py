@@ -16,7 +16,7 @@ import pytest
 from stridetwin.scenarios.experiments import registry
 from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
-from stridetwin.scenarios.experiments.registry import EXPERIMENTS, Asked, Experiment, run_experiment
+from stridetwin.scenarios.experiments.registry import EXPERIMENTS, Experiment, Options, run_experiment
 from stridetwin.streams.errors import StrideTwinError
 
 
@@ -40,7 +40,7 @@ def ran(monkeypatch) -> list[int]:
 
 def run(folder, **options):
     shares = []
-    result = run_experiment("small", Asked(folder=folder, **options), lambda _, share: shares.append(share))
+    result = run_experiment("small", Options(folder=folder, **options), lambda _, share: shares.append(share))
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     return result
@@ -69,7 +69,7 @@ def test_rows_of_another_physics_or_version_are_run_anew_and_their_number_is_tol
 
     def resumed(**options):
         stages.clear()
-        asked = Asked(folder=tmp_path, resume=True, **options)
+        asked = Options(folder=tmp_path, resume=True, **options)
         return run_experiment("small", asked, lambda stage, _: stages.append(stage))
 
     assert [c["physics"] for c in resumed(subset=1, physics="kinematic")["cases"]] == ["kinematic"]
@@ -150,24 +150,24 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
 
     slow = Experiment(seeds=range(count), run_case=run_case, collect=collected, table=lambda result: [])
     monkeypatch.setitem(registry.EXPERIMENTS, "small", slow)
-    asked = Asked(folder=tmp_path / "rows", resume=True)
-    run_experiment("small", replace(asked, subset=1), lambda *_: None)  # caches
+    options = Options(folder=tmp_path / "rows", resume=True)
+    run_experiment("small", replace(options, subset=1), lambda *_: None)  # caches
     killed, done = 0, 1
     for _ in range(6):
         child = os.fork()
         if child == 0:
             with suppress(BaseException):
-                run_experiment("small", asked, lambda *_: None)
+                run_experiment("small", options, lambda *_: None)
             os._exit(0)
         time.sleep(0.02 + 0.06 * rng.random())
         os.kill(child, signal.SIGKILL)
         killed += os.WIFSIGNALED(os.waitpid(child, 0)[1])
-        rows = sorted(asked.folder.glob("seed_*.json"))
+        rows = sorted(options.folder.glob("seed_*.json"))
         assert all(len(json.loads(row.read_text())["much"]) == 100_000 for row in rows)
         assert len(rows) >= done
         done = len(rows)
     assert 0 < done < count
-    result = run_experiment("small", asked, lambda *_: None)
+    result = run_experiment("small", options, lambda *_: None)
     assert [c["seed"] for c in result["cases"]] == list(range(count))
     assert len(log.read_text().split()) <= count + killed  # what was done is not done again
 
@@ -175,4 +175,4 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
 def test_every_experiment_is_listed_and_others_are_refused(tmp_path) -> None:
     assert set(EXPERIMENTS) == set(EXPERIMENT_NAMES)
     with pytest.raises(StrideTwinError, match="jao_loop_126m"):
-        run_experiment("magic", Asked(folder=tmp_path), lambda *_: None)
+        run_experiment("magic", Options(folder=tmp_path), lambda *_: None)

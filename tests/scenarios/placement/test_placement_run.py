@@ -9,7 +9,7 @@ from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.placement import measure as measuring
 from stridetwin.scenarios.placement.problem_file import read_problem
 from stridetwin.scenarios.placement.rows import NAME, held
-from stridetwin.scenarios.placement.run import Asked, run_placement
+from stridetwin.scenarios.placement.run import Options, run_placement
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
@@ -75,7 +75,7 @@ def test_the_command_tells_a_table_and_leaves_its_files(tmp_path, capsys):
 
 def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monkeypatch):
     asked = read_problem(problem(tmp_path, PARTS))
-    whole = run_placement(asked, Asked(folder=tmp_path / "whole"), silent)
+    whole = run_placement(asked, Options(folder=tmp_path / "whole"), silent)
     stopped, calls = tmp_path / "stopped", []
 
     def killed(stage, share):
@@ -84,12 +84,12 @@ def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monk
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_placement(asked, Asked(folder=stopped), killed)
+        run_placement(asked, Options(folder=stopped), killed)
     rows = (stopped / NAME).read_text()
     (stopped / NAME).write_text(rows[:-20])  # a line that was being written
     made, scores = [], measuring.geometric_scores
     monkeypatch.setattr(measuring, "geometric_scores", lambda *a: made.append(1) or scores(*a))
-    assert run_placement(asked, Asked(folder=stopped, resume=True), silent) == whole
+    assert run_placement(asked, Options(folder=stopped, resume=True), silent) == whole
     assert len(made) == 5 * 6 - 11
     for name in FILES:
         assert (stopped / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
@@ -97,7 +97,7 @@ def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monk
 
 def test_two_workers_come_to_the_same_bytes_and_a_place_is_shown_on_the_shoe(tmp_path):
     asked = read_problem(problem(tmp_path, SIGHT))
-    found = [run_placement(asked, Asked(folder=tmp_path / str(n), workers=n), silent) for n in (1, 2)]
+    found = [run_placement(asked, Options(folder=tmp_path / str(n), workers=n), silent) for n in (1, 2)]
     assert found[0] == found[1]
     for name in (*FILES, "body.png"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
@@ -110,22 +110,22 @@ def test_two_workers_come_to_the_same_bytes_and_a_place_is_shown_on_the_shoe(tmp
 def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
     node = SIGHT | {"set": {"sensors": ["foot_imu"]}, "free": PARTS["free"]}
     with pytest.raises(StrideTwinError, match="visibility_pct needs foot_camera, which is off"):
-        run_placement(read_problem(problem(tmp_path, node | {"seeds": 1})), Asked(folder=tmp_path / "out"), silent)
+        run_placement(read_problem(problem(tmp_path, node | {"seeds": 1})), Options(folder=tmp_path / "out"), silent)
 
 
 def test_a_score_that_nobody_tells_ends_it_with_the_first_place(tmp_path):
     node = PARTS | {"set": {"sensors": ["foot_imu"]}, "seeds": 1, "scores": ["foot_ins.nope"]}
     node |= {"free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}}}
     with pytest.raises(StrideTwinError, match=r"scores: 'foot_ins\.nope' is not valid; valid: of this .*end_error_m"):
-        run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert len((tmp_path / "out" / NAME).read_text().splitlines()) == 1
     node |= {"scores": ["magic.end_error_m"]}
     with pytest.raises(StrideTwinError, match=r"no place has all that weigh, magic\.end_error_m: .*of this name"):
-        run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
 
 
 def test_a_run_that_is_refused_leaves_the_rows_of_the_one_before(tmp_path):
-    out = Asked(folder=tmp_path / "out")
+    out = Options(folder=tmp_path / "out")
     run_placement(read_problem(problem(tmp_path, PARTS | {"seeds": 1})), out, silent)
     before = (tmp_path / "out" / NAME).read_bytes()
     node = PARTS | {"free": {"camera_mount": {"choice": ["head", "knee"]}}}
@@ -137,7 +137,7 @@ def test_a_run_that_is_refused_leaves_the_rows_of_the_one_before(tmp_path):
 def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_path):
     twice = ["steps.yaml", {"scenario": "steps.yaml", "set": {"sensors.insole": False}}]
     node = PARTS | {"scenarios": twice, "seeds": 1}
-    told = run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+    told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert told["walks"] == ["steps, seed 0", "steps_2, seed 0"]
     rows = [json.loads(line) for line in (tmp_path / "out" / NAME).read_text().splitlines()]
     weights = {}
@@ -188,7 +188,7 @@ def test_where_only_the_place_as_it_is_has_a_score_its_page_is_made_without_figu
         "sensors.foot_imu.position_mm[2]": {"between": [40, 60], "step": 20},
     }
     node = PARTS | {"free": free, "seeds": 1, "set": {"sensors.foot_imu.position_mm": [-30, 42, 60]}}
-    told = run_placement(read_problem(problem(tmp_path, node)), Asked(folder=tmp_path / "out"), silent)
+    told = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert [row["label"] for row in told["table"]] == ["as it is"]
     assert told["failed"] == told["tried"] == 8
     assert "Over each value" not in (tmp_path / "out" / "placement.html").read_text()

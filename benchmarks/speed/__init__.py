@@ -1,0 +1,1 @@
+"""Speed and memory of the twin and the estimators: `python -m benchmarks.speed NAME`."""
