@@ -1,7 +1,7 @@
 """Renders the equations of the pages as MathML, as a hook of mkdocs (see mkdocs.yml).
 
-Pages hold LaTeX between `$` and `$$`, which code hosts render by themselves. pymdownx.arithmatex marks it, and this hook
-replaces it with MathML, which browsers render without a script or a network. `\\tag{n}` becomes the number at the
+Pages hold LaTeX between `$` and `$$`, which code hosts render by themselves. pymdownx.arithmatex marks it, and this
+hook replaces it with MathML, which browsers render without a script or a network. A `tag` becomes the number at the
 right, and the anchor `equation-n`.
 """
 

@@ -1,7 +1,7 @@
-"""Renders the images of the README: the walker on the stair, and what four cameras of the rig see.
+"""Renders the images of the README: the walker on the stair, and the views of four cameras.
 
-Run as `python tools/readme_picture.py`; writes docs/images/walk.jpg (one instant) and docs/images/walk.webp (two strides
-as an animation).
+Run as `python tools/readme_picture.py`; writes docs/images/walk.jpg (one instant) and docs/images/walk.webp (an
+animation of some strides).
 """
 
 import argparse

@@ -45,7 +45,7 @@ class Attitudes:
         self._variance = np.full(5, -1.0)
 
     def update(self, tick: Tick) -> None:
-        """Takes a tick; after a gap, and at first, the attitudes are as told."""
+        """Takes a tick; after a gap, and at first, the attitudes are as told. See docs/contact_terrain.md (6)."""
         told = np.concatenate((tick.R_world_base[None], tick.R_world_thigh, tick.R_world_foot))
         _fuse(self.R, self._last, self._variance, self._rate, self._since, told, tick.rate, tick.fresh, tick.dt)
 

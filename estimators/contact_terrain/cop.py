@@ -11,6 +11,8 @@ CONTACT_N = 60.0
 def centre_of_pressure(cells: Array, force: Array) -> Array | None:
     """(2,) m on the sole, None where the foot does not press.
 
+    See docs/contact_terrain.md (3).
+
     Args:
         cells: (4, 2) m.
         force: (4,) N.

@@ -87,6 +87,6 @@ def test_pages_use_the_field_s_words(page):
 
 def test_forbidden_words_are_found_and_code_is_not(tmp_path):
     page = tmp_path / "page.md"
-    page.write_text("The filter is *told* so.\n`told: true` [a](told.md)\n```\nhis\n```\nStandard deviations, and Deviation.\n")
+    page.write_text("It is *told*.\n`told: true` [a](told.md)\n```\nhis\n```\nStandard deviations, a Deviation.\n")
     assert len(found(words_of(page))) == 2
     assert found("The walker turns and touches down.") == []
