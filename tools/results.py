@@ -25,11 +25,11 @@ from stridetwin.scenarios.mode_score import ModeScores
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
 EXPLAINED = {
     "assistance": "closed_loop.md#help-by-mode",
-    "dvio": "dvio.md#on-seeds-that-served-for-no-tuning",
-    "jao": "foot_to_foot.md#measured",
-    "shim": "contact_terrain.md#measured",
-    "stairs_16": "foot_to_foot.md#measured",
-    "zhao_closed_loop": "dvio.md#on-seeds-that-served-for-no-tuning",
+    "dvio": "dvio.md#how-accurate-it-is",
+    "jao": "foot_to_foot.md#how-accurate-it-is",
+    "shim": "contact_terrain.md#how-accurate-it-is",
+    "stairs_16": "foot_to_foot.md#how-accurate-it-is",
+    "zhao_closed_loop": "dvio.md#how-accurate-it-is",
 }
 """Pages that say what the lines of an experiment's table mean, by how its name begins."""
 OF_MODES = "locomotion_mode.md#scores"

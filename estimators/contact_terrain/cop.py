@@ -8,6 +8,8 @@ from stridetwin.streams.samples import Array
 def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
     """(2,) m on the sole, None where the foot does not press.
 
+    See docs/contact_terrain.md (3).
+
     Args:
         cells: (4, 2) m.
         force: (4,) N.

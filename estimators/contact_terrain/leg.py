@@ -68,7 +68,7 @@ def _parts(rows: tuple[DhRow, ...]) -> Array:
 
 @cached(_HERE)
 def frame(alpha: float, a: float, d: float, theta: float) -> Array:
-    """(4, 4) pose of a frame in the one before: equation (1)."""
+    """(4, 4) pose of a frame in the one before: equation (1). See docs/contact_terrain.md (1)."""
     c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
     return np.array(
         [[c, -s, 0.0, a], [s * ca, c * ca, -sa, -sa * d], [s * sa, c * sa, ca, ca * d], [0.0, 0.0, 0.0, 1.0]]
@@ -99,6 +99,8 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
 @cached(_HERE)
 def joint_angles(parts: Array, R: Array) -> Array:
     """Angles of n = 1-3 joints from the rotation that they and the parts between them make up, rad.
+
+    See docs/contact_terrain.md (2).
 
     R = C_0 Rz(q_1) C_1 ... Rz(q_n) C_n. The first and the last angle follow from where R takes the other one's axis;
     of three, the middle one from the angle between those two axes, the solution nearer to zero. Where R is no such

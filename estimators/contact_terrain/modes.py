@@ -13,6 +13,8 @@ def step_modes(
 ) -> dict[str, float]:
     """Probability of each mode.
 
+    See docs/contact_terrain.md (12).
+
     Ground that slopes is a ramp; level ground is a stair where the height between the footprints is more than the
     slopes of both explain, and else level. A foot that tilts a little beyond a riser stands on a tread.
 
@@ -42,7 +44,10 @@ def most_likely(probabilities: dict[str, float], sure: float) -> tuple[str, floa
 
 
 def beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:
-    """Height that ground between two footprints cannot explain, sloping as under the one or the other, m."""
+    """Height that ground between two footprints cannot explain, sloping as under the one or the other, m.
+
+    See docs/contact_terrain.md (11).
+    """
     reach = (0.0, distance * math.tan(slope), distance * math.tan(slope_before))
     return height - min(max(height, min(reach)), max(reach))
 

@@ -113,7 +113,10 @@ class Offsets:
 
 
 def _apart(m: Array) -> Array:
-    """(2,) how far a footprint is above the plane of the one before, m, and how much it is turned, rad."""
+    """(2,) how far a footprint is above the plane of the one before, m, and how much it is turned, rad.
+
+    See docs/contact_terrain.md (8).
+    """
     distance = math.hypot(m[0], m[1])
     return np.array([m[2] - distance * math.tan(0.5 * (m[3] + m[4])), m[3] - m[4]])
 
@@ -131,6 +134,8 @@ def _update(
     z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
 ) -> tuple[Array, Array, float]:  # fmt: skip
     """Kalman update by y = H z + noise that holds with a prior probability, and with which one in the end.
+
+    See docs/contact_terrain.md (9), (10).
 
     Args:
         z: (n,) state.

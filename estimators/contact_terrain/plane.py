@@ -67,7 +67,10 @@ class Markers:
         return self._sum / self.count
 
     def plane(self) -> Plane | None:
-        """The plane z = a x + b y + d of least squares; None while there are too few markers."""
+        """The plane z = a x + b y + d of least squares; None while there are too few markers.
+
+        See docs/contact_terrain.md (4).
+        """
         if not self.enough:
             return None
         a, b, _ = np.linalg.lstsq(self._moments[:, :3], self._moments[:, 3], rcond=1e-12)[0]
@@ -77,6 +80,8 @@ class Markers:
 
 def slope(normal: Array, heading: Array) -> float:
     """Slope, rad: the angle between normal and vertical, positive uphill.
+
+    See docs/contact_terrain.md (5).
 
     Equation (19) as printed is zero for every normal; this is what its text says.
 

@@ -155,7 +155,10 @@ class Proposed:
         self._crossing, self._belief = Crossing(), None
 
     def _cross(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
-        """Adds a tick in which both feet are down to the vector between their contacts."""
+        """Adds a tick in which both feet are down to the vector between their contacts.
+
+        See docs/contact_terrain.md (7).
+        """
         new, old = self._newest, 1 - self._newest
         fall = self._falls[new]
         weight = min(1.0, max(float(loads.min()), 1.0) / self._limits.both_n) ** 2

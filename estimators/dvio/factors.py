@@ -39,6 +39,8 @@ from stridetwin.streams.samples import Array
 def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Array, first: bool) -> None:
     """IMU residual (7) from frame k to the next and its Jacobian.
 
+    See docs/dvio.md (4).
+
     Args:
         frames: Of the window.
         z: The increment between the two.

@@ -62,6 +62,8 @@ def blank_sightings(frames: int, landmarks: int) -> Sightings:
 def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last: int, host_depth: bool) -> float:
     """Adds the sightings (10) and told depths (13), (14) of a landmark; returns their cost.
 
+    See docs/dvio.md (7)-(9).
+
     Args:
         window: Frames and landmarks.
         terms: Which factors there are.
@@ -139,6 +141,8 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _eliminate(s: Sightings, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
     """Takes a landmark out of the normal equations (Schur complement).
+
+    See docs/dvio.md (11).
 
     Args:
         s: H and b are changed.

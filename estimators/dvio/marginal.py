@@ -33,6 +33,8 @@ def hold(window: Window, H: Array, last: int) -> None:
 def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
     """Eliminates the oldest frame from H d = b, of which the lower triangle counts; its rows become free.
 
+    See docs/dvio.md (11).
+
     Args:
         H: (N, N), symmetric on return.
         b: (N,).

@@ -96,6 +96,8 @@ def _in_camera(window: Window, n: Array, d: float, R: Array, p: Array) -> tuple[
 def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room: Room) -> bool:
     """Residual of a plane seen by a frame, s L π − π_told, and its Jacobian; s scales depth, L the focal lengths.
 
+    See docs/dvio.md (12).
+
     Args:
         window: States.
         terms: Whether Jacobians are taken at first estimates.

@@ -40,6 +40,8 @@ def clear(z: Increment, bias: Array) -> None:
 def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: float, force_density: float) -> None:
     """Takes a stretch of constant rate and force into an increment.
 
+    See docs/dvio.md (1)-(3).
+
     Args:
         z: Changed in place.
         rate: (3,) told angular rate, rad/s.

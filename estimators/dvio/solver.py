@@ -213,6 +213,8 @@ def _save(window: Window, work: Work, back: bool) -> None:
 def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float) -> float:
     """Moves the states towards the minimum of (15).
 
+    See docs/dvio.md (10).
+
     Args:
         window: Changed in place.
         terms: What the factors believe.

@@ -57,6 +57,8 @@ def blank_views(frames: int) -> Views:
 def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of a frame's IMU when its picture was taken, by what the time offset is believed to be now.
 
+    See docs/dvio.md (5).
+
     Args:
         frames: Of the window.
         k: Slot.
@@ -104,6 +106,8 @@ def seen_at(
     views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float
 ) -> tuple[float, float, float, bool]:
     """Where a landmark is seen, as (8), with the division by the depth that (1) has.
+
+    See docs/dvio.md (6).
 
     Args:
         views: Of the frames.

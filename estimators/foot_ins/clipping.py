@@ -33,6 +33,8 @@ UPWARD = 0.7  # cosine between a channel that feels the floor and the vertical, 
 def restore(memory: Memory, parameters: KernelParameters) -> None:
     """Goes back to before a channel reached its range, and forth again with the peak that it hid.
 
+    See docs/foot_ins.md (15).
+
     As the foot pushes off, it turns faster than many a gyro measures, and as a fast one brakes before it lands, it
     exceeds many an accelerometer: always the same way, by some tenths of a radian or a metre a second. A linear filter
     puts that right but in part. The signal enters and leaves the range with a slope, and the cubic between (Hermite) is

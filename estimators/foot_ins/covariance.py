@@ -14,6 +14,8 @@ from stridetwin.streams.samples import Array
 def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
 
+    See docs/foot_ins.md (4).
+
     F is the strapdown error model of Titterton & Weston 2004, ch. 12, over one step; the Earth stands still.
 
     Args:
@@ -51,6 +53,8 @@ def _transition(M: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
 @njit(**INSIDE)
 def shift(P: Array, o: int, dp: Array, dv: Array) -> None:
     """Covariance of the error seen from a corrected state, in place.
+
+    See docs/foot_ins.md (12).
 
     To turn the whole world about the vertical changes nothing that a foot can measure; in the error that turn is
     (z × p, z × v, z) at position, velocity and attitude. Where a correction moves p and v, it must move along, or the

@@ -27,6 +27,8 @@ def push(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
 def motion(memory: Memory, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
+    See docs/foot_ins.md (6).
+
     mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
     """
     newest = memory.ring_t_ns[memory.clock[HEAD]]
@@ -50,6 +52,9 @@ def motion(memory: Memory, parameters: KernelParameters) -> float:
 
 @njit(**INSIDE)
 def standing_speed(statistic: float, peak: float, parameters: KernelParameters) -> float:
-    """Standard deviation of the foot's speed, m/s, so far as the statistic tells it stands."""
+    """Standard deviation of the foot's speed, m/s, so far as the statistic tells it stands.
+
+    See docs/foot_ins.md (7).
+    """
     level = max(parameters.still_level, parameters.still_share * peak)
     return parameters.still_velocity_mps * math.sqrt(1.0 + (statistic / level) ** parameters.still_power)

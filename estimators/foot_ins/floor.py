@@ -33,6 +33,8 @@ from stridetwin.estimators.foot_ins.stance import inject
 def stand(memory: Memory, parameters: KernelParameters, t_ns: int, standing_speed: float) -> None:
     """Compares the height of a foot that has just come to stand with that of its last floor.
 
+    See docs/foot_ins.md (14).
+
     Zero velocities see no height, so its error grows with every stride, and mostly with one sign. Built ground is level
     or clearly not: where the foot stands flat and its height has changed by less than `level_step` and than the filter
     thinks possible without a step, the floor is taken to be the same, up to `floor_sd` (after Abdulrahim, Hide, Moore,

@@ -36,6 +36,8 @@ from stridetwin.streams.samples import Array
 def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
     """Lets the point that stands still wander along the sole over `dt` (s).
 
+    See docs/foot_ins.md (13).
+
     A first-order Gauss-Markov process of deviation `contact_sd` and time constant `contact_s`, across the lever arm: a
     foot rolls over the same ball in every step.
     """
@@ -57,6 +59,8 @@ def across_sole(memory: Memory, variance: float) -> Array:
 @njit(**INSIDE)
 def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
+
+    See docs/foot_ins.md (8)-(10).
 
     It is a measurement in the axes of the sensor, where a turn of the whole world changes nothing; so the Jacobian on
     the attitude is [v]x.
@@ -93,7 +97,10 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
 
 @njit(**INSIDE)
 def _update_in_doubt(memory: Memory, H: Array, z: Array, max_surprise: float) -> None:
-    """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `max_surprise`."""
+    """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `max_surprise`.
+
+    See docs/foot_ins.md (11).
+    """
     doubt = max(1.0, surprise(_own(memory), H, z) / max_surprise)
     for i in range(len(z)):
         correct(memory.covariance, memory.error, memory.row, H[i] / doubt, z[i] / doubt, 1.0)

@@ -30,6 +30,8 @@ from stridetwin.streams.samples import Array
 def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
     """Moves a nominal state over one interval, in place; with a negative `dt` exactly back.
 
+    See docs/foot_ins.md (2), (3).
+
     Args:
         x: (20,) see `memory`.
         rate: (3,) rad/s, sensor frame.
@@ -56,6 +58,8 @@ def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tup
 @njit(**INSIDE)
 def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Array, dt: float) -> None:
     """Moves state and covariance over the interval of length `dt` (s) that the sample is the mean of.
+
+    See docs/foot_ins.md (5).
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). What scale,
     alignment and sampling errors do is white noise that grows with the motion; an axis at its limit hides an

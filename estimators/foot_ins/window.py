@@ -208,7 +208,10 @@ def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
 
 @njit(**INSIDE)
 def _join(window: Window, earlier: int, later: int, into: int) -> None:
-    """Writes the passage of row `earlier` and then of row `later` into a row, which may be one of these."""
+    """Writes the passage of row `earlier` and then of row `later` into a row, which may be one of these.
+
+    See docs/foot_ins.md (16).
+    """
     A, B = window.transition[earlier], window.transition[later]
     evidence = window.evidence[earlier] + A.T @ window.evidence[later]
     information = window.information[earlier] + A.T @ (window.information[later] @ A)
@@ -219,7 +222,10 @@ def _join(window: Window, earlier: int, later: int, into: int) -> None:
 
 @njit(**INSIDE)
 def give(window: Window) -> int:
-    """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held."""
+    """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held.
+
+    See docs/foot_ins.md (17).
+    """
     place, capacity = window.place, len(window.t_ns)
     i = place[OLDEST]
     if place[SUMMED] == 0:

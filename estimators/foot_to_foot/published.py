@@ -38,7 +38,10 @@ from stridetwin.streams.samples import Array
 
 @njit(**INSIDE)
 def variances(memory: Memory, parameters: PairParameters) -> float:
-    """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Sec. II-D)."""
+    """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Sec. II-D).
+
+    See docs/foot_to_foot.md (10).
+    """
     newest = memory.ring_t_ns[memory.clock[HEAD]]
     n, total, squares = 0, np.zeros(6), np.zeros(6)
     for back in range(memory.clock[FILL]):
@@ -84,6 +87,8 @@ def relate(
     sd: float,
 ) -> float:
     """Update with z_feet: the vector between the feet, turned into the world by the attitude of the camera's foot.
+
+    See docs/foot_to_foot.md (10).
 
     H_feet has ±I at the two positions and nothing at the attitudes: as printed, the error of the attitude that
     turned the vector is left out, and the filter takes the heading of the foot that looks as free of error.

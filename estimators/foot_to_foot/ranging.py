@@ -24,6 +24,8 @@ def hear(
 ) -> float:
     """Update with the distance between the two IMUs that a sonar's echo tells.
 
+    See docs/foot_to_foot.md (9).
+
     The published system knows the positions alone; ours lets the attitudes at both ends have their share, and listens
     only where the other shoe has not been seen for `sonar_after_s`: an echo comes from some part of it, always with the
     same sign, so that all within `sighting_correlation_s` share one error. Most echoes of a real walk are the floor's

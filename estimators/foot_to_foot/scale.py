@@ -20,6 +20,8 @@ from stridetwin.streams.samples import Array
 def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
     """Lets the scale's error act on the attitude's over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
 
+    See docs/foot_to_foot.md (8).
+
     Args:
         pair: Its covariance is changed in place.
         foot: Whose gyro.

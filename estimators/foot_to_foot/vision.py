@@ -47,6 +47,8 @@ def see(
 ) -> float:
     """Update with the picture of the other foot's board.
 
+    See docs/foot_to_foot.md (5), (7).
+
     The points depend on the state through the board's pose in the camera alone. So the 2M rows are compressed to
     six, the triangle R of a QR decomposition, before they meet the state; what is left over says how well any
     pose of the board explains them. What lens, print and a yielding shoe do wrong they do wrong in every frame of
@@ -104,6 +106,8 @@ def _tied(
 ) -> tuple[bool, Array, Array, float]:
     """What a picture says of the board's pose, as a linear measurement of how far the pose is from the foretold one.
 
+    See docs/foot_to_foot.md (6).
+
     A pose that is foretold badly is far from where the rays' Jacobian holds: a board that comes out a quarter nearer is
     corrected by too much. So the rays are made linear anew where filter and picture together put the board, until that
     stays (iterated Kalman filter; Jazwinski 1970, 9.7, in the six dimensions that matter).
@@ -143,6 +147,8 @@ def _tied(
 @njit(**INSIDE)
 def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, Array, Array]:
     """Pose of the other foot's board in a foot's camera, and how it depends on the state.
+
+    See docs/foot_to_foot.md (1), (2).
 
     Args:
         pair: For the mounts.
@@ -184,6 +190,8 @@ def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, A
 def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, then: Then) -> None:
     """Writes a foot's columns of G: those of its pose then, in terms of its newest state.
 
+    See docs/foot_to_foot.md (3).
+
     δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × led: a turned foot would have been pushed another way.
     """
     G[:3, o + D_POSITION : o + D_POSITION + 3] = turn
@@ -197,6 +205,8 @@ def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, then: Then)
 @njit(**INSIDE)
 def _rows(p: Array, R: Array, points_in_board: Array, rays: Array, ray_sd: Array) -> tuple[Array, bool]:
     """(2M, 7) derivatives of the rays by the board's pose in the camera, and innovations, in standard deviations.
+
+    See docs/foot_to_foot.md (4).
 
     Also whether the board lies ahead of the camera.
     """

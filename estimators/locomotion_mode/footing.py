@@ -154,6 +154,8 @@ class Footing:
     ) -> None:  # fmt: skip
         """Finds where a foot has landed, and what the step says of the next ones.
 
+        See docs/locomotion_mode.md (10).
+
         Args:
             landing: The touch-down.
             line: The way.

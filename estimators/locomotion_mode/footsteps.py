@@ -35,6 +35,8 @@ class StepFilter:
     def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
         """Takes a step.
 
+        See docs/locomotion_mode.md (4).
+
         Args:
             kind: 1 or -1 (`SIDE`, `CLIMB`), 0 where it is not known.
             value: Its length or time.

@@ -267,7 +267,7 @@ def edges_before(ground: Sequence[Piece]) -> list[int]:
 
 
 def mode_table(ground: Sequence[Piece], p: LocomotionModeParameters) -> Array:
-    """(P, P, 5) probability of each mode of a step from one piece to another."""
+    """(P, P, 5) probability of each mode of a step from one piece to another. See docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))
     for b, piece in enumerate(ground):
         up, down = (_above(sign * piece.slope, p.ramp_rad, piece.slope_sd) for sign in (1.0, -1.0))
@@ -284,6 +284,8 @@ def mode_table(ground: Sequence[Piece], p: LocomotionModeParameters) -> Array:
 
 def weights(ground: Sequence[Piece], s: Array, p: LocomotionModeParameters) -> Array:
     """(P, S) how readily a foot is set down at places s of each piece: on whole soles, toes before a riser.
+
+    See docs/locomotion_mode.md (6).
 
     Args:
         ground: Pieces.

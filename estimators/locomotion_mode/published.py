@@ -64,7 +64,7 @@ class WalkingInformation:
         return self._divisions[-1] if self._divisions else None
 
     def sizes(self) -> list[float]:
-        """δ of eq. (16), m, the last two in order."""
+        """δ of eq. (16), m, the last two in order. See docs/locomotion_mode.md (1)."""
         return [float(np.linalg.norm((b.p - a.p)[:2])) for a, b in zip(self._divisions, self._divisions[1:])]
 
     def last_size(self) -> float | None:
@@ -79,7 +79,10 @@ class WalkingInformation:
         return (self._divisions[-1].t_ns - self._divisions[-2].t_ns) * 1e-9
 
     def next_size(self) -> float:
-        """δ_nxt of eq. (17), m, never negative; the last size where there is but one, NaN where there is none."""
+        """δ_nxt of eq. (17), m, never negative; the last size where there is but one, NaN where there is none.
+
+        See docs/locomotion_mode.md (2).
+        """
         sizes = self.sizes()
         if len(sizes) < 2:
             return sizes[0] if sizes else math.nan
@@ -87,6 +90,8 @@ class WalkingInformation:
 
     def footprint(self, ahead: int = 1) -> tuple[Array, Array] | None:
         """p^pd of eq. (18), with the offset of the foot.
+
+        See docs/locomotion_mode.md (3).
 
         Args:
             ahead: Which of the coming footprints; the paper tells the first, further ones are as many sizes on.

@@ -55,6 +55,8 @@ def roll_out(
 ) -> Chain:  # fmt: skip
     """Density of the next footprints.
 
+    See docs/locomotion_mode.md (5).
+
     Args:
         stance: (S,) density of the foot that is on the ground, over the cells.
         s: (S,) m along the way, evenly spaced.
@@ -94,7 +96,10 @@ def roll_out(
 def _kernels(
     s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, p: LocomotionModeParameters
 ) -> tuple[Array, Array]:
-    """(H, S, B) and (S, B) density of a step from each cell to those from it on: on even ground, and over an edge."""
+    """(H, S, B) and (S, B) density of a step from each cell to those from it on: on even ground, and over an edge.
+
+    See docs/locomotion_mode.md (7).
+    """
     lag = s[1] - s[0]
     far = np.exp(-0.5 * ((lag * np.arange(band) - p.edge_step * length) / p.edge_step_sd_m) ** 2) / p.edge_step_sd_m
     near = _even_steps(level, length * np.hypot(p.step_noise, unsure), length, shifts, band)
@@ -121,6 +126,8 @@ def _chain(
     first: Array, room: Array, even: Array, over: Array, near: Array, far: Array, kind: NDArray[np.int64]
 ) -> tuple[Array, Array, Array]:
     """Forward and backward sums over a chain of footprints.
+
+    See docs/locomotion_mode.md (8).
 
     Args:
         first: (H, P, S) density of the foot on the ground, by how much steps are longer, piece and cell.

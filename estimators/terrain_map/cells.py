@@ -81,6 +81,8 @@ def _tilt_variance(s: Array) -> float:
 def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     """Merges cells into planes.
 
+    See docs/terrain_map.md (6).
+
     Args:
         found: (R, C, 11) sums of the cells; changed: a plane's sums stand at its root.
         angle: Largest angle between two planes that are merged, rad, beside what their noise explains.

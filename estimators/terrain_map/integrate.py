@@ -90,6 +90,8 @@ def integrate(
 ) -> None:  # fmt: skip
     """Updates every voxel in view by eqs. (19)-(22).
 
+    See docs/terrain_map.md (1)-(4).
+
     The truncation t_δ of a line of sight is such that λ is a height: band_m over how steeply the line falls. A voxel
     behind a surface is only counted so where that surface reaches to straight above it; else a line of sight that
     passes just over a tread's edge would lengthen the tread by as much as it runs on below it.

@@ -40,6 +40,8 @@ def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
 def fit(s: Array) -> Plane:
     """Principal component analysis of points.
 
+    See docs/terrain_map.md (5).
+
     Args:
         s: (11,) sums over at least three points, see `SUMS`.
 
@@ -114,6 +116,8 @@ def height_plane(
     sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> tuple[Array, Array, Array]:
     """A plane as a height over the ground, z = z_c + a (x - x_c) + b (y - y_c), most likely for its points.
+
+    See docs/terrain_map.md (7), (8).
 
     Level is what is expected of a plane whose points are too few, or too nearly on one line, to tell its slope.
 

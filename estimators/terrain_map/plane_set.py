@@ -110,7 +110,7 @@ class PlaneSet:
         }  # fmt: skip
 
     def _pair(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
-        """Slot of each new plane: that of the one it agrees with, or a free one."""
+        """Slot of each new plane: that of the one it agrees with, or a free one. See docs/terrain_map.md (9)."""
         sizes = sums[:, 0].astype(np.int64)
         slots = np.full(len(sizes), NONE, np.int32)
         new, old = np.nonzero(common)

@@ -152,6 +152,8 @@ def _even(
 ) -> tuple[Array, Array]:
     """Even edges: s = start + k tread - turn (l - middle), one row an edge point, by least squares.
 
+    See docs/terrain_map.md (10).
+
     An edge's points share an error: what all of them share comes out of the weights by Woodbury's formula.
 
     Args:
@@ -199,7 +201,7 @@ def _even(
 
 @njit(error_model="numpy", **INSIDE)
 def _line(heights: Array, sd: Array) -> tuple[float, float, Array]:
-    """Base and riser of equal steps, and their (2, 2) covariance."""
+    """Base and riser of equal steps, and their (2, 2) covariance. See docs/terrain_map.md (10)."""
     w, k = sd**-2, np.arange(len(heights))
     n, x, xx = w.sum(), (w * k).sum(), (w * k * k).sum()
     det = n * xx - x * x

@@ -27,12 +27,18 @@ RUN = [
     "stridetwin list",
     "stridetwin estimate foot_ins my_foot_imu.npz -o path.txt",
     "stridetwin check ~/data/V1_01_easy",
+    "stridetwin check walk.mcap",
     "stridetwin export walk.mcap --format rosbag2 -o walk_bag",
 ]
 """What is run here, on a stand-in's walk."""
 
 READ = {
     "it installs what is missing and walks for minutes": ["make demo"],
+    "they install, test or build for minutes": ["make setup", "make check", "make test", "make docs"],
+    "a walk; test_cli does the same with a stand-in's": [
+        "stridetwin generate level_20m --no-cameras -o walk.mcap",
+        "stridetwin run level_20m --no-cameras -o runs/level",
+    ],
     "minutes; test_cli runs, scores and compares a stand-in's walk by the same commands": [
         "stridetwin run stair_up_down --seed 7 -o runs/stair",
         "stridetwin score runs/stair/recording.mcap --json",
@@ -66,7 +72,7 @@ READ = {
 }
 """What is only read, and why."""
 
-OTHERS = {"git", "xdg-open", "source"}
+OTHERS = {"git", "pre-commit", "source", "xdg-open"}
 """Programs that are none of ours."""
 
 YOURS = {"gate.yaml", "mine.yaml", "stairs.yaml", "walk.yaml"}
