@@ -33,22 +33,21 @@ from stridetwin.streams.samples import Array, Depth, Image
 _AROUND_BOARD = np.array([[x, y, z] for x in (-0.024, 0.024) for y in (-0.032, 0.032) for z in (-0.003, 0.0)])
 _MARGIN_PX = 16
 _EDGE_ON = 0.2
-_LEAST_M = 0.03  # of a board that counts as before the camera
+_LEAST_M = 0.03  # least distance of a board that counts as visible
 _FAR_M = 10.0
 _NOTHING, _AHEAD = np.zeros(3), np.array([0.0, 0.0, 1.0])
-_SURROUNDINGS_M = 0.5  # how far from a shoe's camera what is not the board is taken to be, for its blur
+_SURROUNDINGS_M = 0.5  # assumed distance from a shoe's camera to everything but the board, for motion blur
 
 
 @dataclass(frozen=True, kw_only=True)
 class Due:
-    """One picture to take.
+    """One frame to render.
 
     Attributes:
-        t_ns: When.
-        topic: By which camera.
-        twist: (2, 6) velocity of the origin (world axes, m/s) and angular rate (own axes, rad/s) of the body that
-            carries the camera (a shoe's upper, where it is on a foot), then of the one that carries the board that it
-            sees.
+        t_ns: Time of the frame.
+        topic: Topic of the camera.
+        twist: (2, 6) velocity of the origin (world axes, m/s) and angular rate (own axes, rad/s), first of the body
+            that carries the camera (the upper of a shoe, for a camera on a foot), then of the body with the board.
     """
 
     t_ns: int
@@ -58,15 +57,15 @@ class Due:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patch:
-    """A picture of which no more than a piece is drawn; a hundredth of it has to travel between processes.
+    """The rendered part of an otherwise empty image; it is about a hundredth of the data to send between processes.
 
     Attributes:
-        topic: Stream of the picture.
-        t_ns: When.
-        whole: (H, W).
-        pixels: (h, w) grey.
-        row: Of the piece's upper left pixel.
-        column: Of it.
+        topic: Topic of the image.
+        t_ns: Time of the image.
+        whole: (H, W) size of the full image.
+        pixels: (h, w) grey values of the rendered part.
+        row: Row of the part's upper left pixel.
+        column: Column of that pixel.
     """
 
     topic: str
@@ -77,7 +76,7 @@ class Patch:
     column: int
 
     def image(self) -> Image:
-        """The whole picture; those with nothing drawn share their pixels, which are read-only."""
+        """The full image; patches without pixels share one read-only array."""
         if not self.pixels.size:
             return Image(topic=self.topic, t_ns=self.t_ns, pixels=_blank(self.whole))
         picture, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
@@ -97,16 +96,16 @@ class Cameras:
 
     Args:
         model: Compiled model.
-        outfit: The sensors as they really are.
+        outfit: The sensors with their true calibration.
         crowd: Bystanders.
         seed: Seed of the walk.
-        straps: What holds the cameras.
+        straps: Slip of the camera mounts.
     """
 
     def __init__(
         self, model: mujoco.MjModel, outfit: Outfit, crowd: Crowd, seed: int, straps: Straps | None = None
     ) -> None:
-        self._model = model = copy.copy(model)  # the uppers of the shoes are moved in it
+        self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
         self._data, self._crowd, self._straps = mujoco.MjData(model), crowd, straps or Straps()
         self._cameras = {t: _Camera(outfit, t, seed) for t in outfit.rig.cameras}
         lenses = [c.lens for c in self._cameras.values()]
@@ -115,12 +114,12 @@ class Cameras:
     def frames(
         self, due: Sequence[Due], qpos: Array, uppers: Mapping[str, Array] | None = None
     ) -> Iterator[Image | Depth | Patch]:
-        """Pictures in the order asked for; where `follows`, they are still to be exposed.
+        """Images in the order requested; cameras for which `follows` holds return them before exposure.
 
         Args:
-            due: In order of time.
+            due: Frames in order of time.
             qpos: (len(due), nq) generalised position at each.
-            uppers: (len(due), 7) pose of the shoes' uppers by foot; where none, they lie on the feet.
+            uppers: (len(due), 7) pose of the shoes' uppers by foot; uppers without a pose lie on the feet.
         """
         posed = None
         for i, (item, pose) in enumerate(zip(due, qpos)):
@@ -148,18 +147,18 @@ class Cameras:
 
 
 def board_seen_by(outfit: Outfit, topic: str) -> Board | None:
-    """The board of the other shoe, for a shoe's camera."""
+    """The board on the other shoe that a shoe's camera observes."""
     seen = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
     return outfit.rig.boards.get(seen) if seen else None
 
 
 def follows(outfit: Outfit, topic: str) -> bool:
-    """Whether a camera's gain follows from its pictures before, so that they have to be exposed in order of time."""
+    """Whether a camera's gain depends on its previous images, so that they must be exposed in order of time."""
     return bool(_imager(outfit, topic).auto_exposure_s)
 
 
 def sensor_of(outfit: Outfit, topic: str, seed: int) -> Sensor:
-    """What makes grey values or colours of a camera's pictures."""
+    """Sensor model that converts a camera's irradiance to grey values or colours."""
     told, imager = outfit.rig.cameras[topic], _imager(outfit, topic)
     shape = (told.height, told.width) if imager.colour == "grey" else (told.height, told.width, 3)
     return Sensor(shape, imager, outfit.sensors[topic].fitting.light, Noise.of_topic(seed, topic))
@@ -173,7 +172,7 @@ def _imager(outfit: Outfit, topic: str) -> Imager:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """A board in a picture: rows and columns about it, and how it moves before the camera."""
+    """A board in an image: the rows and columns around it, and its motion relative to the camera."""
 
     box: tuple[slice, slice]
     sweep: Sweep
@@ -207,7 +206,7 @@ class _Camera:
     def take(
         self, view: SensorView, data: mujoco.MjData, due: Due, T_body_frame: Array
     ) -> Iterator[Image | Depth | Patch]:
-        """The picture, and the depth with it; `T_body_frame` (4, 4) as of `render.camera_pose`."""
+        """The image, and the depth image with it; `T_body_frame` (4, 4) as in `render.camera_pose`."""
         T_world_camera = camera_pose(data, self._told, T_body_frame)
         board = self._board_before(data, due, T_world_camera)
         if self._around_board:
@@ -221,7 +220,7 @@ class _Camera:
             away = _middle(depth)
         clean = self._clean(rgb)
         swept = self._swept(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
-        if board is not None:  # it moves otherwise than the ground
+        if board is not None:  # it moves differently from the ground
             rows, columns = board.box
             piece = np.ascontiguousarray(clean[board.box])
             swept = swept.copy() if swept is clean else swept
@@ -239,7 +238,7 @@ class _Camera:
     def _board_alone(
         self, view: SensorView, data: mujoco.MjData, due: Due, T_world_camera: Array, board: _Seen | None
     ) -> Patch:
-        """A picture with nothing drawn but the surroundings of the board."""
+        """An image with nothing but the board and its surroundings."""
         pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
         if board is not None:
             row, column = board.box[0].start, board.box[1].start
@@ -258,7 +257,7 @@ class _Camera:
         return sweep.blurred(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
 
     def _board_before(self, data: mujoco.MjData, due: Due, T_world_camera: Array) -> _Seen | None:
-        """The board in the middle of the exposure; None where it is out of view."""
+        """The board in the middle of the exposure; None when it is out of view."""
         if self._board is None:
             return None
         body = self._board.mount.body
@@ -275,7 +274,7 @@ class _Camera:
         if np.any(high < 0) or np.any(low > size):
             return None
         away = float(normal @ centre)
-        if abs(away) < _EDGE_ON * centre[2]:  # its plane runs through the camera: no more than its place matters
+        if abs(away) < _EDGE_ON * centre[2]:  # seen edge-on: only its position matters
             normal, away = _AHEAD, float(centre[2])
         v, w = _at(data, body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
@@ -301,7 +300,7 @@ def _body_pose(data: mujoco.MjData, name: str) -> Array:
 
 
 def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Array, Array]:
-    """Velocity of a point that moves with a body, and the body's rate, both in the world."""
+    """Velocity of a point fixed to a body, and the angular rate of the body, both in world axes."""
     body = data.body(UPPERS.get(name, name))
     w = body.xmat.reshape(3, 3) @ twist[3:]
     x, y, z = point - body.xpos
@@ -309,7 +308,7 @@ def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Arr
 
 
 def _middle(depth: NDArray[np.float32]) -> float:
-    """Distance of the middle of what is seen, m."""
+    """Distance to the middle of the visible scene, m."""
     some = np.sort(depth[::16, ::16], axis=None)
     seen = some[np.searchsorted(some, 0.0, "right") :]
     half = len(seen) // 2

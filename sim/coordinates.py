@@ -48,7 +48,7 @@ class Coordinates:
         )
 
     def from_mujoco(self, q: Array) -> Array:
-        """Coordinates (N, names) of qpos (N, nq) that follow on each other; the yaw does not jump."""
+        """Coordinates (N, names) of consecutive qpos (N, nq); the yaw is unwrapped."""
         R = matrix_from_quat(q[:, 3:7])
         x = np.empty((len(q), len(self.names)))
         x[:, :3] = q[:, :3]

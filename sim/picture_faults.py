@@ -1,4 +1,4 @@
-"""Faults of pictures: something before the lens, or dirt on it."""
+"""Image faults: occlusion of the lens, or dirt on it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from stridetwin.sim.faults import PICTURES, Arrival, Event, Fault, at
 from stridetwin.streams.samples import Depth, Image
 
-_CLOTH = 28  # grey value of what hangs before the lens
-_DIM = 0.75  # share of light that dirt lets through
+_CLOTH = 28  # grey value of the occluding object
+_DIM = 0.75  # transmission of dirt
 _HOLE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class _PictureFault(Fault):
-    """What comes between a scene and its pictures, and is the same as long as an event lasts."""
+    """Something between a scene and its images that does not change during an event."""
 
     fits = PICTURES
     common_to = "housing"
@@ -32,7 +32,7 @@ class _PictureFault(Fault):
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
     ) -> Iterator[Arrival]:
-        """As `Fault.through`; pictures with nothing in view share their pixels before and after."""
+        """As `Fault.through`; images with empty views share their pixels before and after."""
         for arrival in stream:
             event = at(events, arrival)
             if event is None:
@@ -50,22 +50,22 @@ class _PictureFault(Fault):
 
     @abstractmethod
     def seen(self, picture: NDArray, event: Event) -> NDArray:
-        """A new picture, or depth picture (float32), of what is left to see."""
+        """A new image, or depth image (float32), with the occlusion applied."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Occlusion(_PictureFault):
-    """A strap or cloth that covers part of the picture from one side; depth has no reading there.
+    """A strap or cloth that covers part of the image from one side; depth has no reading there.
 
     Attributes:
-        share: Of the picture that is covered.
+        share: Covered share of the image.
     """
 
     kind = "occlusion"
     share: float = 0.3
 
     def seen(self, picture: NDArray, event: Event) -> NDArray:
-        """The picture, partly covered."""
+        """The image, partly covered."""
         side = int(event.rng().integers(4))
         covered = picture.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
@@ -76,11 +76,11 @@ class Occlusion(_PictureFault):
 
 @dataclass(frozen=True, kw_only=True)
 class LensDirt(_PictureFault):
-    """Spots on the lens, through which the picture is dim and blurred; depth has no reading in their middle.
+    """Spots on the lens that dim and blur the image; depth has no reading in their middle.
 
     Attributes:
-        spots: How many, at random places.
-        size: Radius of a spot, as a share of the picture's height.
+        spots: Number of spots, at random places.
+        size: Radius of a spot, as a share of the image height.
     """
 
     kind = "lens_dirt"
@@ -88,7 +88,7 @@ class LensDirt(_PictureFault):
     size: float = 0.08
 
     def seen(self, picture: NDArray, event: Event) -> NDArray:
-        """The picture through the dirty lens."""
+        """The image through the dirty lens."""
         height, width = picture.shape[:2]
         dirt, spoiled = _dirt(event, self.spots, self.size, height, width), picture.copy()
         if _is_depth(picture):
@@ -106,7 +106,7 @@ def _picture(arrival: Arrival) -> tuple[str, NDArray]:
         return "pixels", item.pixels
     if isinstance(item, Depth):
         return "depth", item.depth
-    raise TypeError(f"{arrival.topic} carries no pictures")
+    raise TypeError(f"{arrival.topic} carries no images")
 
 
 def _is_depth(picture: NDArray) -> bool:
@@ -114,14 +114,14 @@ def _is_depth(picture: NDArray) -> bool:
 
 
 class _Dirt(NamedTuple):
-    """Where dirt is in a picture, and how it mixes the picture with its blur on a coarser grid.
+    """Pixels of dirt in an image, and how each is mixed with the blurred image on a coarser grid.
 
     Attributes:
         places: (N,) pixels, counted row by row.
-        clear: (N,) share of the pixel itself, 0-1.
-        corners: (N,) upper left one of the four pixels of the blur about it, counted row by row.
-        shares: (N, 4) of those four: the two upper ones, then the two lower ones.
-        width: Of the blur.
+        clear: (N,) weight of the pixel itself, 0-1.
+        corners: (N,) upper left one of the four blurred pixels around it, counted row by row.
+        shares: (N, 4) weights of those four: the two upper ones, then the two lower ones.
+        width: Width of the blurred image.
     """
 
     places: NDArray[np.int32]
@@ -132,12 +132,12 @@ class _Dirt(NamedTuple):
 
 
 def _coarse(size: float, height: int) -> int:
-    """Pixels of a picture to one of its blur: a grid that is coarse, but fine against the blur."""
+    """Ratio of image pixels to blurred pixels: a coarse grid that is still fine relative to the blur."""
     return max(1, int(size * height / 6))
 
 
 def _blurred(picture: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
-    """A picture blurred widely, on a coarser grid with one pixel more all around."""
+    """A widely blurred image, on a coarser grid with one additional pixel all around."""
     height, width = picture.shape[:2]
     small = cv2.resize(picture, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), sd_px / coarse)
@@ -154,7 +154,7 @@ def _smear(
     shares: NDArray[np.float32],
     width: int,
 ) -> None:
-    """Mixes its blur into a picture, both as rows of (N, C) pixels; the rest as of `_Dirt`."""
+    """Blends the blurred image into an image, both as rows of (N, C) pixels; other arguments as in `_Dirt`."""
     for k in range(len(places)):
         at, first, share = places[k], corners[k], shares[k]
         for c in range(picture.shape[1]):

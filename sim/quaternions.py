@@ -1,4 +1,4 @@
-"""Quaternions (w, x, y, z) of compiled code, as four numbers; vectors and matrices as in `sim.triples`."""
+"""Quaternions (w, x, y, z) for compiled code, as four numbers; vectors and matrices as in `sim.triples`."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def store(q: Quaternion, out: Array) -> None:
 
 @numba.njit(cache=True)
 def conjugate(q: Quaternion) -> Quaternion:
-    """The opposite turn of a unit quaternion."""
+    """The inverse rotation of a unit quaternion."""
     return q[0], -q[1], -q[2], -q[3]
 
 
 @numba.njit(cache=True)
 def composed(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product a b: first turned by b, then by a."""
+    """Hamilton product a b: first rotation b, then a."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -56,7 +56,7 @@ def matrix(q: Quaternion) -> Rows:
 
 @numba.njit(cache=True)
 def of_matrix(R: Rows) -> Quaternion:
-    """Unit quaternion, w >= 0, of a rotation matrix: from its largest entry, by which one divides safely."""
+    """Unit quaternion, w >= 0, of a rotation matrix, from its largest entry for a safe division."""
     x, y, z = R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]
     xy, xz, yz = R[0][1] + R[1][0], R[0][2] + R[2][0], R[1][2] + R[2][1]
     trace = R[0][0] + R[1][1] + R[2][2]
@@ -74,7 +74,7 @@ def of_matrix(R: Rows) -> Quaternion:
 
 @numba.njit(cache=True)
 def rotated(q: Quaternion, a: Triple) -> Triple:
-    """Vector turned by a unit quaternion."""
+    """Vector rotated by a unit quaternion."""
     axis = (q[1], q[2], q[3])
     once = cross(axis, a)
     return plus(a, times(2.0, plus(times(q[0], once), cross(axis, once))))

@@ -1,6 +1,6 @@
 """A wearer's bodies as a rigid tree: poses, velocities and inertial loads of many instants at once, compiled.
 
-What MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb` give, without a call into the engine for every
+The same results as MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb`, without an engine call for every
 instant: the recursive Newton-Euler method and the composite-rigid-body method (Featherstone 2008, chapters 5 and 6), in
 world axes.
 """
@@ -29,12 +29,12 @@ class Tree(NamedTuple):
         ids: (B,) the bodies in the model.
         parent: (B,) index in the tree, -1 of the root.
         offset: (B, 3) m, origin in the parent's frame.
-        turn: (B, 4) rotation in the parent's frame where the hinges are at zero.
+        turn: (B, 4) rotation in the parent's frame with the hinges at zero.
         mass: (B,) kg.
         com: (B, 3) m, in the body's frame.
         inertia: (B, 3, 3) kg m² about the centre of mass, body axes.
-        hinges: (B, 2) first of the body's hinges and the one after its last.
-        axis: (J, 3) of each hinge, in the frame that the hinge before it leaves.
+        hinges: (B, 2) index of the body's first hinge, and one past its last.
+        axis: (J, 3) of each hinge, in the frame after the hinge before it.
         anchor: (J, 3) m, a point on it, in the body's frame.
         qpos: (J,) address of each hinge in qpos.
         dof: (J,) address of each hinge in qvel.
@@ -55,7 +55,7 @@ class Tree(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Tree:
-        """The wearer of a model: everything on its first joint that has mass or carries some."""
+        """The wearer of a model: everything on its first joint that has mass or carries mass."""
         root = int(model.jnt_bodyid[0])
         ids = np.flatnonzero((model.body_rootid == root) & (model.body_subtreemass > 0.0))
         index = {int(body): i for i, body in enumerate(ids)}
@@ -75,11 +75,11 @@ class Tree(NamedTuple):
         )  # fmt: skip
 
     def row(self, body: int) -> int:
-        """Where a body of the model is in the tree."""
+        """Index in the tree of a body of the model."""
         return int(np.searchsorted(self.ids, body))
 
     def only(self, bodies: Sequence[int]) -> Tree:
-        """The part of the tree that carries these bodies (indices in the tree) and that they carry."""
+        """The part of the tree that carries these bodies (indices in the tree) or is carried by them."""
         kept = set(bodies)
         for body, up in enumerate(self.parent):
             if up in kept:
@@ -126,7 +126,7 @@ def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
 
 @numba.njit(cache=True)
 def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
-    """What has to push the whole tree from outside for it to move so: the rate of its momentum less its weight.
+    """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
 
     Args:
         tree: The bodies.
@@ -162,20 +162,20 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
 def hinge_torques(
     tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
 ) -> Array:
-    """Torques of the hinges with which the tree moves so while it is pushed from outside.
+    """Torques of the hinges for a motion of the tree under external forces.
 
     Args:
-        tree: The bodies; the hinges of one body turn about one point.
+        tree: The bodies; all hinges of one body rotate about one point.
         q: (N, nq) in MuJoCo's layout.
         v: (N, nv).
         a: (N, nv).
         gravity: (3,) m/s².
-        bodies: (K,) in the tree, whom the pushes push; one may come several times.
+        bodies: (K,) indices in the tree of the bodies under load; repetitions are allowed.
         forces: (K, N, 3) N, world axes.
         moments: (K, N, 3) N m about the bodies' origins, world axes.
 
     Returns:
-        (N, J) N m, without what rotors and friction of the joints add.
+        (N, J) N m, without rotors and friction of the joints.
     """
     n, count = len(q), len(tree.parent)
     p, quat, R = np.empty((count, 3)), np.empty((count, 4)), np.empty((count, 3, 3))
@@ -204,7 +204,7 @@ def hinge_torques(
 
 @numba.njit(cache=True)
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
-    """Mass matrices of chains of bodies that hang on the tree, and the torques that their motion and weight take.
+    """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
     Args:
         tree: The bodies.
@@ -215,14 +215,14 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
         gravity: (3,) m/s².
 
     Returns:
-        (N, C, L, L) kg m² and (N, C, L) N m, without what rotors and friction of the joints add.
+        (N, C, L, L) kg m² and (N, C, L) N m, without rotors and friction of the joints.
     """
     n, bodies = len(q), len(tree.parent)
     count, length = chains.shape
     p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
     speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
     axes, mass, load = np.empty_like(tree.axis), np.empty((n, count, length, length)), np.empty((n, count, length))
-    # of each body and all that it carries: force, moment, mass, first moment and inertia, about its origin
+    # of each body with all that it carries: force, moment, mass, first moment and inertia, about its origin
     force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
     heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), triple(gravity)
     for i in range(n):
@@ -302,7 +302,7 @@ def _forward(
 
 @numba.njit(cache=True)
 def _gained(r: Triple, w: Triple, dv: Triple, dw: Triple) -> Triple:
-    """Acceleration of a point at r from one that gains dv, on a body that turns with w and dw."""
+    """Acceleration of a point at r relative to an origin that accelerates with dv, on a body with rates w and dw."""
     return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
 
 
@@ -310,7 +310,7 @@ def _gained(r: Triple, w: Triple, dv: Triple, dw: Triple) -> Triple:
 def _inertial(
     tree: Tree, b: int, R: Array, w: Array, dv: Array, dw: Array, gravity: Triple
 ) -> tuple[Triple, Triple, Triple]:
-    """Force and moment about a body's origin that move it against its weight, and the arm to its centre of mass."""
+    """Force and moment about a body's origin that its motion needs, and the arm to its centre of mass."""
     M, inertia, turns, twists = rows(R[b]), rows(tree.inertia[b]), triple(w[b]), triple(dw[b])
     arm = turned(M, triple(tree.com[b]))
     force = times(tree.mass[b], minus(_gained(arm, turns, triple(dv[b]), twists), gravity))
@@ -331,7 +331,7 @@ def _inertia(tree: Tree, b: int, R: Array, arm: Triple, out: Array) -> None:
 
 @numba.njit(cache=True)
 def _join(inertia: Array, first: Triple, mass: float, d: Triple, to_inertia: Array, to_first: Array) -> None:
-    """Adds inertia and first moment of mass of what lies at d to those of what carries it."""
+    """Adds inertia and first moment of mass of a body at d to those of its carrier."""
     there = plus(first, times(mass, d))  # its first moment about the carrier
     for k in range(3):
         cut = plus(times(d[k], there), times(first[k], d))

@@ -1,4 +1,4 @@
-"""What the rig tells estimators about sensors without a Kalibr section, from the figures of their parts."""
+"""Nominal parameters of sensors without a Kalibr section, from the figures of their parts."""
 
 from __future__ import annotations
 
