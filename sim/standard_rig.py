@@ -1,6 +1,6 @@
-"""The standard rig: every sensor of the wearer, where it sits, and what its part's data sheet tells an estimator.
+"""The standard rig: every sensor of the wearer, its mount, and its nominal calibration from the data sheet.
 
-Random walks are not on data sheets: what is told lets a bias wander by its in-run instability in 100 s.
+Data sheets give no random walks: the nominal one lets a bias vary by its in-run instability in 100 s.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ Calibration = ImuCalibration | CameraCalibration | OtherSensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WornSensor:
-    """One sensor.
+    """A mounted sensor.
 
     Attributes:
-        group: That it belongs to.
-        told: What the rig tells about it.
-        part: What it really is.
-        fitting: What it has that the standard one has not.
+        group: Group of the sensor.
+        told: Nominal calibration.
+        part: True parameters.
+        fitting: Differences from the standard sensor.
     """
 
     group: str
@@ -60,38 +60,38 @@ class WornSensor:
 
     @property
     def clock(self) -> Clock:
-        """How its stamps run."""
+        """Its clock."""
         return self.fitting.clock
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outfit:
-    """Everything that a walk carries.
+    """All sensors of a walk.
 
     Attributes:
-        rig: Its calibration without any error.
-        sensors: What there really is, by topic.
+        rig: True calibration.
+        sensors: Sensors with their true parameters, by topic.
     """
 
     rig: Rig
     sensors: dict[str, WornSensor]
 
     def told(self, seed: int) -> Rig:
-        """What estimators are told on the walk of a seed."""
+        """Nominal rig, which estimators get on the walk with this seed."""
         return told(self.rig, ((t, self.sensors[t].fitting.calibration_sd) for t in self.rig.cameras), seed)
 
 
 def standard_rig(config: TwinConfig) -> Rig:
-    """Calibration of the rig that a walk carries, without any error; arguments and errors as `outfit`."""
+    """True calibration of a walk's rig; arguments and errors as for `outfit`."""
     return outfit(config).rig
 
 
 def outfit(config: TwinConfig) -> Outfit:
-    """The sensors that a walk carries.
+    """The sensors of a walk.
 
     Args:
-        config: Which groups of sensors are on, of which parts, and where the RGB-D camera sits. Without exoskeleton the
-            groups that sit on it are left out.
+        config: Groups of sensors that are on, their parts, and the place of the RGB-D camera. Without exoskeleton, its
+            groups are omitted.
 
     Raises:
         ConfigError: An unknown group of sensors or an unknown place for the RGB-D camera.
@@ -114,9 +114,9 @@ def outfit(config: TwinConfig) -> Outfit:
 
 
 def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, Fitting]:
-    """The part of a group as it is and as it is told, and the group's fitting.
+    """True part and nominal part of a group, and the group's configuration.
 
-    `standard` is the part where the scenario asks for none: by name, or as the rig file of an exoskeleton gives it.
+    `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
     """
     fitting = config.fittings.get(group, Fitting())
     if isinstance(standard, Part):
@@ -153,7 +153,7 @@ def _finite(range_: float) -> float:
 
 
 def foot_imu_place(config: TwinConfig, side: str) -> Array:
-    """(3,) m, where a shoe's IMU sits in the foot's frame, or would sit."""
+    """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
     forward, outward, up = config.fittings.get("foot_imu", Fitting()).position_m or _FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
@@ -215,7 +215,7 @@ def _foot_cameras(config: TwinConfig) -> Iterator[WornSensor]:
 
 
 def _on_shoe(sits: Seat, side: str) -> tuple[Array, Array]:
-    """(3,) place, m, and (3,) direction that it faces, in the foot's frame."""
+    """(3,) position, m, and (3,) viewing direction in the foot's frame."""
     forward, inward, up = sits.position_m
     towards, upward = sits.faces_rad
     return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
@@ -295,7 +295,7 @@ def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
 
 
 def _exo_imus(config: TwinConfig) -> Iterator[WornSensor]:
-    """What the inertial sensors inside the AHRSs measure by themselves; those added to an exoskeleton of the user's."""
+    """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
     own = config.exo.own if config.exo is not None else None
     for place, (seat, part) in own.imus.items() if own is not None else ():
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", _on(seat), part)
@@ -382,12 +382,12 @@ def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:
 
 
 def _direction(left: float, up: float) -> Array:
-    """Unit vector turned from forward to the left and then up, rad."""
+    """Unit vector rotated from forward to the left and then up, rad."""
     return np.array([math.cos(up) * math.cos(left), math.cos(up) * math.sin(left), math.sin(up)])
 
 
 def _looking(forward: Array, roll: float = 0.0) -> Array:
-    """Rotation of an optical frame that looks along `forward`, upright and then rolled clockwise."""
+    """Rotation of an optical frame with viewing direction `forward`, upright and then rolled clockwise."""
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)

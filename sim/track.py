@@ -1,4 +1,4 @@
-"""Motion of one frame through time, and of whatever is bolted to it."""
+"""Motion of one frame over time, and of frames fixed to it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Track:
         )
 
     def then(self, after: Track) -> Track:
-        """This track and, after its last instant, another one."""
+        """This track followed by a later one."""
         return Track(
             t_ns=np.concatenate([self.t_ns, after.t_ns]),
             p_body_in_world=np.concatenate([self.p_body_in_world, after.p_body_in_world]),
@@ -75,15 +75,15 @@ class Track:
         return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3]))
 
     def displaced(self, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array) -> Track:
-        """Track of a frame that was this one, and moves a little against it: turns about a pivot, and shifts.
+        """Track of a frame with a small motion relative to this one: rotation about a pivot, and translation.
 
         Args:
             pivot: (3,) m, this frame's axes.
-            shift: (N, 3) m, this frame's axes.
+            shift: (N, 3) m, translation in this frame's axes.
             turn: (N, 3) rad, rotation vector.
             shifting: (N, 3) m/s, rate of `shift`.
-            turning: (N, 3) rad/s, rate of `turn`; where it is not along it, `turn` has to stay below some tenths of a
-                radian.
+            turning: (N, 3) rad/s, rate of `turn`; unless it is parallel to `turn`, `turn` has to stay below some tenths
+                of a radian.
         """
         return self._as(_displaced(*self._columns, pivot, shift, turn, shifting, turning))
 

@@ -1,6 +1,6 @@
-"""Vectors of compiled code as triples of numbers and matrices as triples of rows: the compiler keeps them in registers.
+"""Vectors and matrices of compiled code as tuples of numbers: the compiler keeps them in registers.
 
-On arrays of three the same reckoning takes several times as long, for every result is stored and loaded again.
+With arrays of three the same computation takes several times as long, because every result is stored and loaded again.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ Rows = tuple[Triple, Triple, Triple]
 
 @numba.njit(cache=True)
 def triple(a: Array) -> Triple:
-    """The entries of a (3,) array."""
+    """Tuple of a (3,) array."""
     return a[0], a[1], a[2]
 
 
 @numba.njit(cache=True)
 def rows(a: Array) -> Rows:
-    """The rows of a (3, 3) array."""
+    """Tuple of rows of a (3, 3) array."""
     return (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
 
 
 @numba.njit(cache=True)
 def put(a: Triple, out: Array) -> None:
-    """Stores a triple in a (3,) array."""
+    """Stores a vector in a (3,) array."""
     out[0], out[1], out[2] = a
 
 
@@ -63,7 +63,7 @@ def cross(a: Triple, b: Triple) -> Triple:
 
 @numba.njit(cache=True)
 def turned(M: Rows, a: Triple) -> Triple:
-    """Matrix times triple."""
+    """Matrix times vector."""
     return dot(M[0], a), dot(M[1], a), dot(M[2], a)
 
 

@@ -1,4 +1,4 @@
-"""The twin: a wearer who walks a route, and everything that the rig senses on the way."""
+"""The twin: a wearer who walks a route, and the samples of all sensors of the rig."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ class Twin:
         seed: Seed of the walk: steps and sensor noise.
 
     Attributes:
-        config: As given.
-        seed: As given.
-        outfit: The sensors as they really are.
-        rig: The sensors as estimators are told of them.
+        config: Configuration.
+        seed: Seed.
+        outfit: The sensors with their true calibration.
+        rig: Nominal rig for estimators.
         terrain: Ground.
         model: Compiled MuJoCo model.
         crowd: Bystanders.
@@ -85,7 +85,7 @@ class Twin:
         add_rig(spec, self.outfit.rig)
         add_soles(spec, self.size)
         add_bystanders(spec, config.route.bystanders)
-        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # on in the forward simulation alone
+        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # enabled in the forward simulation only
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)
         check_legs(self.model, self.size)
@@ -100,13 +100,13 @@ class Twin:
         return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, plan.splines(plan.grid)[:, :2], rng)
 
     def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, Fitting]) -> Twin:
-        """The same walk, neither planned nor simulated again, with other sensors at the same places.
+        """The same walk with other sensors at the same places, without planning or simulating it again.
 
         Args:
             sensors: Groups of this twin's sensors.
-            fittings: As in `TwinConfig`; those that place an IMU elsewhere do not count.
+            fittings: As in `TwinConfig`; those that move an IMU have no effect.
         """
-        _ = self.walk  # made before the copy, so that both share it
+        _ = self.walk  # computed before the copy, so that both share it
         other = copy(self)
         other.config = replace(self.config, sensors=sensors, fittings=fittings)
         other.outfit = outfit(other.config)
@@ -120,7 +120,7 @@ class Twin:
 
     @cached_property
     def walk(self) -> Reference | SimulatedWalk:
-        """What the wearer does: the plan itself, or what becomes of it with real contacts."""
+        """The wearer's motion: the plan itself, or its forward simulation with contacts."""
         if self.config.physics == "kinematic":
             return self.reference
         simulation = self.simulation()
@@ -129,10 +129,10 @@ class Twin:
         return simulation.walk()
 
     def simulation(self, law: Law | None = None) -> Simulation:
-        """The walk with real contacts, still to be made step by step.
+        """A new forward simulation of the walk, to be stepped.
 
         Args:
-            law: Drives the exoskeleton in place of what the scenario says.
+            law: Control law that replaces the scenario's drive of the exoskeleton.
         """
         noise = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
         dynamics = self.config.dynamics or Dynamics()
@@ -140,16 +140,16 @@ class Twin:
 
     @cached_property
     def straps(self) -> Straps:
-        """What holds the sensors, and when it slips."""
+        """Slips of the sensor mounts."""
         return Straps.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.outfit.rig)
 
     @property
     def fell_at(self) -> float | None:
-        """When a simulated walker fell, s; the walk ends there."""
+        """Time at which a simulated walker fell, s; the walk ends there."""
         return self.walk.fell_at if isinstance(self.walk, SimulatedWalk) else None
 
     def player(self) -> Playback | Replay:
-        """Plays the walk."""
+        """Player of the walk."""
         return self._player(self._uppers)
 
     def _player(self, uppers: Mapping[str, UpperMotion]) -> Playback | Replay:
@@ -159,13 +159,13 @@ class Twin:
 
     @cached_property
     def _uppers(self) -> dict[str, UpperMotion]:
-        """What the shoes' uppers and the case above do, by name of the body; nothing where the sensors are ideal."""
+        """Motion of the shoes' uppers and of the head or chest case, by name of the body; empty for ideal sensors."""
         if self.config.ideal:
             return {}
         return {**(self._shoes() if self.config.shock else {}), **self._case()}
 
     def _case(self) -> dict[str, UpperMotion]:
-        """How the strikes of the heels shake the case with camera and IMU."""
+        """Vibration of the case with camera and IMU after heel strikes."""
         worn = self.outfit.sensors.get(f"/{self.config.rig_mount}/imu")
         if worn is None or not worn.fitting.strike:
             return {}
@@ -177,7 +177,7 @@ class Twin:
         return {worn.told.mount.body: shaken}
 
     def _shoes(self) -> dict[str, UpperMotion]:
-        """What the shoes' uppers do."""
+        """Motion of the shoes' uppers."""
         bare, uppers = self._player({}), {}
         for i, side in enumerate(SIDES):
             foot = f"foot_{side}"
@@ -193,9 +193,9 @@ class Twin:
         return uppers
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
-        """Everything that is sensed and true, chunk by chunk of `CHUNK_S`; pictures one by one after the rest.
+        """All samples and ground truth, in chunks of `CHUNK_S`; images one by one after the rest.
 
-        Straps that slip have slipped here; the other faults act on what comes out (`sim.faults`).
+        Mount slips are included; the other faults act on this output (`sim.faults`).
         """
         playback = self.player()
         suite = SensorSuite(self.outfit, self.terrain, self.crowd, self.seed, self.straps)
@@ -212,7 +212,7 @@ class Twin:
                 if len(truth_ns):
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
-                    asked = rendering.ask(motion, after_ns, until_ns)  # before the last ones are waited for
+                    asked = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
                     for picture in pictures:
                         yield [picture]
                     pictures = asked
@@ -226,11 +226,11 @@ class Twin:
                 yield [picture]
 
     def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Third-person film: time in s and an RGB picture (height, width, 3) for every frame."""
+        """Third-person film: time in s and an RGB image (height, width, 3) for every frame."""
         data = mujoco.MjData(self.model)
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
         q, _ = self.walk.moving(times)
-        # the camera follows the walker as if on rails: it neither sways nor turns with the pelvis
+        # the camera follows the walker on a smooth path: it neither sways nor turns with the pelvis
         rail = gaussian_filter1d(self.walk.splines(times)[:, :4], _FILM_SMOOTHING_S * fps, axis=0, mode="nearest")
         x, y, _, heading = rail.T
         with FilmCamera(self.model, width, height) as camera:

@@ -1,4 +1,4 @@
-"""Whether numbers can be what they are said to be: units, rates and gravity give a wrong file away."""
+"""Plausibility checks: units, rates and gravity reveal an invalid file."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _HINTS = (
 
 @dataclass(frozen=True)
 class Doubt:
-    """A quantity that cannot be what it is said to be.
+    """An implausible quantity.
 
     Attributes:
         field: The quantity.
-        value: What it looks like.
-        valid: What it would have to look like.
+        value: Its value.
+        valid: Plausible values.
     """
 
     field: str
@@ -43,18 +43,18 @@ class Doubt:
 
 
 def median_rate(t_ns: NDArray[np.int64]) -> float:
-    """Rate in Hz by the median step of (N,) increasing stamps; 0 for less than two."""
+    """Rate in Hz from the median step of (N,) increasing stamps; 0 for fewer than two."""
     return 1e9 / float(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0.0
 
 
 def mean_rate(t_ns: NDArray[np.int64]) -> float:
-    """Rate in Hz from the first to the last of (N,) increasing stamps; 0 for less than two."""
+    """Rate in Hz from the first to the last of (N,) increasing stamps; 0 for fewer than two."""
     span = int(t_ns[-1] - t_ns[0]) if len(t_ns) > 1 else 0
     return (len(t_ns) - 1) * 1e9 / span if span > 0 else 0.0
 
 
 def rate_doubts(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) -> Iterator[Doubt]:
-    """Doubts about a rate, which wrong units of time put far away."""
+    """Implausible rates, as wrong units of time cause."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
         hint = "; is t in milliseconds or nanoseconds?" if rate < low else ""
@@ -62,16 +62,16 @@ def rate_doubts(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) -> Itera
 
 
 def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float, bool]:
-    """Median magnitude, m/s², of specific force where a sensor rests, and whether it ever does.
+    """Median magnitude, m/s², of specific force at rest, and whether the sensor is ever at rest.
 
-    It rests through windows of 0.25 s in which the magnitude hardly changes; a foot does in every stance, a walking
-    head never, and then the magnitude is that of all samples.
+    It is at rest in windows of 0.25 s in which the magnitude hardly changes: a foot is in every stance, a walking head
+    never. Without rest the median is that of all samples.
 
     Args:
         t_ns: (N,) increasing stamps, N ≥ 2.
         specific_force: (N, 3) m/s².
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # damaged numbers may have any size, and then show no gravity
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged numbers may have any size
         force = np.linalg.norm(specific_force, axis=1)
         size = min(len(force), max(_FEWEST_AT_REST, round(_REST_S * median_rate(t_ns))))
         windows = force[: len(force) // size * size].reshape(-1, size)
@@ -80,7 +80,7 @@ def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float
 
 
 def unit_doubts(t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None) -> Iterator[Doubt]:
-    """Doubts about the units of an IMU's (N, 3) columns: gravity must show, and no gyro measures any rate."""
+    """Implausible units of an IMU's (N, 3) columns: gravity must be visible, and rates are limited."""
     force, rests = force_at_rest(t_ns, specific_force)
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * GRAVITY < force < high * GRAVITY:

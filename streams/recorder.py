@@ -1,4 +1,4 @@
-"""Writing a recording: blocks and samples in, one MCAP file with ROS 2 messages out."""
+"""Writer of recordings: blocks and samples in, one MCAP file with ROS 2 messages out."""
 
 from __future__ import annotations
 
@@ -47,15 +47,14 @@ _LATEST_NS = 2**31 * 1_000_000_000
 class RecordingWriter:
     """Writes one recording; a context manager.
 
-    The file grows under a hidden name beside `path` and takes its place only when it is complete; after an
-    error or a kill the hidden file stays, readable up to its last whole chunk. The same input gives the same
-    bytes.
+    The file grows under a hidden name beside `path`, and is renamed only when it is complete. After an error or a kill
+    the hidden file remains, readable up to its last complete chunk. The same input gives the same bytes.
 
     Args:
-        path: Recording to make, `.mcap`.
-        rig: What the wearer carries; stored inside as Kalibr YAML.
+        path: Output file, `.mcap`.
+        rig: Rig of the wearer; stored inside as Kalibr YAML.
         metadata: Stored inside as text (seed, versions, ...).
-        depth_encoding: `16UC1` (mm, as the RealSense driver) or `32FC1` (m, lossless).
+        depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
         jpeg_quality: 0 to 100; None keeps every pixel (PNG, larger and slower).
     """
 
@@ -111,13 +110,13 @@ class RecordingWriter:
         """Appends a sample, or a block of samples of one topic.
 
         Args:
-            item: What to append.
-            log_ns: When each sample arrived, (N,) ns. Stamps may then be any, as those of faulty sensors are; by
+            item: Item to append.
+            log_ns: Arrival time of each sample, (N,) ns. Stamps may then be arbitrary, as those of faulty sensors; by
                 default samples arrive at their stamps.
 
         Raises:
-            RecordingError: A stamp (or arrival) of the topic does not lie after the one before, or the topic changes
-                its kind.
+            RecordingError: A stamp (or arrival) of the topic is not after the previous one, or the topic changes its
+                kind.
         """
         if isinstance(item, (Image, Depth)):
             stamps = np.array([item.t_ns], np.int64)
@@ -136,7 +135,7 @@ class RecordingWriter:
     def _checked(
         self, topic: str, kind: type[Sample], stamps: NDArray[np.int64], log_ns: ArrayLike | None
     ) -> NDArray[np.int64]:
-        """The times at which samples arrived."""
+        """Arrival times of the samples, checked."""
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
             raise RecordingError(f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there")
@@ -185,7 +184,7 @@ class RecordingWriter:
         self._drain(_PICTURES_IN_FLIGHT)
 
     def _known_data(self, sample: Image) -> NDArray[np.uint8] | None:
-        """Encoded pixels that nobody can write to: many pictures of a topic, with nothing in view, share them."""
+        """Encoded pixels of a read-only array: many images of a topic, with nothing in view, share it."""
         if sample.pixels.flags.writeable:
             return None
         pixels, data = self._shared.get(sample.topic, (None, None))
@@ -199,7 +198,7 @@ class RecordingWriter:
         self._queue.append((topic, self._pool.submit(encode), log_ns))
 
     def _drain(self, leave: int) -> None:
-        """Appends encoded pictures in the order in which they came, until `leave` are left in the queue."""
+        """Appends encoded images in order, until `leave` are left in the queue."""
         while len(self._queue) > leave:
             topic, encoded, log_ns = self._queue.popleft()
             payload = encoded.result()

@@ -1,7 +1,7 @@
-"""The version of what a recording holds: topics, message types, metadata and calibration.
+"""Schema version of a recording: topics, message types, metadata and calibration.
 
-A new minor version adds what older readers pass over; a new major one changes the meaning of what was there. Recordings
-made before versions were told are those of major version 0, and are read as 1.0.
+A new minor version adds items that older readers ignore; a new major version changes the meaning of existing items.
+Recordings without a version are those of major version 0, and are read as 1.0.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from collections.abc import Mapping
 from stridetwin.streams.errors import RecordingError
 
 RECORD = "stridetwin_schema"
-"""Name of the MCAP metadata record that tells it."""
+"""Name of the MCAP metadata record with the version."""
 VERSION = "1.0"
 UNTOLD = "0.0"
 
 
 def written() -> dict[str, str]:
-    """What the record of a new recording says."""
+    """Contents of the record of a new recording."""
     return {"version": VERSION}
 
 
 def read(values: Mapping[str, str], source: object) -> str:
-    """The version that a recording's record tells.
+    """The version in a recording's record.
 
     Raises:
-        RecordingError: It is none, or of a major version that is yet to come.
+        RecordingError: The version is invalid, or of a newer major version.
     """
     told = values.get("version", "")
     major, _, minor = told.partition(".")

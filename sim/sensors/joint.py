@@ -17,12 +17,12 @@ Instants = NDArray[np.int64]
 
 
 class EncoderModel:
-    """Joint angle in whole counts, off by the setting of its zero and by an error that repeats every turn.
+    """Joint angle in whole counts, with an error of the zero position and an error that repeats every turn.
 
     Args:
         calibration: Topic and mount.
-        part: The encoder as it really is.
-        noise: What its errors are drawn from.
+        part: True parameters of the encoder.
+        noise: Source of its errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: EncoderPart, noise: Noise) -> None:
@@ -40,14 +40,14 @@ class EncoderModel:
 
 
 class InteractionModel:
-    """Two preloaded springs, each on a force cell: a push loads one and unloads the other, until that one is free.
+    """Two preloaded springs, each on a force cell: a force loads one and unloads the other, until that one is free.
 
-    What the two differ by is the push, its sign the direction (Shim et al. 2019, figure 8).
+    The difference of the two is the force, and its sign the direction (Shim et al. 2019, figure 8).
 
     Args:
         calibration: Topic and mount.
-        part: The cells as they really are.
-        noise: What their errors are drawn from.
+        part: True parameters of the cells.
+        noise: Source of their errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
@@ -67,7 +67,7 @@ class ActuatorModel:
     Args:
         calibration: Topic and mount.
         part: White noise on torque and speed.
-        noise: What they are drawn from.
+        noise: Source of the noise.
     """
 
     def __init__(self, calibration: OtherSensor, part: ActuatorPart, noise: Noise) -> None:

@@ -1,4 +1,4 @@
-"""Interval means of rate and specific force that strapdown integration turns back into the motion."""
+"""Interval means of rate and specific force from which strapdown integration recovers the motion."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _SMALL = 1e-3  # rad: below this, series
 def increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Array, Array]:
     """Constant rate and specific force over each interval.
 
-    The rate is the constant one that turns the attitude at an interval's start into that at its end; the specific force
-    is the constant one, in the turning sensor frame, that makes the velocity's true change: with φ = Log(R₀ᵀR₁) the
+    The rate is the constant one that rotates the attitude at an interval's start to that at its end. The specific force
+    is the constant one, in the rotating sensor frame, that gives the true change of velocity: with φ = Log(R₀ᵀR₁) the
     velocity changes by R₀ Γ₁(φ) f Δt + g Δt, where Γ₁ is the left Jacobian of SO(3).
 
     Args:
@@ -59,7 +59,7 @@ def _increments(
 
 @numba.njit(cache=True)
 def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
-    """One rate and force for every `steps` intervals, free of coning and sculling: same turn, same change of velocity.
+    """One rate and force for every `steps` intervals with the same rotation and velocity change: no coning or sculling.
 
     Args:
         dt: (N,) s.
@@ -87,7 +87,7 @@ def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Arr
 
 
 def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
-    """`steps` instants before the track's first, `dt` apart, had rate and velocity been constant until then."""
+    """`steps` instants before the track's first, `dt` apart, for constant rate and velocity until then."""
     first = sensor[:1]
     ago = dt * np.arange(steps, 0, -1)[:, None]
     return Track(

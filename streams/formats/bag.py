@@ -1,7 +1,7 @@
-"""Bags of ROS messages: MCAP files of anyone, ROS 2 bags and ROS 1 bags, read into streams.
+"""Bags of ROS messages: any MCAP files, ROS 2 bags and ROS 1 bags, read into streams.
 
-A `Bag` hands out CDR messages; what they mean is decided as for our own recordings (`streams.topic_reader`).
-Calibrations come from CameraInfo, mounts from /tf_static, truth from poses whose topic says so.
+A `Bag` returns CDR messages, which are decoded like those of our own recordings (`streams.topic_reader`). Calibrations
+come from CameraInfo, mounts from /tf_static, ground truth from poses whose topic name says so.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from stridetwin.streams.topic_reader import READABLE, TopicReader
 
 @dataclass(frozen=True)
 class Channel:
-    """A stream of a bag: its topic, and type, encoding and text of its messages' definition."""
+    """A stream of a bag: its topic, and the type, encoding and text of its message definition."""
 
     topic: str
     typename: str
@@ -37,7 +37,7 @@ class Channel:
 
 
 class Bag(Protocol):
-    """A bag that is open.
+    """An open bag.
 
     Attributes:
         channels: Its streams.
@@ -46,17 +46,17 @@ class Bag(Protocol):
     channels: list[Channel]
 
     def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
-        """(topic, log time in ns, CDR bytes, key) of every message of the topics, as they lie."""
+        """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
 
     def payload(self, topic: str, key: Any) -> bytes:
-        """CDR bytes of one message again."""
+        """CDR bytes of one message, read again."""
 
 
 class _Stream:
-    """What is gathered of one topic: of pictures the first payload and where the others lie, of all else every payload.
+    """Messages of one topic: for images the first payload and the keys of all, otherwise every payload.
 
     Raises:
-        ValueError: The definition of its messages cannot be understood.
+        ValueError: The message definition cannot be parsed.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -72,7 +72,7 @@ class _Stream:
         self.keys: list[Any] = []
 
     def add(self, log_time: int, payload: bytes, key: Any) -> None:
-        """Takes a message."""
+        """Adds a message."""
         if not self.is_picture or not self.payloads:
             self.payloads.append(payload)
         self.times.append((_picture_stamp(payload) or log_time) if self.is_picture else log_time)
@@ -83,9 +83,9 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     """Reads the streams of a bag.
 
     Args:
-        bag: The bag; it stays open for the pictures.
+        bag: The bag; it stays open for the images.
         kind: Kind of the source.
-        notes: Where problems go.
+        notes: Collects problems.
 
     Raises:
         StrideTwinError: The bag cannot be read, unless lenient.
@@ -110,7 +110,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
             notes.problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = joined(blocks, notes)
     frames = {t: _frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
-    # an IMU that was joined turns with its gyro
+    # a joined IMU has the frame of its gyroscope
     frames |= {joined_name(t): f for t, f in frames.items() if t not in blocks and joined_name(t) in blocks}
     return Source(
         kind=kind,
@@ -124,7 +124,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
 
 
 def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]]:
-    """The streams that mean something, and the types of the others."""
+    """The streams that can be read, and the types of the others."""
     streams: dict[str, _Stream] = {}
     unread: dict[str, str] = {}
     definitions = Definitions()
@@ -158,7 +158,7 @@ def _pictures(bag: Bag, stream: _Stream, reader: TopicReader) -> Pictures:
 
 
 def _extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
-    """Messages that are no samples as they are: calibrations, mounts, and poses."""
+    """Handles messages that are not samples themselves: calibrations, mounts, and poses."""
     c = stream.channel
     store = typestore_for(c.typename, c.encoding, c.definition)
     try:
@@ -178,7 +178,7 @@ def _extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block
 
 
 def _frame(payload: bytes) -> str:
-    """The frame that a message's header names, "" where it has no header."""
+    """The frame in a message's header, "" without a header."""
     order = "little" if len(payload) > 1 and payload[1] else "big"
     length = int.from_bytes(payload[12:16], order) if len(payload) >= 16 else 0  # type: ignore[arg-type]
     try:

@@ -1,4 +1,4 @@
-"""What an import has to assume about sensors whose calibration nobody gave, each time with a warning."""
+"""Default calibrations of an import for sensors without one; each default is reported by a warning."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from stridetwin.streams.samples import Block, Depth, Image, Imu
 
 BODY = "head"
 GIVE = "give one with --rig FILE (Kalibr YAML)"
-# Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that wander by their in-run
-# instability (10 °/h, 40 µg) in 100 s
+# Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that vary by their in-run instability
+# (10 °/h, 40 µg) in 100 s
 _GYRO_NOISE = math.radians(0.014)
 _GYRO_WALK = math.radians(10 / 3600) / 10
 _ACCEL_NOISE = 150e-6 * 9.80665
 _ACCEL_WALK = 40e-6 * 9.80665 / 10
-_FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, which RGB-D sets without a calibration mean
+_FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, used by RGB-D datasets without a calibration
 
 
 def completed(
@@ -34,14 +34,14 @@ def completed(
     notes: Notes,
     registered: Collection[str] = (),
 ) -> Rig:
-    """A rig with a calibration for every IMU and every camera there is, and for nothing else.
+    """A rig with a calibration for every existing IMU and camera, and for nothing else.
 
     Args:
-        rig: What is known.
+        rig: Known calibrations.
         blocks: Small streams by topic.
-        pictures: Picture streams by topic.
-        notes: Told what had to be assumed.
-        registered: Depth streams that the source says are registered to a colour picture.
+        pictures: Image streams by topic.
+        notes: Collects warnings about assumptions.
+        registered: Depth streams that are registered to a colour image according to the source.
     """
     imus = {
         t: rig.imus[t] if t in rig.imus else _assumed_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
@@ -67,7 +67,7 @@ def body_of(topic: str) -> str:
 
 
 def picture_size(pictures: Pictures) -> tuple[int, int] | None:
-    """(width, height) of the first picture, None if it cannot be read."""
+    """(width, height) of the first image, None if it cannot be read."""
     try:
         first = pictures.load("", 0)
     except (StrideTwinError, ValueError, IndexError):
@@ -124,7 +124,7 @@ def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
     is_lens = 0.2 < fu / camera.width < 5 and 0.5 < fu / fv < 2
     if not (is_lens and 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8):
         size = f"{camera.width} x {camera.height}"
-        notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for pictures of {size}")
+        notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for images of {size}")
 
 
 def _add_depth(
@@ -135,9 +135,9 @@ def _add_depth(
     notes: Notes,
     is_registered: bool,
 ) -> None:
-    """Registers a depth stream to the colour camera of its size beside it, or makes it a camera of its own."""
+    """Registers a depth stream to the colour camera of equal size beside it, or makes it a separate camera."""
     told = next((c for c in rig.cameras.values() if c.depth_topic == topic), None)
-    if told is not None:  # of a camera whose colour was not recorded
+    if told is not None:  # a camera whose colour was not recorded
         cameras[told.topic] = _camera(rig, told.topic, pictures[topic], notes)
         return
     size = picture_size(pictures[topic])
@@ -146,11 +146,11 @@ def _add_depth(
         same = is_registered or own is None or np.allclose(own.intrinsics, camera.intrinsics)
         if not camera.depth_topic and size == (camera.width, camera.height) and same:
             if own is None and not is_registered:
-                notes.warn(f"{topic}: taken as registered to {name} for its size alone; {GIVE}")
+                notes.warn(f"{topic}: assumed registered to {name} because of its size; {GIVE}")
             cameras[name] = replace(camera, depth_topic=topic)
             return
     if cameras:
-        notes.warn(f"{topic}: not registered to a colour picture; it stands as a camera of its own")
+        notes.warn(f"{topic}: not registered to a colour image; it becomes a separate camera")
     camera = own or _assumed_camera(topic, pictures[topic], size or (640, 480), notes)
     cameras[topic] = replace(camera, topic=topic, depth_topic=topic)
 
@@ -158,7 +158,7 @@ def _add_depth(
 def _of_there(
     camera: CameraCalibration, imus: Mapping[str, ImuCalibration], pictures: Mapping[str, Pictures]
 ) -> CameraCalibration:
-    """Without the streams that are not there; beside an IMU of its body where none was named."""
+    """Removes references to missing streams; a camera without an IMU gets one of its body."""
     beside = [t for t, imu in imus.items() if imu.mount.body == camera.mount.body]
     imu = camera.imu_topic if camera.imu_topic in beside else (beside[0] if beside else "")
     depth = camera.depth_topic if camera.depth_topic in pictures else ""

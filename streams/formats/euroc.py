@@ -1,8 +1,8 @@
 """EuRoC MAV folders (ASL layout): `mav0/imu0/data.csv`, `mav0/cam0/data/*.png`, `sensor.yaml` beside each.
 
-Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016; the layout is also that of TUM-VI. The body frame
-is the IMU's; a true path of something else, such as the marker of `vicon0`, is carried over by its `T_BS`. Columns are
-found by the names in the header, in the published order where there is no header.
+Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016; TUM-VI uses the same layout. The body frame is the
+IMU's; the ground truth of another frame, such as the marker of `vicon0`, is converted with its `T_BS`. Columns are
+found by the names in the header, or in the published order without a header.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant"
 
 
 def euroc_root(path: Path) -> Path | None:
-    """The folder that holds `imu0` or `cam0`, if `path` is it or holds it as `mav0`."""
+    """The folder with `imu0` or `cam0`: `path` itself or its subfolder `mav0`."""
     for root in (path / "mav0", path):
         if any((root / name).is_dir() for name in ("imu0", "cam0")):
             return root
@@ -55,15 +55,15 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     """Reads a folder in the ASL layout.
 
     Args:
-        path: The folder, or the one around `mav0`.
-        notes: Where problems go.
+        path: The folder, or the parent of `mav0`.
+        notes: Collects problems.
 
     Returns:
         Its IMUs, cameras and the first ground truth of `GROUND_TRUTHS`, under our topics (further sensors
         under their folder's name).
 
     Raises:
-        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+        StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
     root = euroc_root(path)
     if root is None:
@@ -115,7 +115,7 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
 
 
 def _marker(folder: Path) -> Array | None:
-    """T_BS of a true path's sensor, such as Vicon's marker, in the body; None where its poses are the body's own."""
+    """T_BS of the sensor of a ground truth, such as Vicon's marker; None if its poses are the body's own."""
     node = _sensor(folder)
     if node is None or "T_BS" not in node:
         return None
@@ -126,11 +126,11 @@ def _marker(folder: Path) -> Array | None:
 def _columns(
     file: Path, header: list[str], wanted: Sequence[str], units: Sequence[str], notes: Notes
 ) -> list[tuple[str, int]]:
-    """Where the wanted columns stand, by the header's names; in the published order without a header."""
+    """Indices of the given columns, by the header's names, or in the published order without a header."""
     where = f"{file.parent.name}/{file.name}"
     names, told = zip(*(_name_and_unit(word) for word in header)) if header else ((), ())
     if not header:
-        notes.warn(f"{where}: no header; columns taken in the published order")
+        notes.warn(f"{where}: no header; columns assumed in the published order")
     elif not any(name in names for name in wanted):
         raise ConfigError(file, "header", ",".join(header), f"the columns timestamp, {', '.join(wanted)}")
     else:
@@ -161,7 +161,7 @@ def _sensor(folder: Path) -> Node | None:
         text = read_text(file, LARGEST_SETTING)
     except (OSError, UnicodeDecodeError) as error:
         raise unreadable(file, error) from error
-    # OpenCV's own YAML marks: a directive and a tag that other parsers do not know
+    # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
     return parse_yaml(re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE), str(file))
 
 

@@ -1,6 +1,6 @@
-"""Calibrations under our topics: a rig that follows its streams to their new names, and one that is given beside them.
+"""Calibrations under our topics: renaming the sensors of a rig, and matching a given rig to a source.
 
-A rig that is given names its sensors as the source does (`rostopic`), as we do, or as Kalibr numbers them (`cam0`,
+A given rig may name its sensors like the source (`rostopic`), by our topics, or by Kalibr's numbers (`cam0`,
 `imu0`).
 """
 
@@ -27,14 +27,14 @@ _TRANSPORT = re.compile(r"/(compressed|compressedDepth|image/data|imu/data)$")
 
 @dataclass(frozen=True, kw_only=True)
 class Streams:
-    """Which streams of a source have become which of ours.
+    """Mapping of a source's streams to ours.
 
     Attributes:
         topics: Our topic by the source's name.
-        names: The topic that the source's names would get unless told otherwise.
+        names: Default topic of each of the source's names.
         imus: Our topics of its IMUs.
         cameras: Our topics of its colour cameras.
-        numbered: Whether the source has sensors without topics, so that Kalibr's `cam0` is its first camera.
+        numbered: Whether the source has sensors without topics; Kalibr's `cam0` is then its first camera.
     """
 
     topics: Mapping[str, str]
@@ -44,12 +44,12 @@ class Streams:
     numbered: bool = False
 
     def find(self, rostopic: str, as_read: bool, number: str = "") -> str | None:
-        """Our topic of the stream that a calibration is about, None if there is none.
+        """Our topic of the stream that a calibration describes, None without such a stream.
 
         Args:
-            rostopic: What the calibration calls it.
-            as_read: Whether our topics go before the source's names, where one is both.
-            number: Kalibr's name of the section, such as `cam0`, where it may decide.
+            rostopic: Topic in the calibration.
+            as_read: Whether our topics take precedence over the source's names when a name is both.
+            number: Kalibr's name of the section, such as `cam0`, if it may be used.
         """
         name = "/" + rostopic.strip("/")
         ours = {t: t for t in self.topics.values()}
@@ -71,7 +71,7 @@ class Streams:
 
 
 def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Streams:
-    """How the streams of a source are called here, by the topics that its names become."""
+    """Mapping of a source's streams, given the topics of its names."""
     return Streams(
         topics=topics,
         names={n: source.names.get(n, n) for n in topics},
@@ -82,13 +82,13 @@ def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Str
 
 
 def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_told: bool) -> Rig:
-    """A rig whose sensors have other topics, and sit on the bodies that these say.
+    """A rig whose sensors get other topics, and the bodies that these imply.
 
     Args:
         rig: The rig.
         topic_of: New topic by the old one.
-        bodies_are_told: The rig knows which body carries a sensor: it stays there unless the new topic says another
-            one than the old topic did.
+        bodies_are_told: Whether the rig knows the body of each sensor; then it only changes if the new topic implies
+            another body than the old topic.
     """
 
     def moved(item: Any) -> Any:
@@ -108,19 +108,19 @@ def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_told: bool)
 
 
 def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> tuple[Rig, list[str]]:
-    """A rig that is given for a source, under our topics.
+    """A rig given for a source, under our topics.
 
-    What a plain Kalibr file does not tell (where on the body its IMU sits, rates, the depth beside a camera) stays as
-    it is known.
+    Values that a plain Kalibr file does not contain (the IMU's pose on the body, rates, the depth stream of a camera)
+    keep their known values.
 
     Args:
-        rig: As the file says.
-        known: What is known of the source's sensors, under our topics.
-        streams: Names of the source's streams.
-        as_read: Whether our topics go before the source's names.
+        rig: Rig from the file.
+        known: Known calibrations of the source's sensors, under our topics.
+        streams: Mapping of the source's streams.
+        as_read: Whether our topics take precedence over the source's names.
 
     Returns:
-        The rig, and the sensors in it that no stream belongs to, in the file's words; these are left out.
+        The rig, and the file's names of sensors that match no stream; these are omitted.
     """
     imus, cameras, others = (_by_number(t) for t in (rig.imus, rig.cameras, rig.others))
     found: dict[str, str] = {}
@@ -130,7 +130,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
             target = streams.find(item.topic, as_read, number)
             depth = getattr(item, "depth_topic", "")
             if target is None and depth and streams.find(depth, as_read) is not None:
-                target = item.topic  # of a camera whose depth alone is there
+                target = item.topic  # a camera that has depth alone
             if target is not None and target not in found.values():
                 found[item.topic] = target
     links = {c.depth_topic for _, c in cameras} - {""} - found.keys()
@@ -155,20 +155,20 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
 
 
 def told_what_is_left(file: Path, rig: Rig, left: Iterable[str], streams: Streams, notes: Notes) -> None:
-    """Says which calibrations of a file no stream belongs to; a file that does nothing at all is refused.
+    """Reports the calibrations of a file that match no stream; a file without any match is rejected.
 
     Raises:
-        ConfigError: No stream belongs to any of them, unless lenient.
+        ConfigError: No calibration matches a stream, unless lenient.
     """
     left = list(left)
     names = sorted({*streams.topics, *streams.names.values(), *streams.topics.values()})
     if streams.numbered:
         names += ["/cam0, /imu0, ..."]
-    valid = f"a stream that is there: {', '.join(names)}"
+    valid = f"an existing stream: {', '.join(names)}"
     if left and len(left) == len(rig.imus) + len(rig.cameras) + len(rig.others):
         notes.invalid(ConfigError(file, "rostopic", ", ".join(left), valid))
     elif left:
-        notes.warn(f"{file}: {', '.join(left)}: no stream of this name, so that its calibration is not used")
+        notes.warn(f"{file}: {', '.join(left)}: no stream of this name; its calibration is not used")
 
 
 def _by_number(items: Mapping[str, Any]) -> list[tuple[int, Any]]:
@@ -176,7 +176,7 @@ def _by_number(items: Mapping[str, Any]) -> list[tuple[int, Any]]:
 
 
 def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:
-    """A plain calibration, whose body is the IMU itself, where the IMU is known to sit."""
+    """A plain calibration, whose body is the IMU itself, moved to the known mount of the IMU."""
     if known is None:
         return replace(imu, mount=Mount(body=body_of(imu.topic)))
     return replace(imu, mount=known.mount, part=imu.part or known.part)
@@ -185,7 +185,7 @@ def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibra
 def _placed_camera(
     camera: CameraCalibration, known: CameraCalibration | None, mounts: Mapping[str, Mount], imus: tuple[str, ...]
 ) -> CameraCalibration:
-    """A plain calibration, mounted in its IMU's frame, where that IMU is known to sit."""
+    """A plain calibration, mounted in its IMU's frame, moved to the known mount of that IMU."""
     told = [camera.imu_topic, known.imu_topic if known else "", *(t for t in imus if body_of(t) == camera.mount.body)]
     imu = next((t for t in told if t in imus or t in mounts), "")
     T: Array = camera.mount.T_body_sensor
@@ -194,7 +194,7 @@ def _placed_camera(
     shift = camera.timeshift_cam_imu_s
     if known is None:
         return replace(camera, imu_topic=imu, mount=mount)
-    if np.array_equal(T, np.eye(4)):  # a file without T_cam_imu: the lens alone
+    if np.array_equal(T, np.eye(4)):  # a file without T_cam_imu: intrinsics alone
         mount, shift = known.mount, shift or known.timeshift_cam_imu_s
     return replace(
         camera,

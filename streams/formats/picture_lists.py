@@ -1,4 +1,4 @@
-"""Lists of stamped picture files, as the EuRoC and TUM layouts have them."""
+"""Lists of image files with stamps, as in the EuRoC and TUM layouts."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def read_picture_list(
     notes: Notes,
     per_metre: float | None = None,
 ) -> Pictures:
-    """Reads rows of a stamp and the name of a picture.
+    """Reads rows of a stamp and an image file name.
 
     Args:
         file: The list.
-        folder: Where the names begin.
+        folder: Folder that the names are relative to.
         separator: Between stamp and name; None is any white space.
-        stamp: Word to nanoseconds.
-        notes: Where rows that are not valid go, which are left out when lenient.
-        per_metre: Units of depth in a metre; None for colour.
+        stamp: Converts a word to nanoseconds.
+        notes: Collects invalid rows, which are omitted when lenient.
+        per_metre: Units of depth per metre; None for colour.
 
     Raises:
-        StrideTwinError: The list cannot be read, is empty, or a row is not valid, unless lenient.
+        StrideTwinError: The list cannot be read, is empty, or a row is invalid, unless lenient.
     """
     _, rows = read_text_rows(file, separator)
     stamps: list[int] = []
@@ -51,7 +51,7 @@ def read_picture_list(
 
 
 def picture_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> Pictures:
-    """Stamped picture files as a stream: of depth with `per_metre` units in a metre, of colour without."""
+    """Image files with stamps as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
 
     def load(topic: str, i: int) -> Image | Depth:
         if per_metre is None:
@@ -62,7 +62,7 @@ def picture_stream(stamps: list[int], files: list[Path], per_metre: float | None
 
 
 def _listed(file: Path, folder: Path, line: int, name: str) -> Path:
-    where, valid = f"line {line}, filename", f"a picture inside {folder.name}/"
+    where, valid = f"line {line}, filename", f"an image inside {folder.name}/"
     parts = PurePath(name).parts
     if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
         raise ConfigError(file, where, name, valid)

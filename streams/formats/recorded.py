@@ -1,4 +1,4 @@
-"""Recordings written anew from any source, second by second, without losing a pixel."""
+"""Conversion of any source to a recording, second by second and lossless."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _SECOND_NS = 1_000_000_000
 
 
 def write_recording(recording: Recording, path: Path, progress: Callable[[float], None] = lambda _: None) -> None:
-    """Writes every sample of a recording as an MCAP file, whole or not at all: pictures as PNG, depth as float metres.
+    """Writes every sample of a recording as an MCAP file, atomically: images as PNG, depth as float metres.
 
     Args:
         recording: The source.
-        path: File to make.
-        progress: Told how far it is (0-1).
+        path: Output file.
+        progress: Called with the completed share (0-1).
 
     Raises:
-        StrideTwinError: There is nothing to write, a picture is damaged (unless lenient), or the place is not writable.
+        StrideTwinError: There is nothing to write, an image is damaged (unless lenient), or the path is not writable.
     """
     if not recording.topics:
         raise RecordingError(f"{recording.path}: no stream that can be read")

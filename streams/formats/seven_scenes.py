@@ -1,7 +1,7 @@
 """RGB-D folders in the 7-Scenes layout: `frame-000000.color.png`, `.depth.png` (mm), `.pose.txt` (camera to world).
 
-Shotton et al., Scene coordinate regression forests, CVPR 2013. The layout carries no time: frames are taken to follow
-each other at 30 Hz. `camera-intrinsics.txt`, a 3 x 3 matrix, is read where it is there.
+Shotton et al., Scene coordinate regression forests, CVPR 2013. The layout has no time stamps: frames are assumed at
+30 Hz. An optional `camera-intrinsics.txt`, a 3 x 3 matrix, is read.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
 
     Args:
         path: The folder.
-        notes: Where problems go.
-        per_metre: Units of the depth pictures in a metre.
+        notes: Collects problems.
+        per_metre: Units of the depth images per metre.
 
     Raises:
-        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+        StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
     folder = frames_folder(path)
     if folder is None:
@@ -55,7 +55,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     for file in sorted(folder.iterdir()):
         if name := _FRAME.fullmatch(file.name):
             found[name[2].partition(".")[0]][int(name[1])] = file
-    notes.warn(f"the 7-Scenes layout carries no time: {RATE_HZ:g} Hz assumed")
+    notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
     _tell_missing(found, notes)
     pictures = {
         topic: picture_stream([_stamp(f) for f in sorted(files)], [files[f] for f in sorted(files)], scale)

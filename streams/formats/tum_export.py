@@ -21,14 +21,14 @@ from stridetwin.streams.tum import seconds, write_tum
 
 
 def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None = None) -> dict[str, int]:
-    """Writes `rgb/`, `depth/` (5000 units a metre, up to 13.1 m) and the lists, truth and calibration of the layout.
+    """Writes `rgb/`, `depth/` (5000 units per metre, up to 13.1 m) and the lists, ground truth and calibration.
 
-    The layout knows no gyroscope: rates and forces together go into an `imu.txt` of their own.
+    The layout has no gyroscope: rates and forces are written together to an additional `imu.txt`.
 
     Args:
         recording: Needs a colour camera with a registered depth stream.
         folder: An empty folder.
-        camera_topic: Which camera; the first with depth by default.
+        camera_topic: Topic of the camera; by default the first one with depth.
 
     Returns:
         Rows written, by file.
@@ -68,7 +68,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
 
 
 def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
-    """The true path of a camera's optical frame: told, or that of its IMU carried over by their mounts."""
+    """Ground truth of a camera's optical frame: recorded, or from that of its IMU and their mounts."""
     told = f"/truth{camera.topic}/odometry"
     T_frame_cam: Array = np.eye(4)
     if told not in recording.topics:
@@ -91,7 +91,7 @@ def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory |
 
 
 def _both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
-    """Camera and IMU under their own topics, and under those that a folder of this layout is read as."""
+    """Camera and IMU under their own topics, and under the topics that an import of this layout uses."""
     read_as = replace(camera, topic=COLOR, depth_topic=DEPTH, imu_topic=IMU if imu else "")
     cameras = {c.topic: c for c in (camera, read_as)}
     imus = {i.topic: i for i in (imu, replace(imu, topic=IMU))} if imu else {}

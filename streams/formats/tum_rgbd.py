@@ -1,9 +1,9 @@
-"""RGB-D folders in the TUM layout: `rgb.txt`, `depth.txt`, `groundtruth.txt`, `accelerometer.txt` and the pictures.
+"""RGB-D folders in the TUM layout: `rgb.txt`, `depth.txt`, `groundtruth.txt`, `accelerometer.txt` and the images.
 
-Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012. Depth PNGs hold 5000 units a metre. Poses
-are those of the colour camera's optical frame. `calibration.txt` (fx fy cx cy) is that of the ETH3D sets. Of the IMU
-the layout has no more than the accelerometer: rates come from `gyroscope.txt` beside it, or rates and forces from one
-`imu.txt`, whose header names its columns (wx wy wz ax ay az, in this order where there is none).
+Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012. Depth PNGs have 5000 units per metre. The
+poses are those of the colour camera's optical frame. `calibration.txt` (fx fy cx cy) is that of the ETH3D datasets. The
+layout has only the accelerometer of the IMU: rates are read from an additional `gyroscope.txt`, or rates and forces
+from one `imu.txt`, whose header names its columns (wx wy wz ax ay az, in this order without a header).
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
 
     Args:
         path: The folder.
-        notes: Where problems go.
-        per_metre: Units of the depth pictures in a metre.
+        notes: Collects problems.
+        per_metre: Units of the depth images per metre.
 
     Raises:
-        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+        StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
     pictures: dict[str, Pictures] = {}
     blocks: dict[str, Block[Any]] = {}
@@ -67,7 +67,7 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
 
 
 def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
-    """Accelerometer and IMU, as far as there are files of them."""
+    """Accelerometer and IMU, if their files exist."""
     blocks: dict[str, Block[Any]] = {}
     force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
     if force.is_file():
@@ -87,7 +87,7 @@ def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
 
 
 def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[NDArray[np.int64], Array]:
-    """Stamps (N,) ns and (N, K) columns of a file, where its header says, or in this order after the stamp."""
+    """Stamps (N,) ns and (N, K) columns of a file, by the names in its header, or in this order after the stamp."""
     header, rows = read_text_rows(file, None)
     told = all(name in header for name in names)
     places = [(name, header.index(name) if told else i) for i, name in enumerate(names, 1)]
@@ -95,16 +95,16 @@ def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[NDArray[
 
 
 def _check_depth(pictures: Pictures, per_metre: float, notes: Notes) -> None:
-    """A wrong scale shows in a distance that no such camera measures."""
+    """Warns of a distance that no such camera measures, the effect of a wrong scale."""
     try:
         first = pictures.load(DEPTH, 0)
     except (StrideTwinError, IndexError):
-        return  # met again, and told, when the picture is read
+        return  # reported when the image is read
     seen = first.depth[first.depth > 0] if isinstance(first, Depth) else np.zeros(0)
     if len(seen) and not _PLAUSIBLE_M[0] < (median := float(np.median(seen))) < _PLAUSIBLE_M[1]:
         notes.warn(
-            f"depth: {median:.3g} m in the median of the first picture at {per_metre:g} units a metre; "
-            "if the pictures hold another unit, give it with --depth-scale"
+            f"depth: {median:.3g} m in the median of the first image at {per_metre:g} units per metre; "
+            "if the images have another unit, give it with --depth-scale"
         )
 
 
