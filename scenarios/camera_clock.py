@@ -68,7 +68,7 @@ def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, A
     rate = gyro.columns["angular_rate"] @ R_cam_imu.T
     pairs = [
         pair
-        for first in _liveliest(recording.picture_times(camera.topic), gyro.t_ns, rate)
+        for first in _liveliest(recording.image_times(camera.topic), gyro.t_ns, rate)
         for pair in _turns(recording, camera, first)
     ]
     if len(pairs) < _FEWEST_PAIRS:
@@ -152,7 +152,7 @@ def _liveliest(pictures: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -
 
 def _turns(recording: Recording, camera: CameraCalibration, first: int) -> list[tuple[int, int, Array]]:
     """(start and end in ns, mean rate (3,) in the camera's frame) between the pictures of a stretch."""
-    times = recording.picture_times(camera.topic)[first : first + PICTURES]
+    times = recording.image_times(camera.topic)[first : first + PICTURES]
     try:
         pictures = recording.images(camera.topic, range(first, first + len(times)))
         depths = _depths(recording, camera, times)
@@ -171,7 +171,7 @@ def _depths(recording: Recording, camera: CameraCalibration, t_ns: NDArray[np.in
     """Depth pictures by the stamps of the colour pictures that they are registered to."""
     if camera.depth_topic not in recording.topics:
         return {}
-    times = recording.picture_times(camera.depth_topic)
+    times = recording.image_times(camera.depth_topic)
     at = np.flatnonzero(np.isin(times, t_ns)).tolist()
     return {d.t_ns: d.depth for d in recording.images(camera.depth_topic, at) if isinstance(d, Depth)}
 

@@ -81,7 +81,7 @@ def estimate_odometry(
         stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
         samples = _with_depth(recording.samples([*topics, right]), stereo, right)
     estimator = Dvio(rig, mount=mount, parameters=parameters)
-    first = int(recording.picture_times(f"/{mount}/color")[0])
+    first = int(recording.image_times(f"/{mount}/color")[0])
     estimates = []
     for sample in samples:
         if not isinstance(sample, Imu | Image | Depth):

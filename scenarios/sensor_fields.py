@@ -11,7 +11,7 @@ from pathlib import Path
 from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, pair, suggest, triple
 from stridetwin.sim.calibration import CalibrationSd
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.fitting import KIND, Clock, Fitting, Seat
+from stridetwin.sim.fitting import KIND, Clock, SensorConfig, Seat
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
@@ -59,7 +59,7 @@ class Sensors:
 
     groups: tuple[str, ...]
     asked: dict[str, str]
-    fittings: dict[str, Fitting] = field(default_factory=dict)
+    fittings: dict[str, SensorConfig] = field(default_factory=dict)
 
 
 def sensors(node: object, where: Where) -> Sensors:
@@ -86,13 +86,13 @@ def sensors(node: object, where: Where) -> Sensors:
 _NAMES = names_of(KIND)
 
 
-def _fitting(group: str, node: object, where: Where) -> Fitting:
+def _fitting(group: str, node: object, where: Where) -> SensorConfig:
     if isinstance(node, str):
         return _of_part(group, node, where)
     if not isinstance(node, dict):
         raise where.error(node, f"a part, true, false, or keys {', '.join(_options(group))}")
     options = mapping(_options(group), dict)(node, where)
-    fitting: Fitting = options.pop("fitting", Fitting())
+    fitting: SensorConfig = options.pop("fitting", SensorConfig())
     if group == "head_camera" and {"mount", "pitch_down_deg"} <= set(node):
         raise where.key("pitch_down_deg").error(node["pitch_down_deg"], "no pitch_down_deg, as mount says how it faces")
     return replace(fitting, **options)
@@ -124,7 +124,7 @@ def _options(group: str) -> dict[str, Field]:
     return options
 
 
-def _of_part(group: str, node: object, where: Where) -> Fitting:
+def _of_part(group: str, node: object, where: Where) -> SensorConfig:
     """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
     if not isinstance(node, str):
         raise where.error(node, _valid(group))
@@ -137,7 +137,7 @@ def _of_part(group: str, node: object, where: Where) -> Fitting:
         raise where.error(node, _valid(group, node))
     if kind_of(found) != KIND[group]:
         raise where.error(node, _valid(group))
-    return Fitting(part=found, ideal=node != plain)
+    return SensorConfig(part=found, ideal=node != plain)
 
 
 def _valid(group: str, near: str = "") -> str:

@@ -25,8 +25,8 @@ from stridetwin.sim.sensors.imager import BLANK, Pixels, Sensor
 from stridetwin.sim.sensors.lens import Lens
 from stridetwin.sim.sensors.stereo_depth import DepthModel
 from stridetwin.sim.sensors.sweep import Sweep
-from stridetwin.sim.standard_rig import Outfit
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.standard_rig import SensorRig
+from stridetwin.sim.straps import MountSlips
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
@@ -96,18 +96,18 @@ class Cameras:
 
     Args:
         model: Compiled model.
-        outfit: The sensors with their true calibration.
+        sensor_rig: The sensors with their true calibration.
         crowd: Bystanders.
         seed: Seed of the walk.
         straps: Slip of the camera mounts.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, outfit: Outfit, crowd: Crowd, seed: int, straps: Straps | None = None
+        self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int, straps: MountSlips | None = None
     ) -> None:
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
-        self._data, self._crowd, self._straps = mujoco.MjData(model), crowd, straps or Straps()
-        self._cameras = {t: _Camera(outfit, t, seed) for t in outfit.rig.cameras}
+        self._data, self._crowd, self._straps = mujoco.MjData(model), crowd, straps or MountSlips()
+        self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
         lenses = [c.lens for c in self._cameras.values()]
         self._view = SensorView(model, max(lens.width for lens in lenses), max(lens.height for lens in lenses))
 
@@ -146,26 +146,26 @@ class Cameras:
         self._view.close()
 
 
-def board_seen_by(outfit: Outfit, topic: str) -> Board | None:
+def board_seen_by(sensor_rig: SensorRig, topic: str) -> Board | None:
     """The board on the other shoe that a shoe's camera observes."""
     seen = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
-    return outfit.rig.boards.get(seen) if seen else None
+    return sensor_rig.rig.boards.get(seen) if seen else None
 
 
-def follows(outfit: Outfit, topic: str) -> bool:
+def follows(sensor_rig: SensorRig, topic: str) -> bool:
     """Whether a camera's gain depends on its previous images, so that they must be exposed in order of time."""
-    return bool(_imager(outfit, topic).auto_exposure_s)
+    return bool(_imager(sensor_rig, topic).auto_exposure_s)
 
 
-def sensor_of(outfit: Outfit, topic: str, seed: int) -> Sensor:
+def sensor_of(sensor_rig: SensorRig, topic: str, seed: int) -> Sensor:
     """Sensor model that converts a camera's irradiance to grey values or colours."""
-    told, imager = outfit.rig.cameras[topic], _imager(outfit, topic)
+    told, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
     shape = (told.height, told.width) if imager.colour == "grey" else (told.height, told.width, 3)
-    return Sensor(shape, imager, outfit.sensors[topic].fitting.light, Noise.of_topic(seed, topic))
+    return Sensor(shape, imager, sensor_rig.sensors[topic].fitting.light, Noise.of_topic(seed, topic))
 
 
-def _imager(outfit: Outfit, topic: str) -> Imager:
-    part = outfit.sensors[topic].part
+def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
+    part = sensor_rig.sensors[topic].part
     assert isinstance(part, CameraPart | RgbdPart)
     return part.imager
 
@@ -181,15 +181,15 @@ class _Seen:
 class _Camera:
     """One camera of the rig."""
 
-    def __init__(self, outfit: Outfit, topic: str, seed: int) -> None:
-        worn = outfit.sensors[topic]
+    def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
+        worn = sensor_rig.sensors[topic]
         assert isinstance(worn.told, CameraCalibration)
         assert isinstance(worn.part, CameraPart | RgbdPart)
         told, part = worn.told, worn.part
         self._told, self._imager = told, part.imager
-        self._board = board_seen_by(outfit, topic)
+        self._board = board_seen_by(sensor_rig, topic)
         self._grey = self._imager.colour == "grey"
-        self._sensor = None if follows(outfit, topic) else sensor_of(outfit, topic, seed)
+        self._sensor = None if follows(sensor_rig, topic) else sensor_of(sensor_rig, topic, seed)
         self.lens = Lens(told)
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip

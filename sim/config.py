@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from stridetwin.sim.faults import Fault
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 
 if TYPE_CHECKING:
     from stridetwin.sim.own_exo import OwnExo
@@ -304,7 +304,7 @@ class TwinConfig:
         "head_imu",
         "head_camera",
     )
-    fittings: Mapping[str, Fitting] = field(default_factory=dict)
+    fittings: Mapping[str, SensorConfig] = field(default_factory=dict)
     rig_mount: str = "head"
     ideal: bool = False
     shock: bool = True

@@ -84,7 +84,7 @@ class Seat:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fitting:
+class SensorConfig:
     """Differences of a group of sensors from the standard one.
 
     Attributes:
@@ -121,7 +121,7 @@ class Fitting:
 
 
 def part_of(
-    fittings: Mapping[str, Fitting], group: str, every_ideal: bool, standard: str | None = None
+    fittings: Mapping[str, SensorConfig], group: str, every_ideal: bool, standard: str | None = None
 ) -> tuple[Any, Any]:
     """The simulated part of a group, and its data sheet; a noise-free part keeps the data sheet of the real one.
 
@@ -131,7 +131,7 @@ def part_of(
         every_ideal: Whether all parts are noise-free.
         standard: Name of the default part; None for the group's.
     """
-    fitting = fittings.get(group, Fitting())
+    fitting = fittings.get(group, SensorConfig())
     told: Any = fitting.part or part(standard or STANDARD[group])
     if fitting.rate_hz is not None:
         told = replace(told, rate_hz=fitting.rate_hz)

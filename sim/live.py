@@ -51,8 +51,8 @@ class LiveTwin:
         if config.faults:
             raise ConfigError(config.name, "faults", f"{len(config.faults)} of them", "none, for a live walk")
         self._twin, self.simulation = twin, twin.simulation(law)
-        self._suite = SensorSuite(twin.outfit, twin.terrain, twin.crowd, twin.seed)
-        self._cameras = CameraProcesses(twin.model, twin.outfit, twin.crowd, twin.seed, processes=1)
+        self._suite = SensorSuite(twin.sensor_rig, twin.terrain, twin.crowd, twin.seed)
+        self._cameras = CameraProcesses(twin.model, twin.sensor_rig, twin.crowd, twin.seed, processes=1)
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
         self._open = ExitStack()

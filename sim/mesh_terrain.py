@@ -20,7 +20,7 @@ from stridetwin.sim.route_checks import RAMP_MAX_RAD, RISER_RANGE_M, TREAD_MIN_M
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
-LARGEST_DEVIATION_M = 0.010
+LARGEST_ERROR_M = 0.010
 """Largest distance of the mesh from its replacement, anywhere on the way but beside risers."""
 BESIDE_RISER_M = 0.025
 STEP_M = 0.005
@@ -96,7 +96,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
     told = (
         f"{way.path}: replaced by exact boxes and wedges ({counts}) over {length:.2f} m; the mesh lies up to "
         f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
-        f"{1e3 * LARGEST_DEVIATION_M:g} mm is taken; {1e3 * BESIDE_RISER_M:g} mm beside risers left out)"
+        f"{1e3 * LARGEST_ERROR_M:g} mm is taken; {1e3 * BESIDE_RISER_M:g} mm beside risers left out)"
     )
     return MeshTerrain(segments=segments, told=told)
 
@@ -244,9 +244,9 @@ def _deviation(segments: tuple[Part, ...], s: Array, heights: Array, width_m: fl
     for edge in edges:
         away &= np.abs(s - edge) > BESIDE_RISER_M
     off = np.abs(terrain.height(points) - heights)[away]
-    if off.max() > LARGEST_DEVIATION_M:
+    if off.max() > LARGEST_ERROR_M:
         row, column = np.unravel_index(int(np.argmax(off)), off.shape)
         where = f"{s[away][row]:.2f} m along, {left[column]:+.2f} m to the left"
-        valid = f"up to {1e3 * LARGEST_DEVIATION_M:g} mm from levels, ramps and stairs across the way"
+        valid = f"up to {1e3 * LARGEST_ERROR_M:g} mm from levels, ramps and stairs across the way"
         raise ConfigError(way.path, where, f"{1e3 * off[row, column]:.0f} mm off", valid)
     return np.asarray(off).ravel()

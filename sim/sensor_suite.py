@@ -18,8 +18,8 @@ from stridetwin.sim.sensors.insole import InsoleModel
 from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
 from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.sensors.stamps import Stamps
-from stridetwin.sim.standard_rig import Outfit, WornSensor
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.standard_rig import SensorRig, MountedSensor
+from stridetwin.sim.straps import MountSlips
 from stridetwin.sim.terrain import Terrain
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
@@ -47,17 +47,17 @@ class SensorSuite:
     """Every sensor of the rig except the cameras.
 
     Args:
-        outfit: The sensors with their true calibration.
+        sensor_rig: The sensors with their true calibration.
         terrain: Ground, for the sonars.
         crowd: Bystanders, for the sonars.
         seed: Seed of the walk.
         straps: Slip of the sensor mounts.
     """
 
-    def __init__(self, outfit: Outfit, terrain: Terrain, crowd: Crowd, seed: int, straps: Straps | None = None) -> None:
-        self._straps = straps or Straps()
-        self._models: list[tuple[WornSensor, Any, Stamps]] = []
-        for topic, sensor in outfit.sensors.items():
+    def __init__(self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, straps: MountSlips | None = None) -> None:
+        self._straps = straps or MountSlips()
+        self._models: list[tuple[MountedSensor, Any, Stamps]] = []
+        for topic, sensor in sensor_rig.sensors.items():
             if not isinstance(sensor.told, CameraCalibration):
                 stamps = Stamps(sensor.clock, sensor.told.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
                 self._models.append((sensor, _model(sensor, terrain, crowd, Noise.of_topic(seed, topic)), stamps))
@@ -98,7 +98,7 @@ class SensorSuite:
             yield stamps.on(block)
 
 
-def _model(sensor: WornSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
+def _model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
     told, part = sensor.told, sensor.part
     match told, part:
         case ImuCalibration(), ImuPart():

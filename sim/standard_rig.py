@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from stridetwin.sim.actuation import modules
 from stridetwin.sim.calibration import told
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Fitting, Seat, part_of
+from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, SensorConfig, Seat, part_of
 from stridetwin.sim.own_exo import OnLink
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
 from stridetwin.sim.parts.told import TOLD
@@ -43,7 +43,7 @@ Calibration = ImuCalibration | CameraCalibration | OtherSensor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WornSensor:
+class MountedSensor:
     """A mounted sensor.
 
     Attributes:
@@ -56,7 +56,7 @@ class WornSensor:
     group: str
     told: Calibration
     part: Part
-    fitting: Fitting
+    fitting: SensorConfig
 
     @property
     def clock(self) -> Clock:
@@ -65,7 +65,7 @@ class WornSensor:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outfit:
+class SensorRig:
     """All sensors of a walk.
 
     Attributes:
@@ -74,7 +74,7 @@ class Outfit:
     """
 
     rig: Rig
-    sensors: dict[str, WornSensor]
+    sensors: dict[str, MountedSensor]
 
     def told(self, seed: int) -> Rig:
         """Nominal rig, which estimators get on the walk with this seed."""
@@ -82,11 +82,11 @@ class Outfit:
 
 
 def standard_rig(config: TwinConfig) -> Rig:
-    """True calibration of a walk's rig; arguments and errors as for `outfit`."""
-    return outfit(config).rig
+    """True calibration of a walk's rig; arguments and errors as for `sensor_rig`."""
+    return sensor_rig(config).rig
 
 
-def outfit(config: TwinConfig) -> Outfit:
+def sensor_rig(config: TwinConfig) -> SensorRig:
     """The sensors of a walk.
 
     Args:
@@ -110,24 +110,24 @@ def outfit(config: TwinConfig) -> Outfit:
         boards={b.name: b for b in _boards(config)} if "foot_camera" in on else {},
         others={s.topic: s for s in told if isinstance(s, OtherSensor)},
     )
-    return Outfit(rig=rig, sensors=sensors)
+    return SensorRig(rig=rig, sensors=sensors)
 
 
-def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, Fitting]:
+def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
     """True part and nominal part of a group, and the group's configuration.
 
     `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
     """
-    fitting = config.fittings.get(group, Fitting())
+    fitting = config.fittings.get(group, SensorConfig())
     if isinstance(standard, Part):
         given = config.fittings if fitting.part else {**config.fittings, group: replace(fitting, part=standard)}
         return *part_of(given, group, config.ideal), fitting
     return *part_of(config.fittings, group, config.ideal, standard), fitting
 
 
-def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> WornSensor:
+def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
     part, told, fitting = _fit(config, group, standard)
-    return WornSensor(group=group, told=_told_imu(topic, told, mount), part=part, fitting=fitting)
+    return MountedSensor(group=group, told=_told_imu(topic, told, mount), part=part, fitting=fitting)
 
 
 def _told_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
@@ -154,32 +154,32 @@ def _finite(range_: float) -> float:
 
 def foot_imu_place(config: TwinConfig, side: str) -> Array:
     """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
-    forward, outward, up = config.fittings.get("foot_imu", Fitting()).position_m or _FOOT_IMU
+    forward, outward, up = config.fittings.get("foot_imu", SensorConfig()).position_m or _FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
 
 def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    turned = config.fittings.get("foot_imu", Fitting()).rotation_rad
+    turned = config.fittings.get("foot_imu", SensorConfig()).rotation_rad
     if turned is None:
         return np.eye(3)
     roll, pitch, yaw = turned
     return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
 
 
-def _foot_imus(config: TwinConfig) -> Iterator[WornSensor]:
+def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
         pose = _pose(_foot_imu_turn(config, side), foot_imu_place(config, side))
         yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
 
 
-def _head_imu(config: TwinConfig) -> Iterator[WornSensor]:
+def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
     camera = _rgbd_mount(config)
     mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
     yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
 
 
-def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> WornSensor:
+def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
     part, told, fitting = _fit(config, group)
     imager: Imager = told.imager
     width, height = round(imager.width), round(imager.height)
@@ -197,16 +197,16 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
         imu_topic=f"/{place}/imu",
         timeshift_cam_imu_s=_told_shift(config, imu_group) - _told_shift(config, group),
     )
-    return WornSensor(group=group, told=calibration, part=part, fitting=fitting)
+    return MountedSensor(group=group, told=calibration, part=part, fitting=fitting)
 
 
 def _told_shift(config: TwinConfig, group: str) -> float:
-    clock = config.fittings.get(group, Fitting()).clock
+    clock = config.fittings.get(group, SensorConfig()).clock
     return clock.shift_s if clock.told else 0.0
 
 
-def _foot_cameras(config: TwinConfig) -> Iterator[WornSensor]:
-    sits = config.fittings.get("foot_camera", Fitting()).mount or FOOT_CAMERA
+def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
+    sits = config.fittings.get("foot_camera", SensorConfig()).mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _on_shoe(sits, side)
         pose = _pose(_looking(forward, roll=sits.roll_rad * -_outward(side)), position)
@@ -221,14 +221,14 @@ def _on_shoe(sits: Seat, side: str) -> tuple[Array, Array]:
     return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
 
 
-def _rgbd(config: TwinConfig) -> Iterator[WornSensor]:
+def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
     mount = _rgbd_mount(config)
     yield _camera(config, "head_camera", "head_imu", config.rig_mount, mount, depth=True)
 
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     body, position = _RGBD_MOUNT[config.rig_mount]
-    fitting = config.fittings.get("head_camera", Fitting())
+    fitting = config.fittings.get("head_camera", SensorConfig())
     pitch = RGBD_PITCH_RAD if fitting.pitch_down_rad is None else fitting.pitch_down_rad
     sits = fitting.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
     turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
@@ -236,7 +236,7 @@ def _rgbd_mount(config: TwinConfig) -> Mount:
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:
-    sits = config.fittings.get("foot_camera", Fitting()).board or FOOT_BOARD
+    sits = config.fittings.get("foot_camera", SensorConfig()).board or FOOT_BOARD
     for side in SIDES:
         position, out = _on_shoe(sits, side)
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
@@ -250,7 +250,7 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
         )
 
 
-def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> WornSensor:
+def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
     part, told, fitting = _fit(config, group, more.pop("standard", None))
     calibration = OtherSensor(
         topic=topic,
@@ -260,11 +260,11 @@ def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, 
         mount=mount,
         parameters=TOLD[kind](told) | more,
     )
-    return WornSensor(group=group, told=calibration, part=part, fitting=fitting)
+    return MountedSensor(group=group, told=calibration, part=part, fitting=fitting)
 
 
-def _sonars(config: TwinConfig) -> Iterator[WornSensor]:
-    sits = config.fittings.get("sonar", Fitting()).mount
+def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
+    sits = config.fittings.get("sonar", SensorConfig()).mount
     for side in SIDES:
         out = _outward(side)
         inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
@@ -276,7 +276,7 @@ def _sonars(config: TwinConfig) -> Iterator[WornSensor]:
         )  # fmt: skip
 
 
-def _insoles(config: TwinConfig) -> Iterator[WornSensor]:
+def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
         out = _outward(side)
         # heel, lateral ball, medial ball, toe: x and y in the foot frame
@@ -284,7 +284,7 @@ def _insoles(config: TwinConfig) -> Iterator[WornSensor]:
         yield _other(config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells)
 
 
-def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
+def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
     own = config.exo.own if config.exo is not None else None
     for place, seat in own.ahrs.items() if own is not None else ():
         standard = STANDARD_BACK_AHRS if place == "back" else None
@@ -294,7 +294,7 @@ def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
         yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
 
 
-def _exo_imus(config: TwinConfig) -> Iterator[WornSensor]:
+def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
     own = config.exo.own if config.exo is not None else None
     for place, (seat, part) in own.imus.items() if own is not None else ():
@@ -304,7 +304,7 @@ def _exo_imus(config: TwinConfig) -> Iterator[WornSensor]:
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
 
 
-def _encoders(config: TwinConfig) -> Iterator[WornSensor]:
+def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
     own = config.exo.own if config.exo is not None else None
     if own is None:
         turned = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
@@ -314,7 +314,7 @@ def _encoders(config: TwinConfig) -> Iterator[WornSensor]:
         yield _other(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
 
 
-def _interactions(config: TwinConfig) -> Iterator[WornSensor]:
+def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
     own = config.exo.own if config.exo is not None else None
     for cuff in own.cuffs if own is not None else ():
         if cuff.force_cells:
@@ -327,7 +327,7 @@ def _interactions(config: TwinConfig) -> Iterator[WornSensor]:
         )  # fmt: skip
 
 
-def _actuators(config: TwinConfig) -> Iterator[WornSensor]:
+def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     mounted = {} if config.exo is None else modules(config.exo)
     own = config.exo.own if config.exo is not None else None
     if own is not None:

@@ -64,7 +64,7 @@ class Slip:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Straps:
+class MountSlips:
     """Slips of the sensor mounts.
 
     Attributes:
@@ -76,7 +76,7 @@ class Straps:
     housings: Mapping[str, tuple[str, Mount]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> Straps:
+    def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> MountSlips:
         """The slips of planned faults."""
         slips: dict[str, list[Slip]] = {}
         for fault, events in planned:

@@ -12,7 +12,7 @@ from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.playback import Loads, Motion, Walk
 from stridetwin.sim.rotation import quat_from_matrix
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.straps import MountSlips
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, FootPhase, Footprint, Joints, Odometry, Point, Sample, Wrench
@@ -23,7 +23,7 @@ _FLAT_RAD = 0.01
 
 
 def truth(
-    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, straps: Straps
+    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, straps: MountSlips
 ) -> Iterator[Block[Any] | Sample]:
     """Truth at the instants of `loads`, and the footprints after `after_ns` up to `until_ns`."""
     t_ns = loads.t_ns

@@ -26,7 +26,7 @@ from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
 from stridetwin.sim.fault_plan import plan_faults
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.gait.exo_fit import check_legs
 from stridetwin.sim.gait.reference import Reference, reference
 from stridetwin.sim.playback import Playback
@@ -34,8 +34,8 @@ from stridetwin.sim.render import FilmCamera
 from stridetwin.sim.rig_bodies import add_rig
 from stridetwin.sim.sensor_suite import SensorSuite, instants
 from stridetwin.sim.shock import SHOE, UpperMotion, case_parameters
-from stridetwin.sim.standard_rig import foot_imu_place, outfit
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.standard_rig import foot_imu_place, sensor_rig
+from stridetwin.sim.straps import MountSlips
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
@@ -56,7 +56,7 @@ class Twin:
     Attributes:
         config: Configuration.
         seed: Seed.
-        outfit: The sensors with their true calibration.
+        sensor_rig: The sensors with their true calibration.
         rig: Nominal rig for estimators.
         terrain: Ground.
         model: Compiled MuJoCo model.
@@ -76,13 +76,13 @@ class Twin:
         if config.exo is not None and config.exo.drive != "idle" and config.physics != "dynamic":
             raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
         self.config, self.seed = config, seed
-        self.outfit = outfit(config)
-        self.rig: Rig = self.outfit.told(seed)
+        self.sensor_rig = sensor_rig(config)
+        self.rig: Rig = self.sensor_rig.told(seed)
         self.terrain = Terrain.from_route(config.route)
         spec = mujoco.MjSpec()
         self.terrain.add_to(spec)
         self.size = add_wearer(spec, config.person, config.exo)
-        add_rig(spec, self.outfit.rig)
+        add_rig(spec, self.sensor_rig.rig)
         add_soles(spec, self.size)
         add_bystanders(spec, config.route.bystanders)
         spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # enabled in the forward simulation only
@@ -99,7 +99,7 @@ class Twin:
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(3,)))
         return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, plan.splines(plan.grid)[:, :2], rng)
 
-    def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, Fitting]) -> Twin:
+    def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, SensorConfig]) -> Twin:
         """The same walk with other sensors at the same places, without planning or simulating it again.
 
         Args:
@@ -109,8 +109,8 @@ class Twin:
         _ = self.walk  # computed before the copy, so that both share it
         other = copy(self)
         other.config = replace(self.config, sensors=sensors, fittings=fittings)
-        other.outfit = outfit(other.config)
-        other.rig = other.outfit.told(self.seed)
+        other.sensor_rig = sensor_rig(other.config)
+        other.rig = other.sensor_rig.told(self.seed)
         return other
 
     @property
@@ -139,9 +139,9 @@ class Twin:
         return Simulation(self.model, self.reference, self.size, dynamics, self.config.exo, noise, law)
 
     @cached_property
-    def straps(self) -> Straps:
+    def straps(self) -> MountSlips:
         """Slips of the sensor mounts."""
-        return Straps.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.outfit.rig)
+        return MountSlips.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.sensor_rig.rig)
 
     @property
     def fell_at(self) -> float | None:
@@ -166,7 +166,7 @@ class Twin:
 
     def _case(self) -> dict[str, UpperMotion]:
         """Vibration of the case with camera and IMU after heel strikes."""
-        worn = self.outfit.sensors.get(f"/{self.config.rig_mount}/imu")
+        worn = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")
         if worn is None or not worn.fitting.strike:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
@@ -198,11 +198,11 @@ class Twin:
         Mount slips are included; the other faults act on this output (`sim.faults`).
         """
         playback = self.player()
-        suite = SensorSuite(self.outfit, self.terrain, self.crowd, self.seed, self.straps)
+        suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.straps)
         end_ns = int(self.duration_s * 1e9)
         cameras = list(self.rig.cameras.values())
         rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
-        with CameraProcesses(self.model, self.outfit, self.crowd, self.seed, self.straps) as rendering:
+        with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.straps) as rendering:
             after_ns = -1
             pictures: Iterator[Sample] = iter(())
             while after_ns < end_ns:
@@ -218,7 +218,7 @@ class Twin:
                     pictures = asked
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
-                        *truth.truth(self.walk, self.outfit.rig, motion, loads, after_ns, until_ns, self.straps),
+                        *truth.truth(self.walk, self.sensor_rig.rig, motion, loads, after_ns, until_ns, self.straps),
                         *truth.of_bystanders(self.crowd, truth_ns),
                     ]
                 after_ns = until_ns

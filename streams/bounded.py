@@ -22,7 +22,7 @@ LONGEST_LINE = 2048
 """Longest line of a text table or list, characters."""
 LARGEST_SETTING = 1 << 20
 """Largest calibration, scenario or other YAML file, bytes."""
-LARGEST_PICTURE = 64 << 20
+LARGEST_IMAGE = 64 << 20
 """Largest image file, bytes."""
 MOST_PIXELS = 1 << 24
 """Most pixels of a stored image, 4096 × 4096: bounds the size to which a message of a few bytes could unpack."""
@@ -117,7 +117,7 @@ def check_pixels(width: int, height: int, most: int = MOST_PIXELS) -> None:
         raise ValueError(f"an image of {width} × {height} is not valid; valid: up to {most} pixels")
 
 
-def decode_picture(data: bytes) -> NDArray[Any] | None:
+def decode_image(data: bytes) -> NDArray[Any] | None:
     """Decodes a JPEG or PNG with OpenCV; None for damaged data.
 
     Raises:

@@ -152,7 +152,7 @@ class ImportedContents:
         found = {i: self._picture(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
         return {i: picture for i, picture in found.items() if picture is not None}
 
-    def picture_times(self, topic: str) -> NDArray[np.int64] | None:
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""
         return self._pictures[topic].t_ns if topic in self._pictures else None
 

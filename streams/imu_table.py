@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.plausible import IMU_RATES_HZ, rate_doubts, unit_doubts
+from stridetwin.streams.plausible import IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.samples import Array, Block, Imu
 from stridetwin.streams.tum import LATEST_S
 
@@ -48,7 +48,7 @@ def read_imu_table(path: str | Path, topic: str = "/foot/imu") -> Block[Imu]:
     _check_numbers(path, t, accel, gyro)
     _check_times(path, t)
     t_ns = np.rint(t * 1e9).astype(np.int64)
-    for doubt in (*rate_doubts(t_ns, IMU_RATES_HZ), *unit_doubts(t_ns, accel, gyro)):
+    for doubt in (*implausible_rates(t_ns, IMU_RATES_HZ), *implausible_units(t_ns, accel, gyro)):
         raise ConfigError(path, doubt.field, doubt.value, doubt.valid)
     return Block(
         topic=topic,

@@ -41,7 +41,7 @@ class McapContents:
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
-        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self._index.readers[t].is_picture, t)))}
+        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self._index.readers[t].is_image, t)))}
         parts = [
             (min(c.parts[t].first for t in here), i, here, c)
             for i, c in enumerate(self._index.chunks)
@@ -80,9 +80,9 @@ class McapContents:
             start += count
         return found
 
-    def picture_times(self, topic: str) -> NDArray[np.int64] | None:
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""
-        return np.concatenate(self._index.picture_times[topic]) if self._index.readers[topic].is_picture else None
+        return np.concatenate(self._index.image_times[topic]) if self._index.readers[topic].is_image else None
 
     def _messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
         _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
@@ -94,7 +94,7 @@ class McapContents:
     def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
         for topic, messages in self._messages(chunk, topics).items():
             reader = self._index.readers[topic]
-            if reader.is_picture:
+            if reader.is_image:
                 yield topic, self._pictures(topic, self._kept_pictures(topic, messages, chunk.parts[topic]))
             else:
                 yield topic, iter(self._kept_block(reader, messages, chunk.parts[topic]))

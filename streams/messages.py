@@ -20,7 +20,7 @@ from stridetwin.streams.ros_pictures import (
     RAW,
     depth_message,
     image_message,
-    read_picture,
+    read_image_message,
 )
 from stridetwin.streams.ros_samples import SMALL, Small, block_of, fill, frame_id, small_for, stamps
 from stridetwin.streams.ros_types import deserialise, serialise, typestore
@@ -151,7 +151,7 @@ class Decoder:
             check_pixels(width, height, MOST_PIXELS)
             stamp = told.header.stamp
             t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or message.t_ns
-            return read_picture(message.payload, self.typename, typestore(), self.topic, t_ns)
+            return read_image_message(message.payload, self.typename, typestore(), self.topic, t_ns)
         except ValueError as error:
             raise ValueError(f"{self.topic}: {error}") from error
         except Exception as error:  # decoders that do not validate their input raise many kinds

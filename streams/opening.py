@@ -16,13 +16,13 @@ from stridetwin.streams.formats.bag import Bag, read_bag
 from stridetwin.streams.formats.bag_mcap import McapBag
 from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.calibrations import completed
-from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, streams_of, told_what_is_left
-from stridetwin.streams.formats.ours import is_ours, read_told
+from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, streams_of, report_unmatched
+from stridetwin.streams.formats.ours import is_ours, read_calibration
 from stridetwin.streams.imported import ImportedContents, Notes, Source, unreadable
 from stridetwin.streams.imu_table import read_imu_table
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.mcap_writer import MAGIC
-from stridetwin.streams.plausible import IMU_RATES_HZ, PICTURE_RATES_HZ, rate_doubts, unit_doubts
+from stridetwin.streams.plausible import IMU_RATES_HZ, IMAGE_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.recorder import RIG_NAME
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.recording_index import Problem
@@ -115,7 +115,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     metadata = {"imported_from": kind, "source": path.name}
     try:
         if own is not None:
-            rig, metadata = read_told(own, notes)  # first, because recordings of newer releases are rejected
+            rig, metadata = read_calibration(own, notes)  # first, because recordings of newer releases are rejected
         source = _read(path, kind, options, notes)
     except OSError as error:
         raise unreadable(Path(error.filename or path), error) from error
@@ -124,7 +124,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     topics = _topics(source, options.names)
     streams = streams_of(source, topics, numbered=kind not in _BAGS)
     registered = _registered(source, topics)
-    source = _renamed(source, topics, bodies_are_told=own is not None)
+    source = _renamed(source, topics, bodies_are_known=own is not None)
     better = _better_rig(path, source.rig, options, streams, notes)
     rig = completed(_merged(source.rig, better), source.blocks, source.pictures, notes, registered)
     for topic, words in source.assumed.items():
@@ -229,12 +229,12 @@ def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
     return topics
 
 
-def _renamed(source: Source, topics: Mapping[str, str], bodies_are_told: bool) -> Source:
+def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
     """The source under our topics."""
     blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
     pictures = {topics[n]: p for n, p in source.pictures.items()}
     assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
-    rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_told)
+    rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
     return replace(source, blocks=blocks, pictures=pictures, rig=rig, assumed=assumed)
 
 
@@ -265,7 +265,7 @@ def _better_rig(path: Path, source: Rig, options: ImportOptions, streams: Stream
     if options.rig is not None:
         told = read_rig(options.rig)
         given, left = given_rig(told, _merged(source, better), streams)
-        told_what_is_left(options.rig, told, left, streams, notes)
+        report_unmatched(options.rig, told, left, streams, notes)
         better = _merged(better, given)
     return better
 
@@ -287,7 +287,7 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     for topic, pictures in source.pictures.items():
         rising = pictures.t_ns[increasing(pictures.t_ns, -1)]
         if len(rising) >= _FEWEST:
-            for doubt in rate_doubts(rising, PICTURE_RATES_HZ):
+            for doubt in implausible_rates(rising, IMAGE_RATES_HZ):
                 notes.problem(Problem(topic, int(rising[0]), str(doubt)))
 
 
@@ -298,8 +298,8 @@ def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
         return
     columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
     for doubt in (
-        *rate_doubts(t_ns, IMU_RATES_HZ),
-        *unit_doubts(t_ns, columns["specific_force"], columns.get("angular_rate")),
+        *implausible_rates(t_ns, IMU_RATES_HZ),
+        *implausible_units(t_ns, columns["specific_force"], columns.get("angular_rate")),
     ):
         notes.problem(Problem(topic, int(t_ns[0]), str(doubt)))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 IMU_RATES_HZ = (20.0, 5000.0)
-PICTURE_RATES_HZ = (0.2, 1000.0)
+IMAGE_RATES_HZ = (0.2, 1000.0)
 GRAVITY = 9.81
 _REST_SPREAD = 0.15
 _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
@@ -25,7 +25,7 @@ _HINTS = (
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Implausible:
     """An implausible quantity.
 
     Attributes:
@@ -53,12 +53,12 @@ def mean_rate(t_ns: NDArray[np.int64]) -> float:
     return (len(t_ns) - 1) * 1e9 / span if span > 0 else 0.0
 
 
-def rate_doubts(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) -> Iterator[Doubt]:
+def implausible_rates(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) -> Iterator[Implausible]:
     """Implausible rates, as wrong units of time cause."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
         hint = "; is t in milliseconds or nanoseconds?" if rate < low else ""
-        yield Doubt("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
+        yield Implausible("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
 
 
 def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float, bool]:
@@ -79,15 +79,15 @@ def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 
 
-def unit_doubts(t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None) -> Iterator[Doubt]:
+def implausible_units(t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None) -> Iterator[Implausible]:
     """Implausible units of an IMU's (N, 3) columns: gravity must be visible, and rates are limited."""
     force, rests = force_at_rest(t_ns, specific_force)
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * GRAVITY < force < high * GRAVITY:
         hint = next((words for (low, high), words in _HINTS if low <= force < high), "")
         where = " at rest" if rests else ""
-        yield Doubt("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
+        yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
     if angular_rate is not None:
         fastest = float(np.percentile(np.abs(angular_rate), 99.9))
         if fastest > _FASTEST:
-            yield Doubt("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")
+            yield Implausible("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")

@@ -51,7 +51,7 @@ class Contents(Protocol):
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
 
-    def picture_times(self, topic: str) -> NDArray[np.int64] | None:
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""
 
 
@@ -139,7 +139,7 @@ class Recording:
             RecordingError: Unknown topic, or it carries images.
         """
         self._require(topic)
-        if self._contents.picture_times(topic) is not None:
+        if self._contents.image_times(topic) is not None:
             raise RecordingError(f"{self.path}: {topic} carries images; valid: samples() or images()")
         return self._contents.block(topic)
 
@@ -151,7 +151,7 @@ class Recording:
         Raises:
             RecordingError: Unknown topic or image, or the topic carries no images.
         """
-        times = self.picture_times(topic)
+        times = self.image_times(topic)
         if t_ns is not None:
             indices = [int(np.argmin(np.abs(times - t))) for t in t_ns]
         wanted = range(len(times)) if indices is None else indices
@@ -161,14 +161,14 @@ class Recording:
             raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}; valid: 0 to {len(times) - 1}")
         return [found[i] for i in wanted]
 
-    def picture_times(self, topic: str) -> NDArray[np.int64]:
+    def image_times(self, topic: str) -> NDArray[np.int64]:
         """(N,) ns, stamps of a topic's images.
 
         Raises:
             RecordingError: Unknown topic, or it carries no images.
         """
         self._require(topic)
-        times = self._contents.picture_times(topic)
+        times = self._contents.image_times(topic)
         if times is None:
             raise RecordingError(f"{self.path}: {topic} carries no images; valid: block()")
         return times

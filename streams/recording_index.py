@@ -122,7 +122,7 @@ class RecordingIndex:
         channels: Topic of every channel.
         readers: Decoder of every topic.
         chunks: Positions of the samples.
-        picture_times: (N,) ns per chunk, for every image topic.
+        image_times: (N,) ns per chunk, for every image topic.
 
     Raises:
         RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
@@ -134,12 +134,12 @@ class RecordingIndex:
         self.metadata: dict[str, str] = {}
         self.problems: list[Problem] = []
         self.unread: dict[str, str] = {}
-        self.schema_version = schema_version.UNTOLD
+        self.schema_version = schema_version.NO_VERSION
         self.rig: Rig | None = None
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
-        self.picture_times: dict[str, list[NDArray[np.int64]]] = {}
+        self.image_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
         self._scan()
@@ -233,7 +233,7 @@ class RecordingIndex:
         known = self.topics.get(topic)
         before = known.last_ns if known else -1
         try:
-            block = None if reader.is_picture else reader.block(messages)
+            block = None if reader.is_image else reader.block(messages)
             t = reader.times(messages) if block is None else block.t_ns
         except ValueError as error:
             self.note(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
@@ -254,7 +254,7 @@ class RecordingIndex:
         if not len(kept) or reader.kind is None:
             return None
         if block is None:
-            self.picture_times.setdefault(topic, []).append(kept)
+            self.image_times.setdefault(topic, []).append(kept)
         part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.store import Typestore
 
-from stridetwin.streams.bounded import check_pixels, decode_picture
+from stridetwin.streams.bounded import check_pixels, decode_image
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.ros_samples import frame_id
 from stridetwin.streams.ros_types import deserialise, serialise
@@ -83,7 +83,7 @@ def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> byt
     return serialise(CAMERA_INFO, _header(topic, t_ns) | values)
 
 
-def picture_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
+def image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
     """Whether a topic with the first message `payload` carries colour (or grey) or depth.
 
     Raises:
@@ -95,7 +95,7 @@ def picture_kind(payload: bytes, typename: str, store: Typestore) -> type[Image]
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
 
-def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_ns: int) -> Image | Depth:
+def read_image_message(payload: bytes, typename: str, store: Typestore, topic: str, t_ns: int) -> Image | Depth:
     """The sample in a CompressedImage or Image message.
 
     Raises:
@@ -105,7 +105,7 @@ def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_
     if typename == COMPRESSED and "compressedDepth" in message.format:
         return Depth(topic=topic, t_ns=t_ns, depth=_compressed_depth(message))
     if typename == COMPRESSED:
-        pixels = decode_picture(bytes(message.data))
+        pixels = decode_image(bytes(message.data))
         if pixels is None or pixels.dtype != np.uint8:
             raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 8 bits")
         return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
@@ -137,7 +137,7 @@ def _compressed_depth(message: Any) -> NDArray[np.float32]:
     For `32FC1` the PNG contains an inverse depth, a / z + b with a and b in the parameters.
     """
     data = np.asarray(message.data, np.uint8)
-    raw = decode_picture(bytes(data[12:])) if len(data) > 12 else None
+    raw = decode_image(bytes(data[12:])) if len(data) > 12 else None
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
         raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 16 bits")
     if not message.format.startswith("32FC1"):

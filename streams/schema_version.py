@@ -13,7 +13,7 @@ from stridetwin.streams.errors import RecordingError
 RECORD = "stridetwin_schema"
 """Name of the MCAP metadata record with the version."""
 VERSION = "1.0"
-UNTOLD = "0.0"
+NO_VERSION = "0.0"
 
 
 def written() -> dict[str, str]:

@@ -46,7 +46,7 @@ def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Mes
             if topic not in here:
                 continue
             reader = index.readers[topic]
-            times = reader.times(messages) if reader.is_picture else reader.block(messages).t_ns
+            times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
             before = chunk.parts[topic].before
             for i in increasing(times, before).nonzero()[0].tolist():
                 t_ns = int(times[i])

@@ -11,7 +11,7 @@ from rosbags.serde import SerdeError
 
 from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.mcap_scan import DamagedError, Messages
-from stridetwin.streams.ros_pictures import PICTURES, picture_kind, read_picture
+from stridetwin.streams.ros_pictures import PICTURES, image_kind, read_image_message
 from stridetwin.streams.ros_samples import SMALL, Small, small_for, stamps
 from stridetwin.streams.ros_types import typestore_for
 from stridetwin.streams.samples import Block, Depth, Image, Sample
@@ -39,25 +39,25 @@ class TopicReader:
         self.kind: type[Sample] | None = None
 
     @property
-    def is_picture(self) -> bool:
+    def is_image(self) -> bool:
         """Whether the topic carries images, which are decoded one at a time."""
         return self.typename in PICTURES
 
     def times(self, messages: Messages) -> NDArray[np.int64]:
         """(N,) stamps of images, without decoding them."""
         if self.kind is None:
-            self.kind = self.picture_kind(messages.payload(0))
+            self.kind = self.image_kind(messages.payload(0))
         t = np.array([_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
         return t if t.any() else messages.log_time
 
-    def picture_kind(self, payload: bytes) -> type[Image] | type[Depth]:
+    def image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
         """Whether a message carries colour (or grey) or depth.
 
         Raises:
             ValueError: The message cannot be decoded.
         """
         try:
-            return picture_kind(payload, self.typename, self._store)
+            return image_kind(payload, self.typename, self._store)
         except SerdeError as error:
             raise ValueError(str(error)) from error
 
@@ -68,7 +68,7 @@ class TopicReader:
             ValueError: The message cannot be decoded.
         """
         try:
-            return read_picture(payload, self.typename, self._store, topic or self.topic, t_ns)
+            return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
         except SerdeError as error:
             raise ValueError(str(error)) from error
 

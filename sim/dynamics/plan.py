@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.replan import Planned
-from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_prices
+from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_weights
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.streams.samples import Array
 
@@ -127,7 +127,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
             touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
             x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
-            price[toes, k, HEEL_POINTS:] = toe_prices(size, x)
+            price[toes, k, HEEL_POINTS:] = toe_weights(size, x)
     return Plan(
         t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, price=price, R_sole=R_sole, p_sole=p_sole,
         com=com, swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,

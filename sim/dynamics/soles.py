@@ -49,7 +49,7 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
             )  # fmt: skip
 
 
-def toe_prices(size: Wearer, x: Array) -> Array:
+def toe_weights(size: Wearer, x: Array) -> Array:
     """(N, 4) weights of force at the points of ball and toes that put their centre of pressure at (N,) m of the foot.
 
     With weights in inverse proportion to a share, the forces come out in that proportion.

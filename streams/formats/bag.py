@@ -66,16 +66,16 @@ class _Stream:
             if channel.typename in READABLE
             else None
         )
-        self.is_picture = self.reader is not None and self.reader.is_picture
+        self.is_image = self.reader is not None and self.reader.is_image
         self.times: list[int] = []
         self.payloads: list[bytes] = []
         self.keys: list[Any] = []
 
     def add(self, log_time: int, payload: bytes, key: Any) -> None:
         """Adds a message."""
-        if not self.is_picture or not self.payloads:
+        if not self.is_image or not self.payloads:
             self.payloads.append(payload)
-        self.times.append((_picture_stamp(payload) or log_time) if self.is_picture else log_time)
+        self.times.append((_picture_stamp(payload) or log_time) if self.is_image else log_time)
         self.keys.append(key)
 
 
@@ -102,7 +102,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
         try:
             if stream.reader is None:
                 _extra(stream, calibration, blocks, notes)
-            elif stream.is_picture:
+            elif stream.is_image:
                 pictures[topic] = _pictures(bag, stream, stream.reader)
             else:
                 blocks[topic] = stream.reader.block(_together(stream))
@@ -148,7 +148,7 @@ def _together(stream: _Stream) -> Messages:
 
 
 def _pictures(bag: Bag, stream: _Stream, reader: TopicReader) -> Pictures:
-    kind = reader.picture_kind(stream.payloads[0])
+    kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:

@@ -18,7 +18,7 @@ import numpy as np
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.calibrations import BODY
-from stridetwin.streams.formats.picture_lists import read_picture_list
+from stridetwin.streams.formats.picture_lists import read_image_list
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
 from stridetwin.streams.imported import Notes, Pictures, Source, unreadable
@@ -80,7 +80,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
             if (imu := _imu_calibration(folder, topic)) is not None:
                 imus[topic] = imu
         elif re.fullmatch(r"cam\d+", folder.name):
-            pictures[topic] = read_picture_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
+            pictures[topic] = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
             if (camera := _camera_calibration(folder, topic)) is not None:
                 cameras[topic] = camera
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)

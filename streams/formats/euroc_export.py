@@ -90,7 +90,7 @@ def _write_stereo(
     """Both cameras of a pair with a virtual right one: the images that have depth."""
     if left.depth_topic not in recording.topics:
         raise ConfigError(recording.path, f"depth of {left.topic}", left.depth_topic or None, "a camera with depth")
-    times = np.intersect1d(recording.picture_times(left.topic), recording.picture_times(left.depth_topic))
+    times = np.intersect1d(recording.image_times(left.topic), recording.image_times(left.depth_topic))
     baseline = float(np.linalg.norm(right.mount.T_body_sensor[:3, 3] - left.mount.T_body_sensor[:3, 3]))
     topics = {"cam0": left, "cam1": right}
 

@@ -81,19 +81,19 @@ def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Str
     )
 
 
-def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_told: bool) -> Rig:
+def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool) -> Rig:
     """A rig whose sensors get other topics, and the bodies that these imply.
 
     Args:
         rig: The rig.
         topic_of: New topic by the old one.
-        bodies_are_told: Whether the rig knows the body of each sensor; then it only changes if the new topic implies
+        bodies_are_known: Whether the rig knows the body of each sensor; then it only changes if the new topic implies
             another body than the old topic.
     """
 
     def moved(item: Any) -> Any:
         topic, body = topic_of(item.topic), item.mount.body
-        if not bodies_are_told or body_of(topic) != body_of(item.topic):
+        if not bodies_are_known or body_of(topic) != body_of(item.topic):
             body = body_of(topic)
         changes: dict[str, Any] = {"topic": topic, "mount": replace(item.mount, body=body)}
         for link in ("depth_topic", "imu_topic"):
@@ -141,7 +141,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
         boards=rig.boards,
         others={t: o for t, o in rig.others.items() if t in found},
     )
-    moved = renamed_rig(there, lambda t: found.get(t) or linked.get(t, t), bodies_are_told=True)
+    moved = renamed_rig(there, lambda t: found.get(t) or linked.get(t, t), bodies_are_known=True)
     plain = {found[t] for t, i in there.imus.items() if i.mount.body == PLAIN_BODY}
     plain |= {found[t] for t, c in there.cameras.items() if c.mount.body == PLAIN_BODY}
     placed = {t: _placed_imu(i, known.imus.get(t)) if t in plain else i for t, i in moved.imus.items()}
@@ -154,7 +154,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     return Rig(imus=placed, cameras=seen, boards=moved.boards, others=moved.others), left
 
 
-def told_what_is_left(file: Path, rig: Rig, left: Iterable[str], streams: Streams, notes: Notes) -> None:
+def report_unmatched(file: Path, rig: Rig, left: Iterable[str], streams: Streams, notes: Notes) -> None:
     """Reports the calibrations of a file that match no stream; a file without any match is rejected.
 
     Raises:

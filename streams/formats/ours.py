@@ -41,7 +41,7 @@ def is_ours(path: Path, if_damaged: bool) -> bool:
     return False
 
 
-def read_told(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
+def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
     """The calibration and the metadata at the beginning of one of our recordings.
 
     Args:

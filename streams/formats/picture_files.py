@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.bounded import LARGEST_PICTURE, MOST_PIXELS, decode_picture, read_bytes
+from stridetwin.streams.bounded import LARGEST_IMAGE, MOST_PIXELS, decode_image, read_bytes
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.imported import unreadable
 from stridetwin.streams.ros_pictures import rgb_from_bgr
@@ -74,9 +74,9 @@ def png_is_sound(data: bytes) -> bool:
 
 def _pixels(path: Path) -> NDArray[Any]:
     try:
-        data = read_bytes(path, LARGEST_PICTURE)
+        data = read_bytes(path, LARGEST_IMAGE)
         sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
-        pixels = decode_picture(data) if sound else None
+        pixels = decode_image(data) if sound else None
     except OSError as error:
         raise unreadable(path, error) from error
     except ValueError as error:

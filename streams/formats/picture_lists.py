@@ -14,7 +14,7 @@ from stridetwin.streams.imported import Notes, Pictures
 from stridetwin.streams.samples import Depth, Image
 
 
-def read_picture_list(
+def read_image_list(
     file: Path,
     folder: Path,
     separator: str | None,
@@ -47,10 +47,10 @@ def read_picture_list(
             notes.invalid(error)
     if not files:
         notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
-    return picture_stream(stamps, files, per_metre)
+    return image_stream(stamps, files, per_metre)
 
 
-def picture_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> Pictures:
+def image_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> Pictures:
     """Image files with stamps as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
 
     def load(topic: str, i: int) -> Image | Depth:

@@ -39,7 +39,7 @@ def write_recording(recording: Recording, path: Path, progress: Callable[[float]
 def _write(recording: Recording, path: Path, progress: Callable[[float], None]) -> None:
     blocks = [recording.block(t) for t, i in recording.topics.items() if i.kind not in (Image, Depth)]
     topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
-    times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.picture_times, topics)])
+    times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])
     pictures = recording.samples(topics)
     picture = next(pictures, None)
     with RecordingWriter(path, recording.rig, recording.metadata, depth_encoding="32FC1", jpeg_quality=None) as writer:

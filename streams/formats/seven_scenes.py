@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.calibrations import BODY, picture_size
-from stridetwin.streams.formats.picture_lists import picture_stream
+from stridetwin.streams.formats.picture_lists import image_stream
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import read_text_rows
 from stridetwin.streams.imported import Notes, Pictures, Source
@@ -58,7 +58,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
     _tell_missing(found, notes)
     pictures = {
-        topic: picture_stream([_stamp(f) for f in sorted(files)], [files[f] for f in sorted(files)], scale)
+        topic: image_stream([_stamp(f) for f in sorted(files)], [files[f] for f in sorted(files)], scale)
         for topic, files, scale in ((COLOR, found["color"], None), (DEPTH, found["depth"], per_metre))
         if files
     }

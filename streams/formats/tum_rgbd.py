@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.calibrations import BODY, picture_size
-from stridetwin.streams.formats.picture_lists import read_picture_list
+from stridetwin.streams.formats.picture_lists import read_image_list
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.split_imu import joined_at_rates
 from stridetwin.streams.formats.text_rows import numbers, read_text_rows
@@ -53,9 +53,9 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     pictures: dict[str, Pictures] = {}
     blocks: dict[str, Block[Any]] = {}
     if (path / "rgb.txt").is_file():
-        pictures[COLOR] = read_picture_list(path / "rgb.txt", path, None, decimal_seconds, notes)
+        pictures[COLOR] = read_image_list(path / "rgb.txt", path, None, decimal_seconds, notes)
     if (path / "depth.txt").is_file():
-        pictures[DEPTH] = read_picture_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
+        pictures[DEPTH] = read_image_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
         _check_depth(pictures[DEPTH], per_metre, notes)
     blocks |= _inertial(path, notes)
     file = path / "groundtruth.txt"

@@ -114,7 +114,7 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
         _, depth = view.frame(data, T, (60.0, 60.0, 31.5, 23.5))
     seen = float(depth[22:26, 30:34].min())
     assert seen == pytest.approx(0.85, abs=0.03)
-    sonar = make("corner", sensors=("sonar",)).outfit.sensors["/foot_l/sonar"]
+    sonar = make("corner", sensors=("sonar",)).sensor_rig.sensors["/foot_l/sonar"]
     T_body_sensor = sonar.told.mount.T_body_sensor
     T_world_sensor = np.eye(4)
     T_world_sensor[:3, :3] = np.column_stack([toward[:, 2], toward[:, 0], np.cross(toward[:, 2], toward[:, 0])])

@@ -37,7 +37,7 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.joint import InteractionModel
-from stridetwin.sim.standard_rig import EXO_GROUPS, outfit, standard_rig
+from stridetwin.sim.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
@@ -331,7 +331,7 @@ def test_limb_that_pushes_forward_presses_the_front_cell(forward: float) -> None
     limb = replace(still, p=cuff.p_in_exo - cuff.p_in_body + [forward, 0.0, 0.03])
     force, _, _ = wrench(cuff, still, limb)
     np.testing.assert_allclose(force, [4000.0 * forward, 0.0, 0.0], atol=1e-9)  # on the frame; it slides along the limb
-    worn = outfit(replace(config("level"), ideal=True)).sensors["/exo/thigh_l/interaction"]
+    worn = sensor_rig(replace(config("level"), ideal=True)).sensors["/exo/thigh_l/interaction"]
     pair = InteractionModel(worn.told, worn.part, Noise.of_topic(1, "x"))
     front, back = pair.read(np.array([0]), force[:1]).columns["force"][0]
     assert (front > back) == (forward > 0)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.faults import LooseStrap
-from stridetwin.sim.straps import Slip, Straps
+from stridetwin.sim.straps import Slip, MountSlips
 from stridetwin.sim.track import Track
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Block
@@ -41,7 +41,7 @@ def tumbling(t: np.ndarray) -> Track:
 
 @pytest.mark.parametrize("slips", [(SLIP,), (SLIP, LATER)], ids=["one", "two"])
 def test_velocities_are_those_of_the_poses(slips: tuple[Slip, ...]) -> None:
-    straps, t, h = Straps(slips={"/a": slips}), np.linspace(0.1, 2.0, 400), 1e-5
+    straps, t, h = MountSlips(slips={"/a": slips}), np.linspace(0.1, 2.0, 400), 1e-5
     before, now, after = (straps.carried("/a", tumbling(t + d)) for d in (-h, 0.0, h))
     v = (after.p_body_in_world - before.p_body_in_world) / (2 * h)
     w = (before.rotation.inv() * after.rotation).as_rotvec() / (2 * h)
@@ -50,7 +50,7 @@ def test_velocities_are_those_of_the_poses(slips: tuple[Slip, ...]) -> None:
 
 
 def test_cameras_and_inertial_sensors_slip_alike() -> None:
-    straps, t = Straps(slips={"/a": (SLIP, LATER)}), np.linspace(0.1, 2.0, 50)
+    straps, t = MountSlips(slips={"/a": (SLIP, LATER)}), np.linspace(0.1, 2.0, 50)
     body = tumbling(t)
     T = np.array([T_world @ straps.T_body_frame("/a", t_ns) for T_world, t_ns in zip(body.poses(), body.t_ns.tolist())])
     np.testing.assert_allclose(straps.carried("/a", body).poses(), T, atol=1e-12)

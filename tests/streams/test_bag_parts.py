@@ -13,7 +13,7 @@ from stridetwin.streams.formats.bag_calibration import BagCalibration
 from stridetwin.streams.formats.calibrations import completed
 from stridetwin.streams.imported import Notes, Pictures
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.ros_pictures import COMPRESSED, picture_kind, read_picture
+from stridetwin.streams.ros_pictures import COMPRESSED, image_kind, read_image_message
 from stridetwin.streams.ros_types import serialise, typestore
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 
@@ -29,8 +29,8 @@ def compressed(form, raw, a=0.0, b=0.0):
 def test_compressed_depth_in_mm():
     raw = np.array([[0, 65535, 1234, 3]], np.uint16)
     payload = compressed("16UC1; compressedDepth png", raw)
-    assert picture_kind(payload, COMPRESSED, typestore()) is Depth
-    depth = read_picture(payload, COMPRESSED, typestore(), "/d", 5).depth
+    assert image_kind(payload, COMPRESSED, typestore()) is Depth
+    depth = read_image_message(payload, COMPRESSED, typestore(), "/d", 5).depth
     np.testing.assert_allclose(depth, [[0, 0, 1.234, 0.003]], atol=1e-6)
 
 
@@ -38,7 +38,7 @@ def test_compressed_depth_as_inverse():
     z, (a, b) = np.array([[0.5, 1.0, 4.0]]), (100.0, -3.0)
     raw = np.rint(a / z + b).astype(np.uint16)
     raw[0, 2] = 0
-    depth = read_picture(compressed("32FC1; compressedDepth", raw, a, b), COMPRESSED, typestore(), "/d", 5).depth
+    depth = read_image_message(compressed("32FC1; compressedDepth", raw, a, b), COMPRESSED, typestore(), "/d", 5).depth
     np.testing.assert_allclose(depth, [[0.5, 1.0, 0.0]], rtol=0.01)
 
 
@@ -47,7 +47,7 @@ def test_compressed_depth_as_inverse():
 )
 def test_damaged_pictures_are_value_errors(payload):
     with pytest.raises(ValueError, match=r"sensor_msgs/msg/CompressedImage|compressedDepth"):
-        read_picture(payload, COMPRESSED, typestore(), "/d", 5)
+        read_image_message(payload, COMPRESSED, typestore(), "/d", 5)
 
 
 def transform(parent, child, rotvec, p):

@@ -69,7 +69,7 @@ def test_bags_give_what_was_put_in(sources, walk, name):
     truth = recording.block("/truth/head/odometry")
     np.testing.assert_allclose(truth.columns["p_frame_in_world"], walk.p, atol=1e-12)
     np.testing.assert_allclose(truth.columns["q_world_frame"], walk.q, atol=1e-12)
-    np.testing.assert_array_equal(recording.picture_times("/head/color"), walk.t_pictures)
+    np.testing.assert_array_equal(recording.image_times("/head/color"), walk.t_pictures)
     pictures, depths = recording.images("/head/color"), recording.images("/head/depth", [7, 2])
     np.testing.assert_array_equal([p.pixels for p in pictures], walk.colour)
     np.testing.assert_allclose(depths[0].depth, expected_depth(walk)[7], atol=1e-6)

@@ -132,7 +132,7 @@ def test_samples_of_all_topics_come_in_time_order_and_pictures_last(recorded):
 
 def test_pictures(recorded):
     recording = Recording(recorded)
-    times = recording.picture_times("/head/color")
+    times = recording.image_times("/head/color")
     last, first = recording.images("/head/color", [59, 0])
     assert (first.t_ns, last.t_ns) == (times[0], times[59])
     assert recording.images("/head/color", t_ns=[int(times[7]) + 1000])[0].t_ns == times[7]
