@@ -88,7 +88,7 @@ def _scenario(description: str, terrain: tuple[Segment, ...] | MeshWay, **rest: 
     of_route = {key: rest.pop(key) for key in _OF_ROUTE if key in rest}
     if isinstance(terrain, MeshWay):
         made = mesh_terrain(terrain, of_route.get("width_m", Route.width_m))
-        terrain, rest["notes"] = made.segments, (made.told,)
+        terrain, rest["notes"] = made.segments, (made.summary,)
     if "sensors" in rest:
         asked: Sensors = rest.pop("sensors")
         rest |= {"sensors": asked.groups, "fittings": asked.fittings, "asked": asked.asked}

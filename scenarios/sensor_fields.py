@@ -11,7 +11,7 @@ from pathlib import Path
 from stridetwin.scenarios.fields import Field, Where, choice, flag, mapping, names_of, number, pair, suggest, triple
 from stridetwin.sim.calibration import CalibrationSd
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.fitting import KIND, Clock, SensorConfig, Seat
+from stridetwin.sim.fitting import KIND, Clock, Seat, SensorConfig
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part

@@ -182,8 +182,8 @@ def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, s
     yaw = gaussian_filter1d(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _YAW_SMOOTHING_S / _GRID_S, mode="nearest")
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_STEP_M * size)
-    turned = yaw - way.heading(s)
-    holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, turned]), yaw, steps, profile, size)
+    relative_yaw = yaw - way.heading(s)
+    holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, relative_yaw]), yaw, steps, profile, size)
     body = Bystander(t=t, p=np.column_stack([p, np.zeros(len(t))]), yaw=yaw, steps=steps, holds=holds,
                      hold_yaw=hold_yaw, first=first, size=size)  # fmt: skip
     body.p[:, 2] = _hip_height(body)
@@ -208,12 +208,12 @@ def _footholds(
     heading = np.interp(count, steps, yaw)
     ahead, aside = (np.stack(a, -1) for a in ((np.cos(heading), np.sin(heading)), (-np.sin(heading), np.cos(heading))))
     sign = np.where(count % 2 == 0, 1.0, -1.0)
-    x, y, s, left, turned = (np.interp(count, steps, column) for column in path.T)
+    x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
     forward = beyond + 0.5 * BALL_M
     ball = np.stack([x, y], -1) + _STANCE_HALF_M * sign[:, None] * aside + forward[:, None] * ahead
     # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
-    ground = _ground(profile, s + sole * np.cos(turned), left + sole * np.sin(turned))
+    ground = _ground(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
     return np.column_stack([ball, ground.max(axis=0)]), heading, first
 
 

@@ -35,7 +35,7 @@ class CalibrationSd:
     depth_scale: float = 0.0
 
 
-def told(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
+def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
     """Nominal rig: the calibration that estimators get.
 
     Args:

@@ -50,7 +50,7 @@ class CameraProcesses:
         sensor_rig: The sensors as they really are; without any camera no process is started.
         crowd: Bystanders.
         seed: Seed of the walk.
-        straps: What holds the cameras.
+        mount_slips: What holds the cameras.
         processes: How many; None: `PROCESSES`.
     """
 
@@ -60,16 +60,18 @@ class CameraProcesses:
         sensor_rig: SensorRig,
         crowd: Crowd,
         seed: int,
-        straps: MountSlips | None = None,
+        mount_slips: MountSlips | None = None,
         processes: int | None = None,
     ) -> None:
         self._cameras = list(sensor_rig.rig.cameras.values())
         self._seen = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
-        what = _pickled((model, sensor_rig, crowd, seed, straps)) if count else b""
+        what = _pickled((model, sensor_rig, crowd, seed, mount_slips)) if count else b""
         self._workers = [_Worker(what) for _ in range(count)]
         self._dealer = _Dealer(sensor_rig, len(self._workers))
-        self._sensors = {c.topic: sensor_of(sensor_rig, c.topic, seed) for c in self._cameras if follows(sensor_rig, c.topic)}
+        self._sensors = {
+            c.topic: sensor_of(sensor_rig, c.topic, seed) for c in self._cameras if follows(sensor_rig, c.topic)
+        }
         self._stamps = {
             c.topic: Stamps(sensor_rig.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
             for c in self._cameras
@@ -135,7 +137,7 @@ class _Dealer:
     def __init__(self, sensor_rig: SensorRig, workers: int) -> None:
         self._load, self._cost = [0.0] * max(workers, 1), {}
         for topic, camera in sensor_rig.rig.cameras.items():
-            board_alone = sensor_rig.sensors[topic].fitting.frames == "board" and not camera.depth_topic
+            board_alone = sensor_rig.sensors[topic].sensor_config.frames == "board" and not camera.depth_topic
             self._cost[topic] = _COST_BOARD if board_alone else _COST_WHOLE
 
     def worker_for(self, topic: str) -> int:

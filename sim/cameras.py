@@ -79,16 +79,16 @@ class Patch:
         """The full image; patches without pixels share one read-only array."""
         if not self.pixels.size:
             return Image(topic=self.topic, t_ns=self.t_ns, pixels=_blank(self.whole))
-        picture, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
-        picture[self.row : self.row + height, self.column : self.column + width] = self.pixels
-        return Image(topic=self.topic, t_ns=self.t_ns, pixels=picture)
+        image, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
+        image[self.row : self.row + height, self.column : self.column + width] = self.pixels
+        return Image(topic=self.topic, t_ns=self.t_ns, pixels=image)
 
 
 @cache
 def _blank(whole: tuple[int, int]) -> Pixels:
-    picture = np.full(whole, BLANK, np.uint8)
-    picture.setflags(write=False)
-    return picture
+    image = np.full(whole, BLANK, np.uint8)
+    image.setflags(write=False)
+    return image
 
 
 class Cameras:
@@ -99,14 +99,19 @@ class Cameras:
         sensor_rig: The sensors with their true calibration.
         crowd: Bystanders.
         seed: Seed of the walk.
-        straps: Slip of the camera mounts.
+        mount_slips: Slip of the camera mounts.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int, straps: MountSlips | None = None
+        self,
+        model: mujoco.MjModel,
+        sensor_rig: SensorRig,
+        crowd: Crowd,
+        seed: int,
+        mount_slips: MountSlips | None = None,
     ) -> None:
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
-        self._data, self._crowd, self._straps = mujoco.MjData(model), crowd, straps or MountSlips()
+        self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
         self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
         lenses = [c.lens for c in self._cameras.values()]
         self._view = SensorView(model, max(lens.width for lens in lenses), max(lens.height for lens in lenses))
@@ -129,12 +134,12 @@ class Cameras:
                     body.pos, body.quat = on_foot[i, :3], on_foot[i, 3:]
                 self._data.qpos = pose
                 pose_crowd(self._model, self._data, self._crowd, 1e-9 * item.t_ns)
-                self._straps.place(self._model, item.t_ns)
+                self._mount_slips.place(self._model, item.t_ns)
                 mujoco.mj_kinematics(self._model, self._data)
                 mujoco.mj_camlight(self._model, self._data)
                 posed = item.t_ns
             camera = self._cameras[item.topic]
-            T_body_frame = self._straps.T_body_frame(item.topic, item.t_ns)
+            T_body_frame = self._mount_slips.T_body_frame(item.topic, item.t_ns)
             yield from camera.take(self._view, self._data, item, T_body_frame)
 
     def __enter__(self) -> Self:
@@ -159,9 +164,13 @@ def follows(sensor_rig: SensorRig, topic: str) -> bool:
 
 def sensor_of(sensor_rig: SensorRig, topic: str, seed: int) -> Sensor:
     """Sensor model that converts a camera's irradiance to grey values or colours."""
-    told, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
-    shape = (told.height, told.width) if imager.colour == "grey" else (told.height, told.width, 3)
-    return Sensor(shape, imager, sensor_rig.sensors[topic].fitting.light, Noise.of_topic(seed, topic))
+    calibration, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
+    shape = (
+        (calibration.height, calibration.width)
+        if imager.colour == "grey"
+        else (calibration.height, calibration.width, 3)
+    )
+    return Sensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
 
 
 def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
@@ -183,31 +192,31 @@ class _Camera:
 
     def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
         worn = sensor_rig.sensors[topic]
-        assert isinstance(worn.told, CameraCalibration)
+        assert isinstance(worn.calibration, CameraCalibration)
         assert isinstance(worn.part, CameraPart | RgbdPart)
-        told, part = worn.told, worn.part
-        self._told, self._imager = told, part.imager
+        calibration, part = worn.calibration, worn.part
+        self._calibration, self._imager = calibration, part.imager
         self._board = board_seen_by(sensor_rig, topic)
         self._grey = self._imager.colour == "grey"
         self._sensor = None if follows(sensor_rig, topic) else sensor_of(sensor_rig, topic, seed)
-        self.lens = Lens(told)
+        self.lens = Lens(calibration)
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
         self._around_board = (
-            worn.fitting.frames == "board" and self._board is not None and self._grey and self.lens.straight
+            worn.sensor_config.frames == "board" and self._board is not None and self._grey and self.lens.straight
         )
         self._depth: DepthModel | None = None
         if isinstance(part, RgbdPart):
-            fu, _, pu, pv = told.intrinsics
-            noise = Noise.of_topic(seed, told.depth_topic)
-            self._depth = DepthModel((told.height, told.width), fu, (pu, pv), part.depth, noise)
-            self._scale = np.float32(depth_scale(topic, worn.fitting.calibration_sd, seed))
+            fu, _, pu, pv = calibration.intrinsics
+            noise = Noise.of_topic(seed, calibration.depth_topic)
+            self._depth = DepthModel((calibration.height, calibration.width), fu, (pu, pv), part.depth, noise)
+            self._scale = np.float32(depth_scale(topic, worn.sensor_config.calibration_sd, seed))
 
     def take(
         self, view: SensorView, data: mujoco.MjData, due: Due, T_body_frame: Array
     ) -> Iterator[Image | Depth | Patch]:
         """The image, and the depth image with it; `T_body_frame` (4, 4) as in `render.camera_pose`."""
-        T_world_camera = camera_pose(data, self._told, T_body_frame)
+        T_world_camera = camera_pose(data, self._calibration, T_body_frame)
         board = self._board_before(data, due, T_world_camera)
         if self._around_board:
             yield self._board_alone(view, data, due, T_world_camera, board)
@@ -222,15 +231,15 @@ class _Camera:
         swept = self._swept(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
         if board is not None:  # it moves differently from the ground
             rows, columns = board.box
-            piece = np.ascontiguousarray(clean[board.box])
+            part_pixels = np.ascontiguousarray(clean[board.box])
             swept = swept.copy() if swept is clean else swept
-            swept[board.box] = self._swept(piece, board.sweep.of_piece(rows.start, columns.start))
+            swept[board.box] = self._swept(part_pixels, board.sweep.cropped(rows.start, columns.start))
         pixels = self._exposed(due.t_ns, self.lens.bent(swept))
         yield Image(topic=due.topic, t_ns=due.t_ns, pixels=pixels)
         if self._depth is not None:
             grey = rgb[..., 1] if self.lens.straight else self.lens.bent(np.ascontiguousarray(rgb[..., 1]))
-            told = self._depth.picture(due.t_ns, self._scale * self.lens.bent(depth, cv2.INTER_NEAREST), grey)
-            yield Depth(topic=self._told.depth_topic, t_ns=due.t_ns, depth=told)
+            measured = self._depth.image(due.t_ns, self._scale * self.lens.bent(depth, cv2.INTER_NEAREST), grey)
+            yield Depth(topic=self._calibration.depth_topic, t_ns=due.t_ns, depth=measured)
 
     def _clean(self, rgb: Pixels) -> Pixels:
         return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8) if self._grey else rgb
@@ -242,10 +251,10 @@ class _Camera:
         pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
         if board is not None:
             row, column = board.box[0].start, board.box[1].start
-            clean = self._clean(view.piece(data, T_world_camera, self.lens.intrinsics, *board.box))
-            swept = self._swept(clean, board.sweep.of_piece(row, column))
+            clean = self._clean(view.crop(data, T_world_camera, self.lens.intrinsics, *board.box))
+            swept = self._swept(clean, board.sweep.cropped(row, column))
             pixels = self._exposed(due.t_ns, swept, row, column)
-        whole = (self._told.height, self._told.width)
+        whole = (self._calibration.height, self._calibration.width)
         return Patch(topic=due.topic, t_ns=due.t_ns, whole=whole, pixels=pixels, row=row, column=column)
 
     def _exposed(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
@@ -288,7 +297,7 @@ class _Camera:
     def _sweep(
         self, data: mujoco.MjData, due: Due, T_world_camera: Array, v: Array, w: Array, normal: Array, away_m: float
     ) -> Sweep:
-        own_v, own_w = _at(data, self._told.mount.body, due.twist[0], T_world_camera[:3, 3])
+        own_v, own_w = _at(data, self._calibration.mount.body, due.twist[0], T_world_camera[:3, 3])
         R = T_world_camera[:3, :3].T
         return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - own_v), rate=R @ (w - own_w))
 

@@ -27,8 +27,8 @@ class Coupling:
         p_in_body: (3,) m, attachment in the wearer's body frame.
         stiffness: (3, 3) N/m, exoskeleton body's axes.
         damping: (3, 3) N s/m, likewise.
-        turn_stiffness: (3, 3) N m/rad, likewise.
-        turn_damping: (3, 3) N m s/rad, likewise.
+        rotation_stiffness: (3, 3) N m/rad, likewise.
+        rotation_damping: (3, 3) N m s/rad, likewise.
     """
 
     name: str
@@ -38,8 +38,8 @@ class Coupling:
     p_in_body: Array
     stiffness: Array
     damping: Array
-    turn_stiffness: Array
-    turn_damping: Array
+    rotation_stiffness: Array
+    rotation_damping: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,5 +100,5 @@ def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
     rate = np.einsum("...ji,...j->...i", exo.R, relative)
     turning = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
     force = displacement @ c.stiffness.T + rate @ c.damping.T
-    torque = np.einsum("...ji,...j->...i", change, turn @ c.turn_stiffness.T + turning @ c.turn_damping.T)
+    torque = np.einsum("...ji,...j->...i", change, turn @ c.rotation_stiffness.T + turning @ c.rotation_damping.T)
     return np.einsum("...ij,...j->...i", exo.R, force), np.einsum("...ij,...j->...i", exo.R, torque), point

@@ -244,7 +244,7 @@ def couplings(size: Wearer) -> list[Coupling]:
                     name=f"{part}_{side}", exo_body=f"exo_{part}_{side}", body=f"{part}_{side}",
                     p_in_exo=np.array([0.0, -s * links.hip2, -down]), p_in_body=np.array([0.0, 0.0, -down]),
                     stiffness=np.diag([4000.0, 4000.0, 0.0]), damping=np.diag([90.0, 90.0, 20.0]),
-                    turn_stiffness=np.diag([3.0, 3.0, 20.0]), turn_damping=np.diag([0.1, 0.1, 0.5]),
+                    rotation_stiffness=np.diag([3.0, 3.0, 20.0]), rotation_damping=np.diag([0.1, 0.1, 0.5]),
                 )
             )  # fmt: skip
         p_heel = np.array([0.0, 0.0, 0.035])
@@ -254,7 +254,7 @@ def couplings(size: Wearer) -> list[Coupling]:
                 name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}",
                 p_in_exo=p_heel - p_holder, p_in_body=p_heel,
                 stiffness=np.diag([15e3, 15e3, 15e3]), damping=np.diag([80.0, 80.0, 80.0]),
-                turn_stiffness=np.diag([120.0, 160.0, 120.0]), turn_damping=np.diag([0.5, 1.0, 0.5]),
+                rotation_stiffness=np.diag([120.0, 160.0, 120.0]), rotation_damping=np.diag([0.5, 1.0, 0.5]),
             )
         )  # fmt: skip
     return made

@@ -31,7 +31,7 @@ from stridetwin.streams.samples import (
 )
 
 NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
-PICTURES = (Image, Depth)
+IMAGES = (Image, Depth)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +141,7 @@ def _apart(item: Block[Any] | Sample) -> Iterator[Arrival]:
 def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
     """Combines samples of one topic to a block, but keeps images one by one."""
     some = list(stream)
-    if some and isinstance(some[0].item, PICTURES):
+    if some and isinstance(some[0].item, IMAGES):
         yield from some
     elif some:
         block = block_of([a.item for a in some if isinstance(a.item, Sample)])
@@ -161,7 +161,7 @@ class Fault:
     """
 
     kind: ClassVar[str]
-    fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + PICTURES
+    fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + IMAGES
     common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
     topic: str
     at_s: float | None = None
@@ -190,13 +190,13 @@ class Fault:
         """
         for arrival in stream:
             event = at(events, arrival)
-            yield from (arrival,) if event is None else self.spoiled(arrival, event)
+            yield from (arrival,) if event is None else self.corrupted(arrival, event)
 
     def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
         """Items still in transit when the stream has ended."""
         return ()
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """Output for one sample during an event."""
         return (arrival,)
 

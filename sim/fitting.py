@@ -131,10 +131,10 @@ def part_of(
         every_ideal: Whether all parts are noise-free.
         standard: Name of the default part; None for the group's.
     """
-    fitting = fittings.get(group, SensorConfig())
-    told: Any = fitting.part or part(standard or STANDARD[group])
-    if fitting.rate_hz is not None:
-        told = replace(told, rate_hz=fitting.rate_hz)
-    if fitting.exposure_s is not None:
-        told = replace(told, imager=replace(told.imager, exposure_s=fitting.exposure_s))
-    return (ideal(told) if every_ideal or fitting.ideal else told), told
+    sensor_config = fittings.get(group, SensorConfig())
+    nominal: Any = sensor_config.part or part(standard or STANDARD[group])
+    if sensor_config.rate_hz is not None:
+        nominal = replace(nominal, rate_hz=sensor_config.rate_hz)
+    if sensor_config.exposure_s is not None:
+        nominal = replace(nominal, imager=replace(nominal.imager, exposure_s=sensor_config.exposure_s))
+    return (ideal(nominal) if every_ideal or sensor_config.ideal else nominal), nominal

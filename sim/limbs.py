@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from stridetwin.sim import rigid_tree
 from stridetwin.sim.rigid_tree import Tree
 from stridetwin.sim.rotation import matrix_from_quat
-from stridetwin.sim.triples import Triple, dot, minus, plus, times, transposed, triple, turned
-from stridetwin.sim.triples import rows as rows_of
+from stridetwin.sim.triples import Vec3, dot, mat3, matvec, minus, plus, times, transposed, vec3
 from stridetwin.streams.samples import Array
 
 NEAR_M = SUNK_M = 0.02
@@ -131,25 +130,25 @@ def _hidden(
     found = np.zeros(targets.shape[:2], np.bool_)
     for m in range(len(rows)):
         n = rows[m]
-        eye = triple(origins[m])
+        eye = vec3(origins[m])
         for k in range(targets.shape[1]):
-            d = minus(triple(targets[m, k]), eye)
+            d = minus(vec3(targets[m, k]), eye)
             length = dot(d, d)
             for g in range(len(kind)):
-                to = minus(eye, triple(p[n, g]))
+                to = minus(eye, vec3(p[n, g]))
                 share = min(max(-dot(to, d) / length, 0.0), 1.0) if length > 0.0 else 0.0
                 near = plus(to, times(share, d))
                 if dot(near, near) > reach[g] * reach[g]:
                     continue
-                back = transposed(rows_of(R[n, g]))
-                if _in_the_way(kind[g], triple(size[g]), turned(back, to), turned(back, d)):
+                back = transposed(mat3(R[n, g]))
+                if _in_the_way(kind[g], vec3(size[g]), matvec(back, to), matvec(back, d)):
                     found[m, k] = True
                     break
     return found
 
 
 @numba.njit(cache=True)
-def _in_the_way(kind: int, size: Triple, o: Triple, d: Triple) -> bool:
+def _in_the_way(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     """Whether a shape occludes the segment from o to o + d, in its own frame.
 
     It does not if it begins nearer than `NEAR_M`, or if o is less than `SUNK_M` inside it; images omit it, too.
@@ -169,7 +168,7 @@ def _in_the_way(kind: int, size: Triple, o: Triple, d: Triple) -> bool:
 
 
 @numba.njit(cache=True)
-def _span(kind: int, size: Triple, o: Triple, d: Triple) -> tuple[float, float]:
+def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
     """Interval of the line o + t d, in the shape's own frame, inside it; empty: (inf, -inf)."""
     if kind == _BOX:
         enters, leaves = -math.inf, math.inf

@@ -17,7 +17,7 @@ import numpy as np
 
 from stridetwin.sim import truth
 from stridetwin.sim.camera_processes import CameraProcesses
-from stridetwin.sim.dynamics.drive import Law
+from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import MARGIN_S, Simulation
 from stridetwin.sim.sensor_suite import SensorSuite, instants
@@ -44,7 +44,7 @@ class LiveTwin:
         ConfigError: The walk is kinematic (`physics: kinematic`), or has faults, which are planned for whole walks.
     """
 
-    def __init__(self, twin: Twin, law: Law | None = None) -> None:
+    def __init__(self, twin: Twin, law: ControlLaw | None = None) -> None:
         config = twin.config
         if config.physics != "dynamic":
             raise ConfigError(config.name, "physics", config.physics, "dynamic, for a live walk")
@@ -56,7 +56,7 @@ class LiveTwin:
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
         self._open = ExitStack()
-        self._told_ns = -1
+        self._delivered_ns = -1
 
     def __enter__(self) -> Self:
         self._open.enter_context(self._cameras)
@@ -76,9 +76,9 @@ class LiveTwin:
         while self.simulation.time_s < until_s and not self.simulation.over:
             self.simulation.step()
         until_ns = math.floor((self.simulation.time_s - self._latency_s) * 1e9)
-        if until_ns <= self._told_ns:
+        if until_ns <= self._delivered_ns:
             return []
-        after_ns, self._told_ns = self._told_ns, until_ns
+        after_ns, self._delivered_ns = self._delivered_ns, until_ns
         return sorted(self._sensed(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
 
     def _sensed(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
@@ -89,8 +89,8 @@ class LiveTwin:
         if not len(t_ns):
             return
         motion = player.motion(t_ns)
-        pictures = self._cameras.ask(motion, after_ns, until_ns)
+        images = self._cameras.ask(motion, after_ns, until_ns)
         loads = player.loads(loads_ns, motion)
         for block in self._suite.read(player, motion, loads, after_ns, until_ns):
             yield from block
-        yield from pictures
+        yield from images

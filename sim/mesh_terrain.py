@@ -43,11 +43,11 @@ class MeshTerrain:
 
     Attributes:
         segments: Segments from its start on.
-        told: Summary of the replacement and its error, in words.
+        summary: Summary of the replacement and its error, in words.
     """
 
     segments: tuple[Part, ...]
-    told: str
+    summary: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,15 +90,15 @@ def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
     heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
     middle = heights[:, len(_ROWS) // 2] - heights[0, len(_ROWS) // 2]
     segments = _segments(s, middle, way)
-    off = _deviation(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
+    off = _error(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
-    told = (
+    summary = (
         f"{way.path}: replaced by exact boxes and wedges ({counts}) over {length:.2f} m; the mesh lies up to "
         f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
-        f"{1e3 * LARGEST_ERROR_M:g} mm is taken; {1e3 * BESIDE_RISER_M:g} mm beside risers left out)"
+        f"{1e3 * LARGEST_ERROR_M:g} mm is accepted; {1e3 * BESIDE_RISER_M:g} mm beside risers are excluded)"
     )
-    return MeshTerrain(segments=segments, told=told)
+    return MeshTerrain(segments=segments, summary=summary)
 
 
 def _in_way(corners: Array, way: MeshWay) -> Array:
@@ -126,8 +126,8 @@ def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
         first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
         for i in range(first, last):
             p = s[i], left
-            turns = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
-            if min(turns) >= -1e-9 or max(turns) <= 1e-9:
+            sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
+            if min(sides) >= -1e-9 or max(sides) <= 1e-9:
                 at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
     heights = np.empty(len(s))
     last_z = min(at[0], default=0.0, key=abs)
@@ -228,7 +228,7 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
     return done
 
 
-def _deviation(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float, way: MeshWay) -> Array:
+def _error(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float, way: MeshWay) -> Array:
     """(K,) m, distance of the mesh from its replacement, over the way except near risers."""
     from stridetwin.sim.terrain import Terrain  # imports the simulator, which is not needed without a mesh
 

@@ -149,7 +149,7 @@ class OwnExo:
         """Names of all links."""
         return (self.base.name, *(link.name for leg in self.legs.values() for link in leg))
 
-    def turned_by(self, name: str) -> str:
+    def body_moved_by(self, name: str) -> str:
         """Body that the joint with a short name moves."""
         return next(link.name for leg in self.legs.values() for link in leg if link.joint == hinge_of(name))
 
@@ -177,12 +177,15 @@ def own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
         body, _, side = cuff.body.partition("_")
         p_in_body = at[cuff.link] + cuff.p_in_link - _origins(size, side)[body]
         if not np.linalg.norm(p_in_body - np.clip(p_in_body, *_limb(size, body))) < _FARTHEST_M:
-            told = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
-            raise ConfigError(own.rig, f"cuffs.{cuff.body}.at_mm", told, f"within {_FARTHEST_M * 1e3:g} mm of the limb")
+            found = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
+            raise ConfigError(
+                own.rig, f"cuffs.{cuff.body}.at_mm", found, f"within {_FARTHEST_M * 1e3:g} mm of the limb"
+            )
         made.append(
             Coupling(
                 name=cuff.body, exo_body=cuff.link, body=cuff.body, p_in_exo=cuff.p_in_link, p_in_body=p_in_body,
-                stiffness=cuff.law[0], damping=cuff.law[1], turn_stiffness=cuff.law[2], turn_damping=cuff.law[3],
+                stiffness=cuff.law[0], damping=cuff.law[1],
+                rotation_stiffness=cuff.law[2], rotation_damping=cuff.law[3],
             )
         )  # fmt: skip
     return made

@@ -204,8 +204,8 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
             raise ConfigError(path, f"{where}, ref", float(model.qpos0[i]), "0")
         low, high = model.jnt_range[i]
         if model.jnt_limited[i] and not low <= 0.0 <= high:
-            told = np.round(np.degrees(model.jnt_range[i]), 2).tolist()
-            raise ConfigError(path, f"{where}, range", f"{told} deg", "a range with 0, the pose of standing upright")
+            limits = np.round(np.degrees(model.jnt_range[i]), 2).tolist()
+            raise ConfigError(path, f"{where}, range", f"{limits} deg", "a range with 0, the pose of standing upright")
 
 
 def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: dict[str, str]) -> None:

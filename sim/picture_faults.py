@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults import PICTURES, Arrival, Event, Fault, at
+from stridetwin.sim.faults import IMAGES, Arrival, Event, Fault, at
 from stridetwin.streams.samples import Depth, Image
 
 _CLOTH = 28  # grey value of the occluding object
@@ -23,10 +23,10 @@ _HOLE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class _PictureFault(Fault):
+class _ImageFault(Fault):
     """Something between a scene and its images that does not change during an event."""
 
-    fits = PICTURES
+    fits = IMAGES
     common_to = "housing"
 
     def through(
@@ -38,23 +38,23 @@ class _PictureFault(Fault):
             if event is None:
                 yield arrival
                 continue
-            name, picture = _picture(arrival)
-            if picture.flags.writeable:
-                yield arrival.but(**{name: self.seen(picture, event)})
+            name, image = _image_of(arrival)
+            if image.flags.writeable:
+                yield arrival.but(**{name: self.seen(image, event)})
                 continue
-            if memory.get("event") is not event or memory["clean"] is not picture:
-                spoiled = self.seen(picture, event)
-                spoiled.setflags(write=False)
-                memory.update(event=event, clean=picture, spoiled=spoiled)
+            if memory.get("event") is not event or memory["clean"] is not image:
+                corrupted = self.seen(image, event)
+                corrupted.setflags(write=False)
+                memory.update(event=event, clean=image, corrupted=corrupted)
             yield arrival.but(**{name: memory["spoiled"]})
 
     @abstractmethod
-    def seen(self, picture: NDArray, event: Event) -> NDArray:
+    def seen(self, image: NDArray, event: Event) -> NDArray:
         """A new image, or depth image (float32), with the occlusion applied."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Occlusion(_PictureFault):
+class Occlusion(_ImageFault):
     """A strap or cloth that covers part of the image from one side; depth has no reading there.
 
     Attributes:
@@ -64,18 +64,18 @@ class Occlusion(_PictureFault):
     kind = "occlusion"
     share: float = 0.3
 
-    def seen(self, picture: NDArray, event: Event) -> NDArray:
+    def seen(self, image: NDArray, event: Event) -> NDArray:
         """The image, partly covered."""
         side = int(event.rng().integers(4))
-        covered = picture.copy()
+        covered = image.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
         width = math.ceil(self.share * across.shape[0])
-        across[slice(width) if side < 2 else slice(-width, None)] = 0 if _is_depth(picture) else _CLOTH
+        across[slice(width) if side < 2 else slice(-width, None)] = 0 if _is_depth(image) else _CLOTH
         return covered
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensDirt(_PictureFault):
+class LensDirt(_ImageFault):
     """Spots on the lens that dim and blur the image; depth has no reading in their middle.
 
     Attributes:
@@ -87,20 +87,20 @@ class LensDirt(_PictureFault):
     spots: int = 6
     size: float = 0.08
 
-    def seen(self, picture: NDArray, event: Event) -> NDArray:
+    def seen(self, image: NDArray, event: Event) -> NDArray:
         """The image through the dirty lens."""
-        height, width = picture.shape[:2]
-        dirt, spoiled = _dirt(event, self.spots, self.size, height, width), picture.copy()
-        if _is_depth(picture):
-            spoiled.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
+        height, width = image.shape[:2]
+        dirt, corrupted = _dirt(event, self.spots, self.size, height, width), image.copy()
+        if _is_depth(image):
+            corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
-            blurred = _blurred(picture, _coarse(self.size, height), self.size * height / 2)
-            each = math.prod(picture.shape[2:])
-            _smear(spoiled.reshape(-1, each), blurred.reshape(-1, each), *dirt)
-        return spoiled
+            blurred = _blurred(image, _coarse(self.size, height), self.size * height / 2)
+            each = math.prod(image.shape[2:])
+            _smear(corrupted.reshape(-1, each), blurred.reshape(-1, each), *dirt)
+        return corrupted
 
 
-def _picture(arrival: Arrival) -> tuple[str, NDArray]:
+def _image_of(arrival: Arrival) -> tuple[str, NDArray]:
     item = arrival.item
     if isinstance(item, Image):
         return "pixels", item.pixels
@@ -109,8 +109,8 @@ def _picture(arrival: Arrival) -> tuple[str, NDArray]:
     raise TypeError(f"{arrival.topic} carries no images")
 
 
-def _is_depth(picture: NDArray) -> bool:
-    return picture.dtype == np.float32
+def _is_depth(image: NDArray) -> bool:
+    return image.dtype == np.float32
 
 
 class _Dirt(NamedTuple):
@@ -136,17 +136,17 @@ def _coarse(size: float, height: int) -> int:
     return max(1, int(size * height / 6))
 
 
-def _blurred(picture: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
+def _blurred(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
     """A widely blurred image, on a coarser grid with one additional pixel all around."""
-    height, width = picture.shape[:2]
-    small = cv2.resize(picture, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
+    height, width = image.shape[:2]
+    small = cv2.resize(image, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), sd_px / coarse)
     return np.asarray(cv2.copyMakeBorder(blurred, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.uint8)
 
 
 @numba.njit(cache=True)
 def _smear(
-    picture: NDArray[np.uint8],
+    image: NDArray[np.uint8],
     blurred: NDArray[np.uint8],
     places: NDArray[np.int32],
     clear: NDArray[np.float32],
@@ -157,12 +157,12 @@ def _smear(
     """Blends the blurred image into an image, both as rows of (N, C) pixels; other arguments as in `_Dirt`."""
     for k in range(len(places)):
         at, first, share = places[k], corners[k], shares[k]
-        for c in range(picture.shape[1]):
-            mixed = clear[k] * np.float32(picture[at, c]) + np.float32(0.5)
+        for c in range(image.shape[1]):
+            mixed = clear[k] * np.float32(image[at, c]) + np.float32(0.5)
             mixed += share[0] * np.float32(blurred[first, c]) + share[1] * np.float32(blurred[first + 1, c])
             mixed += share[2] * np.float32(blurred[first + width, c])
             mixed += share[3] * np.float32(blurred[first + width + 1, c])
-            picture[at, c] = np.uint8(mixed)
+            image[at, c] = np.uint8(mixed)
 
 
 @lru_cache(maxsize=16)

@@ -134,7 +134,7 @@ class SensorView(_OffScreen):
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         self._endless = endless_planes(model)
-        with _one_piece(model, self._endless):
+        with _bounded_planes(model, self._endless):
             super().__init__(model, width, height, _SENSOR)
         self._anywhere = mujoco.MjvCamera()
         self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
@@ -173,7 +173,7 @@ class SensorView(_OffScreen):
         """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as in `frame`."""
         return self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
 
-    def piece(
+    def crop(
         self,
         data: mujoco.MjData,
         T_world_camera: ArrayLike,
@@ -216,7 +216,7 @@ class SensorView(_OffScreen):
         shown = self.model.geom_group.copy()
         seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
         self.model.geom_group[~seen] = _HIDDEN_GROUP
-        with _one_piece(self.model, self._endless, data, np.asarray(T_world_camera)[:2, 3]):
+        with _bounded_planes(self.model, self._endless, data, np.asarray(T_world_camera)[:2, 3]):
             self.update(data, self._anywhere)
         self.model.geom_group[:] = shown
         T_world_mujoco = swap_camera_convention(T_world_camera)
@@ -282,7 +282,7 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
 
 
 @contextmanager
-def _one_piece(
+def _bounded_planes(
     model: mujoco.MjModel,
     endless: NDArray[np.intp],
     data: mujoco.MjData | None = None,

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.quaternions import matrix, of_matrix, quaternion, store
-from stridetwin.sim.triples import put, rows
+from stridetwin.sim.triples import mat3, put
 from stridetwin.streams.samples import Array
 
 
@@ -82,7 +82,7 @@ def quat_from_matrix(R: Array) -> Array:
 def _quaternions(R: Array) -> Array:
     q = np.empty((len(R), 4))
     for i in range(len(R)):
-        store(of_matrix(rows(R[i])), q[i])
+        store(of_matrix(mat3(R[i])), q[i])
     return q
 
 

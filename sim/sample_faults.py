@@ -21,7 +21,7 @@ class Dropout(Fault):
 
     kind = "dropout"
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """Nothing."""
         return ()
 
@@ -51,7 +51,7 @@ class Repeat(Fault):
 
     kind = "repeat"
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample, twice."""
         return arrival, arrival
 
@@ -63,7 +63,7 @@ class Nan(Fault):
     kind = "nan"
     fits = NUMBERS
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with NaN for every value."""
         values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
         return (arrival.but(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
@@ -126,7 +126,7 @@ class ClockJump(Fault):
     kind = "clock_jump"
     jump_s: float
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with a shifted stamp."""
         return (arrival.but(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
 
@@ -147,7 +147,7 @@ class Saturation(Fault):
         """Whether the full scale of the part is known."""
         return sample in self.fits and bool(full_scales(part))
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with clipped values."""
         limits = {name: self.fraction * scale for name, scale in full_scales(event.part).items()}
         return (arrival.but(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)

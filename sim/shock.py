@@ -102,7 +102,7 @@ _GROUND = (0.060, 0.0, 0.0)  # m: pivot of rocking
 
 
 @numba.njit(cache=True)
-def ring(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
+def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
     """A mode's oscillation after a strike, and its time derivative.
 
     s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1.
@@ -129,7 +129,7 @@ def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
     return rise * decay, decay * (rising - rise / decay_s)
 
 
-class _Rings(NamedTuple):
+class _Vibrations(NamedTuple):
     """E strikes of one mode each: time, s; frequency, Hz; decay time, s; (E, 6) amplitudes, m and rad, and phases."""
 
     begin: Array
@@ -158,7 +158,7 @@ class UpperMotion:
 
     pivot: Array
     _parameters: ShoeParameters
-    _rings: _Rings
+    _rings: _Vibrations
     _rocks: _Rocks
 
     @classmethod
@@ -196,7 +196,7 @@ class UpperMotion:
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.ring_hz, parameters.ring_s))
         return cls(
             pivot=pivot, _parameters=parameters,
-            _rings=_Rings(
+            _rings=_Vibrations(
                 begin=begin, end=begin + SUPPORT * decay_s, hz=hz, decay_s=decay_s,
                 amplitude=np.reshape([a for _, a, _ in strikes], (-1, 6)),
                 phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
@@ -214,7 +214,7 @@ class UpperMotion:
         _add_rocks(t, self._rocks, self._parameters.rock_hz, self._parameters.rock_rate, value[:, 3:], rate[:, 3:])
         # rocking rotates about the ground, so the pivot moves as well
         value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - _GROUND) for x in (value, rate))
-        _add_rings(t, self._rings, value, rate)
+        _add_vibrations(t, self._rings, value, rate)
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
 
     def carried(self, foot: Track) -> Track:
@@ -224,17 +224,20 @@ class UpperMotion:
 
 
 @numba.njit(cache=True)
-def _add_rings(t: Array, rings: _Rings, value: Array, rate: Array) -> None:
+def _add_vibrations(t: Array, vibrations: _Vibrations, value: Array, rate: Array) -> None:
     """Adds the vibration at (N,) increasing s to (N, 6) displacement and rotation, and to their rates."""
-    for e in range(len(rings.begin)):
-        omega = 2 * np.pi * rings.hz[e]
-        for i in range(np.searchsorted(t, rings.begin[e]), np.searchsorted(t, rings.end[e])):
-            tau = t[i] - rings.begin[e]
-            size, changing = _envelope(tau, rings.hz[e], rings.decay_s[e])
+    for e in range(len(vibrations.begin)):
+        omega = 2 * np.pi * vibrations.hz[e]
+        for i in range(np.searchsorted(t, vibrations.begin[e]), np.searchsorted(t, vibrations.end[e])):
+            tau = t[i] - vibrations.begin[e]
+            size, changing = _envelope(tau, vibrations.hz[e], vibrations.decay_s[e])
             for k in range(6):
-                sine, cosine = np.sin(omega * tau + rings.phase[e, k]), np.cos(omega * tau + rings.phase[e, k])
-                value[i, k] += rings.amplitude[e, k] * size * sine
-                rate[i, k] += rings.amplitude[e, k] * (changing * sine + size * omega * cosine)
+                sine, cosine = (
+                    np.sin(omega * tau + vibrations.phase[e, k]),
+                    np.cos(omega * tau + vibrations.phase[e, k]),
+                )
+                value[i, k] += vibrations.amplitude[e, k] * size * sine
+                rate[i, k] += vibrations.amplitude[e, k] * (changing * sine + size * omega * cosine)
 
 
 @numba.njit(cache=True)

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.actuation import modules
-from stridetwin.sim.calibration import told
+from stridetwin.sim.calibration import nominal_rig
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, SensorConfig, Seat, part_of
+from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Seat, SensorConfig, part_of
 from stridetwin.sim.own_exo import OnLink
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
-from stridetwin.sim.parts.told import TOLD
+from stridetwin.sim.parts.told import NOMINAL
 from stridetwin.sim.rotation import from_euler
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -48,20 +48,20 @@ class MountedSensor:
 
     Attributes:
         group: Group of the sensor.
-        told: Nominal calibration.
+        calibration: Nominal calibration.
         part: True parameters.
-        fitting: Differences from the standard sensor.
+        sensor_config: Differences from the standard sensor.
     """
 
     group: str
-    told: Calibration
+    calibration: Calibration
     part: Part
-    fitting: SensorConfig
+    sensor_config: SensorConfig
 
     @property
     def clock(self) -> Clock:
         """Its clock."""
-        return self.fitting.clock
+        return self.sensor_config.clock
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,9 +76,11 @@ class SensorRig:
     rig: Rig
     sensors: dict[str, MountedSensor]
 
-    def told(self, seed: int) -> Rig:
+    def nominal(self, seed: int) -> Rig:
         """Nominal rig, which estimators get on the walk with this seed."""
-        return told(self.rig, ((t, self.sensors[t].fitting.calibration_sd) for t in self.rig.cameras), seed)
+        return nominal_rig(
+            self.rig, ((t, self.sensors[t].sensor_config.calibration_sd) for t in self.rig.cameras), seed
+        )
 
 
 def standard_rig(config: TwinConfig) -> Rig:
@@ -102,13 +104,13 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
     if config.rig_mount not in _RGBD_MOUNT:
         raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(_RGBD_MOUNT))
     on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
-    sensors = {s.told.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
-    told = [s.told for s in sensors.values()]
+    sensors = {s.calibration.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
+    calibrations = [s.calibration for s in sensors.values()]
     rig = Rig(
-        imus={s.topic: s for s in told if isinstance(s, ImuCalibration)},
-        cameras={s.topic: s for s in told if isinstance(s, CameraCalibration)},
+        imus={s.topic: s for s in calibrations if isinstance(s, ImuCalibration)},
+        cameras={s.topic: s for s in calibrations if isinstance(s, CameraCalibration)},
         boards={b.name: b for b in _boards(config)} if "foot_camera" in on else {},
-        others={s.topic: s for s in told if isinstance(s, OtherSensor)},
+        others={s.topic: s for s in calibrations if isinstance(s, OtherSensor)},
     )
     return SensorRig(rig=rig, sensors=sensors)
 
@@ -118,19 +120,23 @@ def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> 
 
     `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
     """
-    fitting = config.fittings.get(group, SensorConfig())
+    sensor_config = config.fittings.get(group, SensorConfig())
     if isinstance(standard, Part):
-        given = config.fittings if fitting.part else {**config.fittings, group: replace(fitting, part=standard)}
-        return *part_of(given, group, config.ideal), fitting
-    return *part_of(config.fittings, group, config.ideal, standard), fitting
+        given = (
+            config.fittings if sensor_config.part else {**config.fittings, group: replace(sensor_config, part=standard)}
+        )
+        return *part_of(given, group, config.ideal), sensor_config
+    return *part_of(config.fittings, group, config.ideal, standard), sensor_config
 
 
 def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
-    part, told, fitting = _fit(config, group, standard)
-    return MountedSensor(group=group, told=_told_imu(topic, told, mount), part=part, fitting=fitting)
+    part, nominal, sensor_config = _fit(config, group, standard)
+    return MountedSensor(
+        group=group, calibration=_nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
+    )
 
 
-def _told_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
+def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
     gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
         topic=topic,
@@ -160,10 +166,10 @@ def foot_imu_place(config: TwinConfig, side: str) -> Array:
 
 def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    turned = config.fittings.get("foot_imu", SensorConfig()).rotation_rad
-    if turned is None:
+    rotation = config.fittings.get("foot_imu", SensorConfig()).rotation_rad
+    if rotation is None:
         return np.eye(3)
-    roll, pitch, yaw = turned
+    roll, pitch, yaw = rotation
     return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
 
 
@@ -180,8 +186,8 @@ def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
-    part, told, fitting = _fit(config, group)
-    imager: Imager = told.imager
+    part, nominal, sensor_config = _fit(config, group)
+    imager: Imager = nominal.imager
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
         topic=f"/{place}/color" if depth else f"/{place}/camera",
@@ -195,12 +201,12 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
         distortion=imager.distortion,
         depth_topic=f"/{place}/depth" if depth else "",
         imu_topic=f"/{place}/imu",
-        timeshift_cam_imu_s=_told_shift(config, imu_group) - _told_shift(config, group),
+        timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
     )
-    return MountedSensor(group=group, told=calibration, part=part, fitting=fitting)
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
-def _told_shift(config: TwinConfig, group: str) -> float:
+def _nominal_shift(config: TwinConfig, group: str) -> float:
     clock = config.fittings.get(group, SensorConfig()).clock
     return clock.shift_s if clock.told else 0.0
 
@@ -228,9 +234,9 @@ def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     body, position = _RGBD_MOUNT[config.rig_mount]
-    fitting = config.fittings.get("head_camera", SensorConfig())
-    pitch = RGBD_PITCH_RAD if fitting.pitch_down_rad is None else fitting.pitch_down_rad
-    sits = fitting.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
+    sensor_config = config.fittings.get("head_camera", SensorConfig())
+    pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
+    sits = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
     turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
     return Mount(body=body, T_body_sensor=_pose(turn, sits.position_m))
 
@@ -251,16 +257,16 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
 
 
 def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
-    part, told, fitting = _fit(config, group, more.pop("standard", None))
+    part, nominal, sensor_config = _fit(config, group, more.pop("standard", None))
     calibration = OtherSensor(
         topic=topic,
         kind=kind,
-        part=more.pop("named", told.description),
-        rate_hz=told.rate_hz,
+        part=more.pop("named", nominal.description),
+        rate_hz=nominal.rate_hz,
         mount=mount,
-        parameters=TOLD[kind](told) | more,
+        parameters=NOMINAL[kind](nominal) | more,
     )
-    return MountedSensor(group=group, told=calibration, part=part, fitting=fitting)
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
 def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -307,10 +313,10 @@ def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
     own = config.exo.own if config.exo is not None else None
     if own is None:
-        turned = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
+        moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
     else:
-        turned = {name: own.turned_by(name) for name in own.encoders}
-    for name, body in turned.items():
+        moved = {name: own.body_moved_by(name) for name in own.encoders}
+    for name, body in moved.items():
         yield _other(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
 
 
@@ -333,7 +339,7 @@ def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     if own is not None:
         for name, module in mounted.items():
             yield _other(
-                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.turned_by(name)),
+                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.body_moved_by(name)),
                 standard=own.motors[name], torque_max_nm=float(module.torque_max_nm),
                 speed_max_radps=float(module.speed_max_radps),
             )  # fmt: skip

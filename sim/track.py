@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.quaternions import composed, conjugate, exp, quaternion, rotated, store
+from stridetwin.sim.quaternions import exp, inverse, multiply, quaternion, rotate, store
 from stridetwin.sim.rotation import quat_from_matrix
-from stridetwin.sim.triples import cross, minus, plus, put, times, triple
+from stridetwin.sim.triples import cross, minus, plus, put, times, vec3
 from stridetwin.streams.samples import Array
 
 _Columns = tuple[Array, Array, Array, Array]
@@ -106,14 +106,14 @@ class Track:
 @numba.njit(cache=True)
 def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
     p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
-    arm, mount = triple(lever), quaternion(q_body_sensor)
-    back = conjugate(mount)
+    arm, mount = vec3(lever), quaternion(q_body_sensor)
+    back = inverse(mount)
     for i in range(len(p)):
-        attitude, rate = quaternion(q[i]), triple(w[i])
-        put(plus(triple(p[i]), rotated(attitude, arm)), p_out[i])
-        store(composed(attitude, mount), q_out[i])
-        put(plus(triple(v[i]), rotated(attitude, cross(rate, arm))), v_out[i])
-        put(rotated(back, rate), w_out[i])
+        attitude, rate = quaternion(q[i]), vec3(w[i])
+        put(plus(vec3(p[i]), rotate(attitude, arm)), p_out[i])
+        store(multiply(attitude, mount), q_out[i])
+        put(plus(vec3(v[i]), rotate(attitude, cross(rate, arm))), v_out[i])
+        put(rotate(back, rate), w_out[i])
     return p_out, q_out, v_out, w_out
 
 
@@ -122,18 +122,18 @@ def _displaced(
     p: Array, q: Array, v: Array, w: Array, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array
 ) -> _Columns:
     p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
-    centre = triple(pivot)
+    centre = vec3(pivot)
     for i in range(len(p)):
-        attitude, rate, phi, changing = quaternion(q[i]), triple(w[i]), triple(turn[i]), triple(turning[i])
+        attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(turn[i]), vec3(turning[i])
         own = exp(phi)
-        arm = rotated(own, centre)
+        arm = rotate(own, centre)
         # right Jacobian of SO(3) to second order, in the displaced frame's axes
         once = cross(phi, changing)
         relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
-        origin = minus(plus(centre, triple(shift[i])), arm)
-        moving = minus(plus(cross(rate, origin), triple(shifting[i])), rotated(own, cross(relative, centre)))
-        put(plus(triple(p[i]), rotated(attitude, origin)), p_out[i])
-        store(composed(attitude, own), q_out[i])
-        put(plus(triple(v[i]), rotated(attitude, moving)), v_out[i])
-        put(plus(rotated(conjugate(own), rate), relative), w_out[i])
+        origin = minus(plus(centre, vec3(shift[i])), arm)
+        moving = minus(plus(cross(rate, origin), vec3(shifting[i])), rotate(own, cross(relative, centre)))
+        put(plus(vec3(p[i]), rotate(attitude, origin)), p_out[i])
+        store(multiply(attitude, own), q_out[i])
+        put(plus(vec3(v[i]), rotate(attitude, moving)), v_out[i])
+        put(plus(rotate(inverse(own), rate), relative), w_out[i])
     return p_out, q_out, v_out, w_out

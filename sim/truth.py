@@ -23,7 +23,7 @@ _FLAT_RAD = 0.01
 
 
 def truth(
-    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, straps: MountSlips
+    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
 ) -> Iterator[Block[Any] | Sample]:
     """Truth at the instants of `loads`, and the footprints after `after_ns` up to `until_ns`."""
     t_ns = loads.t_ns
@@ -31,7 +31,7 @@ def truth(
     for body in ("pelvis", "foot_l", "foot_r"):
         yield _odometry(f"/truth/{body}/odometry", motion.tracks[body][rows])
     for topic, imu in rig.imus.items():
-        carrier = straps.carried(topic, motion.carrier(imu.mount.body)[rows])
+        carrier = mount_slips.carried(topic, motion.carrier(imu.mount.body)[rows])
         yield _odometry(f"/truth{topic}/odometry", carrier.mounted(imu.mount.T_body_sensor))
     names = walk.coordinates.names[6:]
     yield Block(

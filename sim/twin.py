@@ -20,7 +20,7 @@ from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
 from stridetwin.sim.crowd_bodies import add_bystanders
 from stridetwin.sim.crowd_bodies import pose as pose_crowd
-from stridetwin.sim.dynamics.drive import Law
+from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -77,7 +77,7 @@ class Twin:
             raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
         self.config, self.seed = config, seed
         self.sensor_rig = sensor_rig(config)
-        self.rig: Rig = self.sensor_rig.told(seed)
+        self.rig: Rig = self.sensor_rig.nominal(seed)
         self.terrain = Terrain.from_route(config.route)
         spec = mujoco.MjSpec()
         self.terrain.add_to(spec)
@@ -110,7 +110,7 @@ class Twin:
         other = copy(self)
         other.config = replace(self.config, sensors=sensors, fittings=fittings)
         other.sensor_rig = sensor_rig(other.config)
-        other.rig = other.sensor_rig.told(self.seed)
+        other.rig = other.sensor_rig.nominal(self.seed)
         return other
 
     @property
@@ -128,7 +128,7 @@ class Twin:
             simulation.step()
         return simulation.walk()
 
-    def simulation(self, law: Law | None = None) -> Simulation:
+    def simulation(self, law: ControlLaw | None = None) -> Simulation:
         """A new forward simulation of the walk, to be stepped.
 
         Args:
@@ -139,7 +139,7 @@ class Twin:
         return Simulation(self.model, self.reference, self.size, dynamics, self.config.exo, noise, law)
 
     @cached_property
-    def straps(self) -> MountSlips:
+    def mount_slips(self) -> MountSlips:
         """Slips of the sensor mounts."""
         return MountSlips.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.sensor_rig.rig)
 
@@ -167,14 +167,14 @@ class Twin:
     def _case(self) -> dict[str, UpperMotion]:
         """Vibration of the case with camera and IMU after heel strikes."""
         worn = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")
-        if worn is None or not worn.fitting.strike:
+        if worn is None or not worn.sensor_config.strike:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(4,)))
         shaken = UpperMotion.of(
-            steps, np.ones_like, np.ones_like, np.zeros(3), rng, case_parameters(worn.fitting.strike)
+            steps, np.ones_like, np.ones_like, np.zeros(3), rng, case_parameters(worn.sensor_config.strike)
         )  # fmt: skip
-        return {worn.told.mount.body: shaken}
+        return {worn.calibration.mount.body: shaken}
 
     def _shoes(self) -> dict[str, UpperMotion]:
         """Motion of the shoes' uppers."""
@@ -198,13 +198,13 @@ class Twin:
         Mount slips are included; the other faults act on this output (`sim.faults`).
         """
         playback = self.player()
-        suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.straps)
+        suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.mount_slips)
         end_ns = int(self.duration_s * 1e9)
         cameras = list(self.rig.cameras.values())
         rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
-        with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.straps) as rendering:
+        with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips) as rendering:
             after_ns = -1
-            pictures: Iterator[Sample] = iter(())
+            images: Iterator[Sample] = iter(())
             while after_ns < end_ns:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
                 t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in rates]))
@@ -213,17 +213,19 @@ class Twin:
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
                     asked = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
-                    for picture in pictures:
-                        yield [picture]
-                    pictures = asked
+                    for image in images:
+                        yield [image]
+                    images = asked
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
-                        *truth.truth(self.walk, self.sensor_rig.rig, motion, loads, after_ns, until_ns, self.straps),
+                        *truth.truth(
+                            self.walk, self.sensor_rig.rig, motion, loads, after_ns, until_ns, self.mount_slips
+                        ),
                         *truth.of_bystanders(self.crowd, truth_ns),
                     ]
                 after_ns = until_ns
-            for picture in pictures:
-                yield [picture]
+            for image in images:
+                yield [image]
 
     def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Third-person film: time in s and an RGB image (height, width, 3) for every frame."""
@@ -237,7 +239,7 @@ class Twin:
             for i, (t, pose) in enumerate(zip(times.tolist(), q)):
                 data.qpos = pose
                 pose_crowd(self.model, data, self.crowd, t)
-                self.straps.place(self.model, round(t * 1e9))
+                self.mount_slips.place(self.model, round(t * 1e9))
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)

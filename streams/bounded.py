@@ -86,7 +86,7 @@ def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
             yield line.rstrip("\n")
 
 
-def picture_size(data: bytes) -> tuple[int, int]:
+def image_size(data: bytes) -> tuple[int, int]:
     """Width and height in the header of a JPEG or PNG, without unpacking it.
 
     Raises:
@@ -123,7 +123,7 @@ def decode_image(data: bytes) -> NDArray[Any] | None:
     Raises:
         ValueError: The data is neither, declares more than `MOST_PIXELS`, or has more than `MOST_SCANS` scans.
     """
-    check_pixels(*picture_size(data))
+    check_pixels(*image_size(data))
     # The data of a scan never contains these two bytes, so no decoder finds more scans than this.
     if not data.startswith(_PNG) and (scans := data.count(_JPEG_SCAN)) > MOST_SCANS:
         raise ValueError(f"a JPEG of {scans} scans is not valid; valid: up to {MOST_SCANS}")

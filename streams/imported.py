@@ -62,7 +62,7 @@ class Notes:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pictures:
+class ImageStream:
     """A stream of images that are read on request.
 
     Attributes:
@@ -83,7 +83,7 @@ class Source:
     Attributes:
         kind: Kind of the source, such as `euroc`.
         blocks: Small streams by name, with the source's stamps.
-        pictures: Image streams by name.
+        images: Image streams by name.
         rig: The source's calibration, by the same names.
         unread: Type of every stream that is not read.
         names: Our topic for each foreign name.
@@ -92,7 +92,7 @@ class Source:
 
     kind: str
     blocks: dict[str, Block[Any]]
-    pictures: dict[str, Pictures]
+    images: dict[str, ImageStream]
     rig: Rig
     unread: dict[str, str] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
@@ -104,7 +104,7 @@ class ImportedContents:
 
     Args:
         blocks: Small streams by topic.
-        pictures: Image streams by topic.
+        images: Image streams by topic.
         rig: Calibration.
         metadata: Additional texts.
         unread: Type of every stream that is not read.
@@ -117,7 +117,7 @@ class ImportedContents:
     def __init__(
         self,
         blocks: dict[str, Block[Any]],
-        pictures: dict[str, Pictures],
+        images: dict[str, ImageStream],
         rig: Rig,
         metadata: dict[str, str],
         unread: dict[str, str],
@@ -128,9 +128,9 @@ class ImportedContents:
         self.problems, self.warnings = notes.problems, notes.warnings
         self._notes = notes
         self._blocks = {t: kept for t, b in blocks.items() if len(kept := self._sound(t, b))}
-        self._pictures = {t: seen for t, p in pictures.items() if len((seen := self._in_order(t, p)).t_ns)}
+        self._images = {t: seen for t, p in images.items() if len((seen := self._in_order(t, p)).t_ns)}
         self.topics = {t: _info(b.kind, b.t_ns) for t, b in self._blocks.items()}
-        self.topics |= {t: _info(p.kind, p.t_ns) for t, p in self._pictures.items()}
+        self.topics |= {t: _info(p.kind, p.t_ns) for t, p in self._images.items()}
         if not self.topics:
             raise RecordingError(f"{notes.path}: no readable sample")
         for problem in rate_problems(rig, self.topics):
@@ -138,7 +138,7 @@ class ImportedContents:
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
-        ordered = sorted(topics, key=lambda t: (t in self._pictures, t))
+        ordered = sorted(topics, key=lambda t: (t in self._images, t))
         streams = [self._stream(topic, order) for order, topic in enumerate(ordered)]
         return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
 
@@ -148,13 +148,13 @@ class ImportedContents:
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
-        count = len(self._pictures[topic].t_ns)
-        found = {i: self._picture(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
-        return {i: picture for i, picture in found.items() if picture is not None}
+        count = len(self._images[topic].t_ns)
+        found = {i: self._image(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
+        return {i: image for i, image in found.items() if image is not None}
 
     def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""
-        return self._pictures[topic].t_ns if topic in self._pictures else None
+        return self._images[topic].t_ns if topic in self._images else None
 
     def _stream(self, topic: str, order: int) -> Iterator[tuple[int, int, Sample]]:
         """A topic's samples after their stamps and the topic's rank among equal stamps."""
@@ -162,18 +162,18 @@ class ImportedContents:
             for sample in self._blocks[topic]:
                 yield sample.t_ns, order, sample
         else:
-            for i in range(len(self._pictures[topic].t_ns)):
-                if (picture := self._picture(topic, i)) is not None:
-                    yield picture.t_ns, order, picture
+            for i in range(len(self._images[topic].t_ns)):
+                if (image := self._image(topic, i)) is not None:
+                    yield image.t_ns, order, image
 
-    def _picture(self, topic: str, i: int) -> Image | Depth | None:
-        pictures = self._pictures[topic]
+    def _image(self, topic: str, i: int) -> Image | Depth | None:
+        images = self._images[topic]
         try:
-            return pictures.load(topic, i)
+            return images.load(topic, i)
         except StrideTwinError as error:
             self._notes.invalid(error)
         except ValueError as error:
-            self._notes.problem(Problem(topic, int(pictures.t_ns[i]), str(error)))
+            self._notes.problem(Problem(topic, int(images.t_ns[i]), str(error)))
         return None
 
     def _sound(self, topic: str, block: Block[Any]) -> Block[Any]:
@@ -184,13 +184,13 @@ class ImportedContents:
             self._notes.problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
         return selected(block, keep & sound)
 
-    def _in_order(self, topic: str, pictures: Pictures) -> Pictures:
-        keep = self._rising(topic, pictures.t_ns)
+    def _in_order(self, topic: str, images: ImageStream) -> ImageStream:
+        keep = self._rising(topic, images.t_ns)
         if keep.all():
-            return pictures
+            return images
         at = np.flatnonzero(keep)
-        load = pictures.load
-        return Pictures(kind=pictures.kind, t_ns=pictures.t_ns[at], load=lambda name, i: load(name, int(at[i])))
+        load = images.load
+        return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 
     def _rising(self, topic: str, t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
         on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)

@@ -148,10 +148,10 @@ def _rig(root: Node) -> Rig:
     previous: Array | None = None
     for name in cams:
         section = root.at(name)
-        told = _told_T_cam_imu(section, previous)
+        given = _given_T_cam_imu(section, previous)
         own = ours.at(name) if has_ours else None
-        cameras.append(_camera(section, own, told, rig, inertial[0].topic if inertial else ""))
-        previous = told
+        cameras.append(_camera(section, own, given, rig, inertial[0].topic if inertial else ""))
+        previous = given
     return Rig(imus=rig.imus, cameras=_by_topic(root, cameras), boards=rig.boards, others=rig.others)
 
 
@@ -227,16 +227,16 @@ def _camera_mount(node: Node, mount: Node, T_cam_imu: Array | None, imu: ImuCali
     if "T_body_sensor" not in mount:
         mount.only(["body"])
         return Mount(body=mount.at("body").text(), T_body_sensor=derived)
-    told = _read_mount(mount)
-    if told.body != imu.mount.body or not np.allclose(told.T_body_sensor, derived, atol=1e-6):
+    given = _read_mount(mount)
+    if given.body != imu.mount.body or not np.allclose(given.T_body_sensor, derived, atol=1e-6):
         raise node.at("T_cam_imu").error(
             f"the transform from {mount.path}.T_body_sensor and the mount of {imu.topic}; "
             "omit the former to use T_cam_imu"
         )
-    return told
+    return given
 
 
-def _told_T_cam_imu(node: Node, previous: Array | None) -> Array | None:
+def _given_T_cam_imu(node: Node, previous: Array | None) -> Array | None:
     if "T_cam_imu" in node:
         return node.at("T_cam_imu").transform()
     if "T_cn_cnm1" in node and previous is not None:

@@ -74,9 +74,9 @@ class McapContents:
             count = chunk.parts[topic].count if topic in chunk.parts else 0
             here = sorted({i for i in indices if start <= i < start + count})
             if here:
-                kept = self._kept_pictures(topic, self._messages(chunk, [topic])[topic], chunk.parts[topic])
+                kept = self._kept_images(topic, self._messages(chunk, [topic])[topic], chunk.parts[topic])
                 chosen = kept.some(np.array(here) - start)
-                found |= dict(zip(here, self._pictures(topic, chosen)))
+                found |= dict(zip(here, self._images(topic, chosen)))
             start += count
         return found
 
@@ -95,7 +95,7 @@ class McapContents:
         for topic, messages in self._messages(chunk, topics).items():
             reader = self._index.readers[topic]
             if reader.is_image:
-                yield topic, self._pictures(topic, self._kept_pictures(topic, messages, chunk.parts[topic]))
+                yield topic, self._images(topic, self._kept_images(topic, messages, chunk.parts[topic]))
             else:
                 yield topic, iter(self._kept_block(reader, messages, chunk.parts[topic]))
 
@@ -104,16 +104,16 @@ class McapContents:
         keep = increasing(block.t_ns, part.before)
         return selected(block, keep if reader.topic.startswith("/truth/") else keep & finite(block))
 
-    def _kept_pictures(self, topic: str, messages: Messages, part: Part) -> Messages:
+    def _kept_images(self, topic: str, messages: Messages, part: Part) -> Messages:
         t = self._index.readers[topic].times(messages)
         keep = increasing(t, part.before)
         return replace(messages, log_time=t).some(np.flatnonzero(keep))
 
-    def _pictures(self, topic: str, kept: Messages) -> Iterator[Image | Depth]:
+    def _images(self, topic: str, kept: Messages) -> Iterator[Image | Depth]:
         """Decodes images one at a time, on request."""
         for i, t in enumerate(kept.log_time.tolist()):
             try:
-                yield self._index.readers[topic].picture(kept.payload(i), t)
+                yield self._index.readers[topic].image(kept.payload(i), t)
             except ValueError as error:
                 self._index.note(Problem(topic, t, str(error)))
 

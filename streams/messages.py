@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.bounded import check_pixels, picture_size
+from stridetwin.streams.bounded import check_pixels, image_size
 from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.ros_pictures import (
     COMPRESSED,
     DEPTH_ENCODINGS,
-    PICTURES,
+    IMAGES,
     RAW,
     depth_message,
     image_message,
@@ -112,8 +112,8 @@ class Decoder:
         Raises:
             ValueError: The bytes are not such a message, or the image has more than `MOST_PIXELS`.
         """
-        if self.typename in PICTURES:
-            return self._picture(message)
+        if self.typename in IMAGES:
+            return self._image(message)
         known = self._known
         if known is None or not known.fits(message.payload):
             self._known = known = self._learn(message.payload)
@@ -140,16 +140,16 @@ class Decoder:
         marks = ((0, layout.head), *((at, struct.pack(word, value)) for at, value in layout.lengths))
         return _Known(layout, marks, small)
 
-    def _picture(self, message: Message) -> Image | Depth:
+    def _image(self, message: Message) -> Image | Depth:
         try:
-            told = deserialise(typestore(), message.payload, self.typename)
+            decoded = deserialise(typestore(), message.payload, self.typename)
             if self.typename == COMPRESSED:
-                is_depth = "compressedDepth" in told.format
-                width, height = picture_size(bytes(told.data[12:] if is_depth else told.data))
+                is_depth = "compressedDepth" in decoded.format
+                width, height = image_size(bytes(decoded.data[12:] if is_depth else decoded.data))
             else:
-                width, height = told.width, told.height
+                width, height = decoded.width, decoded.height
             check_pixels(width, height, MOST_PIXELS)
-            stamp = told.header.stamp
+            stamp = decoded.header.stamp
             t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or message.t_ns
             return read_image_message(message.payload, self.typename, typestore(), self.topic, t_ns)
         except ValueError as error:

@@ -16,13 +16,13 @@ from stridetwin.streams.formats.bag import Bag, read_bag
 from stridetwin.streams.formats.bag_mcap import McapBag
 from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.calibrations import completed
-from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, streams_of, report_unmatched
+from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.ours import is_ours, read_calibration
 from stridetwin.streams.imported import ImportedContents, Notes, Source, unreadable
 from stridetwin.streams.imu_table import read_imu_table
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.mcap_writer import MAGIC
-from stridetwin.streams.plausible import IMU_RATES_HZ, IMAGE_RATES_HZ, implausible_rates, implausible_units
+from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.recorder import RIG_NAME
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.recording_index import Problem
@@ -126,13 +126,13 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     registered = _registered(source, topics)
     source = _renamed(source, topics, bodies_are_known=own is not None)
     better = _better_rig(path, source.rig, options, streams, notes)
-    rig = completed(_merged(source.rig, better), source.blocks, source.pictures, notes, registered)
+    rig = completed(_merged(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, words in source.assumed.items():
         if topic in rig.cameras and topic not in better.cameras:
             notes.warn(f"{topic}: {words}")
     if own is None:  # our own recordings are not checked when read without options
         _check_plausible(source, notes)
-    contents = ImportedContents(source.blocks, source.pictures, rig, metadata, source.unread, notes)
+    contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
     if own is None:
         _check_overlap(contents, notes)
     return Recording(path, lenient, contents)
@@ -153,7 +153,7 @@ def _folder_kind(path: Path) -> str:
 def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
     if kind == "table":
         block = read_imu_table(path, topic=TABLE_TOPIC)
-        return Source(kind=kind, blocks={TABLE_TOPIC: block}, pictures={}, rig=Rig())
+        return Source(kind=kind, blocks={TABLE_TOPIC: block}, images={}, rig=Rig())
     if kind == "euroc":
         return euroc.read_euroc(path, notes)
     if kind == "tum":
@@ -195,15 +195,15 @@ def _files_of_bag(path: Path) -> list[Path]:
     if not metadata.is_file():
         return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
     try:
-        told = read_yaml(metadata).value["rosbag2_bagfile_information"]
-        names = [str(n) for n in told["relative_file_paths"]]
-        compressed = str(told.get("compression_mode") or "none").lower() != "none"
+        info = read_yaml(metadata).value["rosbag2_bagfile_information"]
+        names = [str(n) for n in info["relative_file_paths"]]
+        compressed = str(info.get("compression_mode") or "none").lower() != "none"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         words = " ".join(str(error).split())
         raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {words[:120]}") from error
     if compressed:
         raise ConfigError(
-            metadata, "compression_mode", told["compression_mode"], "none: unpack it first (ros2 bag convert)"
+            metadata, "compression_mode", info["compression_mode"], "none: unpack it first (ros2 bag convert)"
         )
     files = [path / Path(n).name for n in names]
     for file in files:
@@ -214,7 +214,7 @@ def _files_of_bag(path: Path) -> list[Path]:
 
 def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
     """Our topic of every stream of a source, by its name in the source."""
-    there = [*source.blocks, *source.pictures]
+    there = [*source.blocks, *source.images]
     defaults = {name: source.names.get(name, name) for name in there}
     for old, new in given.items():
         if old not in defaults and old not in defaults.values():
@@ -232,21 +232,21 @@ def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
 def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
     """The source under our topics."""
     blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
-    pictures = {topics[n]: p for n, p in source.pictures.items()}
+    images = {topics[n]: p for n, p in source.images.items()}
     assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
     rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
-    return replace(source, blocks=blocks, pictures=pictures, rig=rig, assumed=assumed)
+    return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
 
 
 def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
     """Our topics of the depth streams that are registered to colour, by layout, name or intrinsics."""
     cameras = source.rig.cameras
-    colour = [cameras[n] for n, p in source.pictures.items() if p.kind is Image and n in cameras]
+    colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
     found: set[str] = set()
-    for name, pictures in source.pictures.items():
+    for name, images in source.images.items():
         by_name = source.kind in _REGISTERED_KINDS or bool(_REGISTERED.search(name.lower()))
         own = cameras.get(name)
-        if pictures.kind is Depth and (
+        if images.kind is Depth and (
             by_name or (own is not None and any(np.allclose(own.intrinsics, c.intrinsics) for c in colour))
         ):
             found.add(topics[name])
@@ -263,9 +263,9 @@ def _better_rig(path: Path, source: Rig, options: ImportOptions, streams: Stream
         except StrideTwinError as error:
             notes.invalid(error)
     if options.rig is not None:
-        told = read_rig(options.rig)
-        given, left = given_rig(told, _merged(source, better), streams)
-        report_unmatched(options.rig, told, left, streams, notes)
+        own_rig = read_rig(options.rig)
+        given, left = given_rig(own_rig, _merged(source, better), streams)
+        report_unmatched(options.rig, own_rig, left, streams, notes)
         better = _merged(better, given)
     return better
 
@@ -284,8 +284,8 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
             _check_inertial(topic, block, notes)
-    for topic, pictures in source.pictures.items():
-        rising = pictures.t_ns[increasing(pictures.t_ns, -1)]
+    for topic, images in source.images.items():
+        rising = images.t_ns[increasing(images.t_ns, -1)]
         if len(rising) >= _FEWEST:
             for doubt in implausible_rates(rising, IMAGE_RATES_HZ):
                 notes.problem(Problem(topic, int(rising[0]), str(doubt)))

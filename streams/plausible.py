@@ -79,7 +79,9 @@ def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 
 
-def implausible_units(t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None) -> Iterator[Implausible]:
+def implausible_units(
+    t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None
+) -> Iterator[Implausible]:
     """Implausible units of an IMU's (N, 3) columns: gravity must be visible, and rates are limited."""
     force, rests = force_at_rest(t_ns, specific_force)
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD

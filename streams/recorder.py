@@ -39,8 +39,8 @@ METADATA_NAME = "stridetwin"
 RIG_NAME = "rig.yaml"
 _INFO_PERIOD_NS = 1_000_000_000
 _ENCODERS = 2
-_PICTURE_LANE = 1
-_PICTURES_IN_FLIGHT = 8
+_IMAGE_LANE = 1
+_IMAGES_IN_FLIGHT = 8
 _LATEST_NS = 2**31 * 1_000_000_000
 
 
@@ -77,17 +77,17 @@ class RecordingWriter:
         self._channels: dict[str, int] = {}
         self._templates: dict[str, tuple[bytes, Layout, Mapping[str, Any]]] = {}
         self._next_info: dict[str, int] = {}
-        self._cameras = _by_picture_topic(rig)
+        self._cameras = _by_image_topic(rig)
         self._queue: deque[tuple[str, Future[bytes], int]] = deque()
         self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
         self._pool = ThreadPoolExecutor(_ENCODERS)
-        told = rig_to_yaml(rig).encode()
+        rig_yaml = rig_to_yaml(rig).encode()
         try:
             self._file = McapWriter(partial_path(self.path), "stridetwin")
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
         self._file.metadata(schema_version.RECORD, schema_version.written())
-        self._file.attachment(RIG_NAME, "application/yaml", told)
+        self._file.attachment(RIG_NAME, "application/yaml", rig_yaml)
         self._file.metadata(METADATA_NAME, dict(metadata or {}))
 
     def __enter__(self) -> Self:
@@ -120,13 +120,13 @@ class RecordingWriter:
         """
         if isinstance(item, (Image, Depth)):
             stamps = np.array([item.t_ns], np.int64)
-            self._write_picture(item, int(self._checked(item.topic, type(item), stamps, log_ns)[0]))
+            self._write_image(item, int(self._checked(item.topic, type(item), stamps, log_ns)[0]))
         elif isinstance(item, Sample):
             self.write(block_of([item]), log_ns)
         elif item.kind in (Image, Depth):
             times = [None] * len(item) if log_ns is None else np.atleast_1d(np.asarray(log_ns)).tolist()
-            for picture, time in zip(item, times, strict=True):
-                self.write(picture, time)
+            for image, time in zip(item, times, strict=True):
+                self.write(image, time)
         elif len(item):
             logged = self._checked(item.topic, item.kind, item.t_ns, log_ns)
             self._drain(0)
@@ -170,7 +170,7 @@ class RecordingWriter:
         fill(payloads, small, block)
         self._file.messages(rows)
 
-    def _write_picture(self, sample: Image | Depth, log_ns: int) -> None:
+    def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
         camera = self._cameras.get(sample.topic)
         if camera and sample.t_ns >= self._next_info.get(sample.topic, 0):
             self._next_info[sample.topic] = sample.t_ns + _INFO_PERIOD_NS
@@ -181,7 +181,7 @@ class RecordingWriter:
             self._submit(sample.topic, COMPRESSED, encode, log_ns)
         else:
             self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
-        self._drain(_PICTURES_IN_FLIGHT)
+        self._drain(_IMAGES_IN_FLIGHT)
 
     def _known_data(self, sample: Image) -> NDArray[np.uint8] | None:
         """Encoded pixels of a read-only array: many images of a topic, with nothing in view, share it."""
@@ -204,9 +204,9 @@ class RecordingWriter:
             payload = encoded.result()
             layout = np.dtype(f"V{len(payload)}")
             rows, _ = message_rows(self._channels[topic], payload, layout, np.array([log_ns], np.int64))
-            self._file.messages(rows, lane=_PICTURE_LANE)
+            self._file.messages(rows, lane=_IMAGE_LANE)
 
 
-def _by_picture_topic(rig: Rig) -> dict[str, CameraCalibration]:
+def _by_image_topic(rig: Rig) -> dict[str, CameraCalibration]:
     cameras = dict(rig.cameras)
     return cameras | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}

@@ -18,7 +18,7 @@ from stridetwin.streams.samples import Depth, Image
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 RAW = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-PICTURES = (COMPRESSED, RAW)
+IMAGES = (COMPRESSED, RAW)
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 _PIXELS = {
     "mono8": ("u1", 1), "8UC1": ("u1", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3),

@@ -157,9 +157,9 @@ def _ahrs_fixed(topic: str, *_: object) -> dict[str, Any]:
 
 
 def _range_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
-    told = rig.others[topic].parameters if topic in rig.others else {}
+    parameters = rig.others[topic].parameters if topic in rig.others else {}
     named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
-    return {"header.frame_id": frame_id(topic), **{k: told.get(v, 0.0) for k, v in named.items()}}
+    return {"header.frame_id": frame_id(topic), **{k: parameters.get(v, 0.0) for k, v in named.items()}}
 
 
 def _range_read(rows: Rows) -> dict[str, NDArray[Any]]:

@@ -27,15 +27,15 @@ def read(values: Mapping[str, str], source: object) -> str:
     Raises:
         RecordingError: The version is invalid, or of a newer major version.
     """
-    told = values.get("version", "")
-    major, _, minor = told.partition(".")
-    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(told) < 16):
+    version = values.get("version", "")
+    major, _, minor = version.partition(".")
+    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
         raise RecordingError(
-            f"{source}: schema version {told[:40]!r} is not valid; valid: MAJOR.MINOR, up to {VERSION}"
+            f"{source}: schema version {version[:40]!r} is not valid; valid: MAJOR.MINOR, up to {VERSION}"
         )
     if int(major) > int(VERSION.partition(".")[0]):
         raise RecordingError(
-            f"{source}: made by a newer release: its schema version is {told}, and this release reads up to {VERSION}; "
-            "update stridetwin to read it"
+            f"{source}: made by a newer release: its schema version is {version}, and this release reads "
+            f"up to {VERSION}; update stridetwin to read it"
         )
-    return told
+    return version

@@ -11,12 +11,12 @@ from rosbags.serde import SerdeError
 
 from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.mcap_scan import DamagedError, Messages
-from stridetwin.streams.ros_pictures import PICTURES, image_kind, read_image_message
+from stridetwin.streams.ros_pictures import IMAGES, image_kind, read_image_message
 from stridetwin.streams.ros_samples import SMALL, Small, small_for, stamps
 from stridetwin.streams.ros_types import typestore_for
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 
-READABLE = frozenset([*PICTURES, *(small.typename for small in SMALL.values())])
+READABLE = frozenset([*IMAGES, *(small.typename for small in SMALL.values())])
 
 _MOST_UNEQUAL = 20_000  # that are decoded one by one
 
@@ -41,7 +41,7 @@ class TopicReader:
     @property
     def is_image(self) -> bool:
         """Whether the topic carries images, which are decoded one at a time."""
-        return self.typename in PICTURES
+        return self.typename in IMAGES
 
     def times(self, messages: Messages) -> NDArray[np.int64]:
         """(N,) stamps of images, without decoding them."""
@@ -61,7 +61,7 @@ class TopicReader:
         except SerdeError as error:
             raise ValueError(str(error)) from error
 
-    def picture(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
+    def image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
         """One image, of this topic or (if an import renames it) of another.
 
         Raises:

@@ -64,7 +64,7 @@ class WalkPhysics(control.Physics):
         self._driven = [self.joints.index(joint) for joint in mounted]  # in the order in which motors are asked
         self._config, self._seeds = config, seeds
         self._seed = self._next_seed()
-        self.rig: Rig = sensor_rig(config).told(self._seed)
+        self.rig: Rig = sensor_rig(config).nominal(self._seed)
         self._twin: Twin | None = None
         self._live: LiveTwin | None = None
         self._walking = ExitStack()

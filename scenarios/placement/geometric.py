@@ -81,7 +81,7 @@ def _weight_g(sensor_rig: SensorRig, body: str | None = None) -> float:
     """Of all sensors, or of those on one body."""
     total = 0.0
     for topic, sensor in sensor_rig.sensors.items():
-        if sensor.group in _WITHIN or body not in (None, sensor.told.mount.body):
+        if sensor.group in _WITHIN or body not in (None, sensor.calibration.mount.body):
             continue
         if not sensor.part.mass_kg:
             raise StrideTwinError(f"the part of {topic}, {sensor.part.name}, has no mass_g, which weight asks for")

@@ -39,9 +39,9 @@ class CouplingSet:
         return cls(
             bodies=bodies,
             points=np.array([[c.p_in_exo, c.p_in_body] for c in couplings]).reshape(-1, 2, 3),
-            law=np.array([[c.stiffness, c.damping, c.turn_stiffness, c.turn_damping] for c in couplings]).reshape(
-                -1, 4, 3, 3
-            ),
+            law=np.array(
+                [[c.stiffness, c.damping, c.rotation_stiffness, c.rotation_damping] for c in couplings]
+            ).reshape(-1, 4, 3, 3),
             chain=np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool).reshape(
                 -1, 2, model.nv
             ),

@@ -33,7 +33,7 @@ _ROTOR_OF_LAW, _FRICTION_OF_LAW = 0.95, 0.95
 _ACCELERATION_S = 0.005  # smoothing time of the driver's encoder signal
 
 
-class Law(Protocol):
+class ControlLaw(Protocol):
     """Maps the angles of the powered joints to the torques that their motors should apply, once per `PERIOD_S`."""
 
     def __call__(self, angle: Array) -> Array:
@@ -53,7 +53,7 @@ class DelayedFeedback:
         self._apart = deque([0.0] * round(_QUARTER_STRIDE_S / PERIOD_S), maxlen=round(_QUARTER_STRIDE_S / PERIOD_S))
 
     def __call__(self, angle: Array) -> Array:
-        """As `Law`."""
+        """As `ControlLaw`."""
         left, right = angle[self._hips]
         last = self._apart[-1]
         help_nm = -_ASSIST_NM * self._apart[0]
@@ -75,7 +75,7 @@ class Drive:
         ConfigError: As for `modules`.
     """
 
-    def __init__(self, model: mujoco.MjModel, exo: Exo | None, law: Law | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, exo: Exo | None, law: ControlLaw | None = None) -> None:
         mounted = {} if exo is None or (exo.drive == "idle" and law is None) else modules(exo)
         hinges = [model.joint("exo_{}_flexion_{}".format(*joint.split("_"))) for joint in mounted]
         self._angle = np.array([hinge.qposadr[0] for hinge in hinges], dtype=int)
@@ -99,8 +99,8 @@ class Drive:
                 self._help, self._coming = self._coming, self._law(data.qpos[self._angle])
             speed = data.qvel[self._dof]
             if self._calls:
-                told = (speed - self._speed) / DRIVER_S
-                self._acceleration += (told - self._acceleration) * DRIVER_S / (_ACCELERATION_S + DRIVER_S)
+                measured = (speed - self._speed) / DRIVER_S
+                self._acceleration += (measured - self._acceleration) * DRIVER_S / (_ACCELERATION_S + DRIVER_S)
             self._speed = speed
             self._calls += 1
             friction = self._dry * np.tanh(speed / FRICTION_SPEED_RADPS) + self._viscous * speed

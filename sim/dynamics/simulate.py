@@ -14,7 +14,7 @@ from stridetwin.sim.dynamics.contact_bias import ContactBias
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
-from stridetwin.sim.dynamics.drive import DRIVER_S, Drive, Law
+from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
 from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import Sensed, StepReplan
@@ -51,7 +51,7 @@ class Simulation:
 
     def __init__(
         self, model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, exo: Exo | None,
-        rng: np.random.Generator, law: Law | None = None,
+        rng: np.random.Generator, law: ControlLaw | None = None,
     ) -> None:  # fmt: skip
         self._plan = plan = plan_control(reference, model, size)
         self._push, self._misplace = pushing(dynamics, plan), misplaced(dynamics, plan)

@@ -22,14 +22,14 @@ def speed_share(way: Way, s: Array) -> Array:
     return np.clip(np.cbrt(radius / _STRAIGHT_FROM_M), _SLOWEST, 1.0)
 
 
-def turned(way: Way, s0: float, s1: float) -> float:
+def turn_share(way: Way, s0: float, s1: float) -> float:
     """Change of heading between two arc lengths, relative to the largest change in one step."""
     return abs(float(way.heading(s1) - way.heading(s0))) / TURN_A_STEP_RAD
 
 
 def widening(way: Way, s0: float, s1: float) -> float:
     """Additional lateral distance of a foot, m, for a turn between two arc lengths."""
-    return _WIDER_M * min(turned(way, s0, s1), 1.0)
+    return _WIDER_M * min(turn_share(way, s0, s1), 1.0)
 
 
 def paced(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:

@@ -78,8 +78,8 @@ class ExoLeg:
         self.kernel = exo_kernel.Leg(
             offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in own]),
             p_in_exo=np.array([c.p_in_exo for c in own]), p_in_body=np.array([c.p_in_body for c in own]),
-            stiffness=np.array([[c.stiffness, c.turn_stiffness] for c in own]),
-            damping=np.array([[c.damping, c.turn_damping] for c in own]),
+            stiffness=np.array([[c.stiffness, c.rotation_stiffness] for c in own]),
+            damping=np.array([[c.damping, c.rotation_damping] for c in own]),
             stops=frame.stops, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
         )  # fmt: skip
 

@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.triples import (
-    Rows,
-    Triple,
+    Mat3,
+    Vec3,
     cross,
     dot,
+    mat3,
+    matmul,
+    matvec,
     minus,
     plus,
-    product,
     put,
-    rows,
     times,
     transposed,
-    triple,
-    turned,
+    vec3,
 )
 from stridetwin.streams.samples import Array
 
@@ -72,9 +72,9 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
     """
     n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)
     value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))
-    pivots, turns, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     for i in range(n):
-        _strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, turns, axes)
+        _strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, rotations, axes)
     return value, jacobian
 
 
@@ -86,13 +86,13 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
     """
     dofs = len(leg.axes)
     value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
-    pivots, turns, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     step, hessian, moved = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs)
     for i in range(len(q)):
         guess = q[i].copy()
         q[i] += moved
         for _ in range(iterations):
-            _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, turns, axes)
+            _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
             _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
             for j in range(dofs):
                 torque, slope = stop_torque(leg, j, q[i, j])
@@ -189,39 +189,39 @@ def _meet_stops(
 
 @numba.njit(cache=True)
 def _strain(
-    leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, turns: Array, axes: Array
+    leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array, axes: Array
 ) -> None:
     """One instant of `strains`, and the pivots, rotations and axes of the leg's bodies in the pelvis' frame."""
     at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for j in range(len(leg.axes)):
-        at = plus(at, turned(M, triple(leg.offsets[j])))
-        own = triple(leg.axes[j])
+        at = plus(at, matvec(M, vec3(leg.offsets[j])))
+        own = vec3(leg.axes[j])
         put(at, pivots[j])
-        put(turned(M, own), axes[j])
-        M = product(M, _about(own, q[j]))
+        put(matvec(M, own), axes[j])
+        M = matmul(M, _about(own, q[j]))
         for k in range(3):
-            put(M[k], turns[j, k])
+            put(M[k], rotations[j, k])
     for c in range(len(leg.last)):
         last = leg.last[c]
-        to_body, M = transposed(rows(turns[last])), rows(R[c])
-        point = plus(triple(p[c]), turned(M, triple(leg.p_in_body[c])))
-        displacement = minus(turned(to_body, minus(point, triple(pivots[last]))), triple(leg.p_in_exo[c]))
-        x, y, z = product(to_body, M)
+        to_body, M = transposed(mat3(rotations[last])), mat3(R[c])
+        point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
+        displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
+        x, y, z = matmul(to_body, M)
         put(displacement, value[6 * c : 6 * c + 3])
         put(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value[6 * c + 3 : 6 * c + 6])
         trace = x[0] + y[1] + z[2]
         for j in range(last + 1):  # as the frame rotates, the wearer's point moves the opposite way in its axes
-            axis = triple(axes[j])
-            moves = turned(to_body, cross(minus(point, triple(pivots[j])), axis))
-            turn = turned(to_body, axis)
-            twists = times(0.5, minus(turned((x, y, z), turn), times(trace, turn)))
+            axis = vec3(axes[j])
+            moves = matvec(to_body, cross(minus(point, vec3(pivots[j])), axis))
+            turn = matvec(to_body, axis)
+            twists = times(0.5, minus(matvec((x, y, z), turn), times(trace, turn)))
             for k in range(3):
                 jacobian[6 * c + k, j] = moves[k]
                 jacobian[6 * c + 3 + k, j] = twists[k]
 
 
 @numba.njit(cache=True)
-def _about(axis: Triple, angle: float) -> Rows:
+def _about(axis: Vec3, angle: float) -> Mat3:
     """Rotation about a unit axis (Rodrigues' formula)."""
     x, y, z = axis
     cos, sin = np.cos(angle), np.sin(angle)
@@ -241,10 +241,10 @@ def _project(
     torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):
         for part in range(2):
-            own, first = rows(law[c, part]), 6 * c + 3 * part
+            own, first = mat3(law[c, part]), 6 * c + 3 * part
             strain = (value[first], value[first + 1], value[first + 2])
             for j in range(last[c] + 1):
-                weighted = turned(own, _column(jacobian, first, j))
+                weighted = matvec(own, _column(jacobian, first, j))
                 torque[j] += dot(weighted, strain)
                 for k in range(j + 1):
                     matrix[j, k] += dot(weighted, _column(jacobian, first, k))
@@ -254,7 +254,7 @@ def _project(
 
 
 @numba.njit(cache=True)
-def _column(jacobian: Array, first: int, j: int) -> Triple:
+def _column(jacobian: Array, first: int, j: int) -> Vec3:
     return jacobian[first, j], jacobian[first + 1, j], jacobian[first + 2, j]
 
 

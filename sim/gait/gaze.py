@@ -98,7 +98,7 @@ def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) 
 
 def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """(N,) pitch and (N,) yaw offsets: quick movements between directions that are held for a while."""
-    turns = [np.zeros_like(t), np.zeros_like(t)]
+    angles = [np.zeros_like(t), np.zeros_like(t)]
     now, last = t[0], np.zeros(2)
     while now < t[-1]:
         now += float(np.clip(_HOLD_S * np.exp(_HOLD_SPREAD * rng.standard_normal()), 0.35, 4.0))
@@ -106,10 +106,10 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         yaw = np.clip(rng.normal(0.0, _YAW_SD), -_YAW_MAX, _YAW_MAX)
         goal = np.array([pitch, yaw])
         move = _MOVE_S + _MOVE_S_PER_RAD * float(np.hypot(*(goal - last)))
-        for turn, step in zip(turns, goal - last):
+        for turn, step in zip(angles, goal - last):
             turn += step * ease((t - now) / move)
         now, last = now + move, goal
-    return turns[0], turns[1]
+    return angles[0], angles[1]
 
 
 def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import Gait
-from stridetwin.sim.gait.curves import speed_share, turned
+from stridetwin.sim.gait.curves import speed_share, turn_share
 from stridetwin.sim.gait.manner import held, shuffled, style_at
 from stridetwin.sim.gait.placement import STEEP_RAD, Place, limp
 from stridetwin.sim.gait.style import Style, level_style, pace
@@ -69,7 +69,7 @@ def _durations(
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = np.clip(
-                max((s - previous) / (float(tempo.step(middle)) * slower), turned(way, previous, s)), 0.3, 1.3
+                max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s)), 0.3, 1.3
             )
             ramp = place.strip.terrain == "ramp"
             steep = max(abs(place.strip.slope) - STEEP_RAD, 0.0) if ramp else 0.0

@@ -16,7 +16,7 @@ def full_scales(text: str) -> Mapping[str, float]:
     Args:
         text: Description of the part in the rig: that in the library, or any text that contains its name.
     """
-    match _told_by(text):
+    match _described_by(text):
         case ImuPart() as imu:
             return {"angular_rate": imu.gyroscope.range, "specific_force": imu.accelerometer.range}
         case ForceCellPart() as cell:
@@ -24,7 +24,7 @@ def full_scales(text: str) -> Mapping[str, float]:
     return {}
 
 
-def _told_by(text: str) -> Part | None:
+def _described_by(text: str) -> Part | None:
     """The part with this description, otherwise the one with the longest name in the text."""
     plain = text.replace("-", " ")
     parts = [part(name) for name in library()]

@@ -57,7 +57,7 @@ def _actuator(part: ActuatorPart) -> Parameters:
     return {"torque_sd_nm": part.torque_noise, "speed_sd_radps": part.speed_noise}
 
 
-TOLD: dict[str, Callable[[Any], Parameters]] = {
+NOMINAL: dict[str, Callable[[Any], Parameters]] = {
     "range": _sonar,
     "ahrs": _ahrs,
     "encoder": _encoder,

@@ -64,8 +64,10 @@ class Sensor:
         rows, columns = self._tan2[0][row : row + height], self._tan2[1][column : column + width]
         levels = np.ascontiguousarray(clean).reshape(height, each * width)
         start = (row + down, each * (column + right))
-        told = _developed(levels, rows, np.repeat(columns, each), self._bank, start, self._variance, np.float32(gain))
-        return told.reshape(clean.shape)
+        measured = _developed(
+            levels, rows, np.repeat(columns, each), self._bank, start, self._variance, np.float32(gain)
+        )
+        return measured.reshape(clean.shape)
 
     def _gain_for(self, t_ns: int, clean: Pixels) -> float:
         """The gain of this image; that of the next one follows its brightness with the lag of the exposure control."""
@@ -92,13 +94,13 @@ def _developed(
     gain: np.float32,
 ) -> Pixels:
     """Measured levels (H, W): vignetting by the squared tangents of rows and columns, noise and gain."""
-    told, one, white = np.empty(levels.shape, np.uint8), np.float32(1), np.float32(255)
+    measured, one, white = np.empty(levels.shape, np.uint8), np.float32(1), np.float32(255)
     of_light, in_dark = variance
     top, left = start
     for i in range(levels.shape[0]):
-        clean, noise, row = levels[i], bank[top + i, left : left + levels.shape[1]], told[i]
+        clean, noise, row = levels[i], bank[top + i, left : left + levels.shape[1]], measured[i]
         for j in range(levels.shape[1]):
             level, spread = np.float32(clean[j]), one + tan2_rows[i] + tan2_columns[j]
             bright = level / (spread * spread) + np.sqrt(of_light * level + in_dark) * noise[j]
             row[j] = np.uint8(min(max(np.rint(gain * bright), np.float32(0)), white))
-    return told
+    return measured

@@ -73,14 +73,14 @@ class ImuModel:
             rate, force = joined(dt, sensed[:, :3], sensed[:, 3:], self.steps)
         else:
             rate, force = np.split(np.hstack([rate, force]) @ self._mix.T + self._bias, 2, axis=1)
-        told = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
-        told += self._noise.normal(self._white, told.shape)
-        told = _counted(np.clip(told, -self._range, self._range), self._resolution)
+        measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
+        measured += self._noise.normal(self._white, measured.shape)
+        measured = _counted(np.clip(measured, -self._range, self._range), self._resolution)
         return Block(
             topic=self._calibration.topic,
             kind=Imu,
             t_ns=t_ns,
-            columns={"angular_rate": told[:, :3], "specific_force": told[:, 3:]},
+            columns={"angular_rate": measured[:, :3], "specific_force": measured[:, 3:]},
         )
 
     def _followed(self, true: Array) -> Array:

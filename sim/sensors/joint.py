@@ -33,10 +33,10 @@ class EncoderModel:
 
     def read(self, t_ns: Instants, angle: Array) -> Block[Encoder]:
         """Samples of the true angle (N,), rad, at (N,) instants."""
-        told = angle + self._offset + self._nonlinearity * np.sin(angle + self._phase)
+        measured = angle + self._offset + self._nonlinearity * np.sin(angle + self._phase)
         if self._step:
-            told = self._step * np.round(told / self._step)
-        return Block(topic=self._calibration.topic, kind=Encoder, t_ns=t_ns, columns={"angle": told})
+            measured = self._step * np.round(measured / self._step)
+        return Block(topic=self._calibration.topic, kind=Encoder, t_ns=t_ns, columns={"angle": measured})
 
 
 class InteractionModel:
@@ -57,8 +57,8 @@ class InteractionModel:
     def read(self, t_ns: Instants, force: Array) -> Block[Interaction]:
         """Samples of the cuff's force on the limb (N,), N, positive where it presses on the limb's front."""
         push = np.stack([force, -force], axis=-1)
-        told = self._cells.read(np.maximum(self._preload + 0.5 * push, np.maximum(push, 0.0)))
-        return Block(topic=self._calibration.topic, kind=Interaction, t_ns=t_ns, columns={"force": told})
+        measured = self._cells.read(np.maximum(self._preload + 0.5 * push, np.maximum(push, 0.0)))
+        return Block(topic=self._calibration.topic, kind=Interaction, t_ns=t_ns, columns={"force": measured})
 
 
 class ActuatorModel:

@@ -48,9 +48,9 @@ class Lens:
         self.intrinsics = fu, fv, pu - left, pv - top
         self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
 
-    def bent(self, picture: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
+    def bent(self, image: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
         """The camera's image (H, W, ...) from a pinhole image (height, width, ...)."""
-        return picture if self.straight else np.asarray(cv2.remap(picture, *self._maps, interpolation))
+        return image if self.straight else np.asarray(cv2.remap(image, *self._maps, interpolation))
 
 
 def _rays(calibration: CameraCalibration) -> Array:

@@ -59,10 +59,10 @@ class SonarModel:
             centres, radii = person.balls(body.t_ns * 1e-9)
             nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
         return Block(
-            topic=self._calibration.topic, kind=Range, t_ns=body.t_ns, columns={"distance": self._told(nearest)}
+            topic=self._calibration.topic, kind=Range, t_ns=body.t_ns, columns={"distance": self._measured(nearest)}
         )
 
-    def _told(self, nearest: Array) -> Array:
+    def _measured(self, nearest: Array) -> Array:
         part = self._part
         luck, where = self._luck.uniform((len(nearest), 2)).T
         ghost = luck < part.ghost

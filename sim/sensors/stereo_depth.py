@@ -53,7 +53,7 @@ class DepthModel:
         self._focal = focal
         self._window = 2 * round(part.edge_px) + 1
 
-    def picture(self, t_ns: int, depth: NDArray[np.float32], grey: Pixels | None = None) -> NDArray[np.float32]:
+    def image(self, t_ns: int, depth: NDArray[np.float32], grey: Pixels | None = None) -> NDArray[np.float32]:
         """Measured depth (H, W), m, 0 without a match.
 
         Args:
@@ -63,9 +63,9 @@ class DepthModel:
         """
         part = self._part
         if not part.noise and not part.disparity_step:
-            told = depth.copy()
-            told[(told < part.range_min) | (told > part.range_max)] = 0
-            return told
+            measured = depth.copy()
+            measured[(measured < part.range_min) | (measured > part.range_max)] = 0
+            return measured
         counts = _counts(depth, np.float32(1 / self._step))
         near = np.ascontiguousarray(counts[::2, ::2])
         mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
@@ -74,7 +74,7 @@ class DepthModel:
         window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
         front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
         beside = mean if part.noise else counts  # without noise, discontinuities are sharp
-        return _told(
+        return _measured(
             depth, counts, beside, unmatched, front, back, self._mixed, self._bank, (row, column), self._depth_of_count
         )
 
@@ -123,7 +123,7 @@ def _slanted(
 
 
 @numba.njit(cache=True)
-def _told(
+def _measured(
     depth: Grid,
     counts: Grid,
     mean: Grid,
@@ -136,7 +136,7 @@ def _told(
     depth_of_count: NDArray[np.float32],
 ) -> Grid:
     """(H, W) m with missing and flying pixels at discontinuities, noise and steps; halves as in `_slanted`."""
-    told, last = np.zeros_like(depth), len(depth_of_count) - 1
+    measured, last = np.zeros_like(depth), len(depth_of_count) - 1
     (top, left), width = start, depth.shape[1]
     for i in range(depth.shape[0]):
         luck, error = mixed[top + i, left : left + width], noise[top + i, left : left + width]
@@ -150,8 +150,8 @@ def _told(
                 weight = min(-luck[j] / np.float32(2), np.float32(1))  # a flying pixel
                 count = back[i // 2, j // 2] + weight * (front[i // 2, j // 2] - back[i // 2, j // 2])
             at = max(int(np.rint(count + error[j])), 0)
-            told[i, j] = depth_of_count[at] if at <= last else np.float32(0.0)  # nearer than the range
-    return told
+            measured[i, j] = depth_of_count[at] if at <= last else np.float32(0.0)  # nearer than the range
+    return measured
 
 
 def _smooth(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:

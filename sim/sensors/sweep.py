@@ -48,38 +48,38 @@ class Sweep:
         """Distance that the point at column u and row v moves in `dt` seconds, pixels."""
         return _way_px(self.homography(dt), u, v)
 
-    def of_piece(self, row: int, column: int) -> Sweep:
+    def cropped(self, row: int, column: int) -> Sweep:
         """The same motion in the pixels of a part of the image, given its upper left pixel."""
         return replace(self, K=np.array([[1.0, 0.0, -column], [0.0, 1.0, -row], [0.0, 0.0, 1.0]]) @ self.K)
 
-    def blurred(self, picture: Pixels, exposure_s: float) -> Pixels:
+    def blurred(self, image: Pixels, exposure_s: float) -> Pixels:
         """Mean of an image, taken at mid-exposure, along its motion during the exposure."""
-        height, width = picture.shape[:2]
+        height, width = image.shape[:2]
         way = self.way_px(exposure_s, (width - 1) / 2, (height - 1) / 2)
         if way < _LEAST_BLUR_PX:
-            return picture
+            return image
         copies = min(max(math.ceil(way / _COPY_PX), _COPIES[0]), _COPIES[1])
         shares = (np.arange(copies) + 0.5) / copies - 0.5
         moved = (
-            cv2.warpPerspective(picture, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
+            cv2.warpPerspective(image, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
             for H in self.homographies(shares * exposure_s)
         )
         if copies == 2:
             return np.asarray(cv2.addWeighted(next(moved), 0.5, next(moved), 0.5, 0.0))
-        total = np.zeros(picture.shape, np.float32)
+        total = np.zeros(image.shape, np.float32)
         for copy in moved:
             cv2.accumulate(copy, total)
         return np.asarray(cv2.convertScaleAbs(total, alpha=1 / copies))
 
-    def rolled(self, picture: Pixels, readout_s: float) -> Pixels:
+    def rolled(self, image: Pixels, readout_s: float) -> Pixels:
         """Rows exposed one after another, the middle one at the time of the image."""
-        height, width = picture.shape[:2]
+        height, width = image.shape[:2]
         v, u = np.mgrid[:height, :width].astype(np.float32)
         x, y, z = np.einsum("ij,jhw->ihw", self.homography(readout_s), np.stack([u, v, np.ones_like(u)]))
         late = v / max(height - 1, 1) - 0.5
         from_u, from_v = u - late * (x / z - u), v - late * (y / z - v)
         maps = from_u.astype(np.float32), from_v.astype(np.float32)
-        return np.asarray(cv2.remap(picture, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 @numba.njit(cache=True)

@@ -17,7 +17,7 @@ from stridetwin.streams.formats.bag_names import bag_names
 from stridetwin.streams.formats.bag_poses import POSES, pose_of
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.split_imu import joined, joined_name
-from stridetwin.streams.imported import Notes, Pictures, Source
+from stridetwin.streams.imported import ImageStream, Notes, Source
 from stridetwin.streams.mcap_scan import Messages
 from stridetwin.streams.recording_index import Problem
 from stridetwin.streams.ros_types import deserialise, typestore_for
@@ -75,7 +75,7 @@ class _Stream:
         """Adds a message."""
         if not self.is_image or not self.payloads:
             self.payloads.append(payload)
-        self.times.append((_picture_stamp(payload) or log_time) if self.is_image else log_time)
+        self.times.append((_image_stamp(payload) or log_time) if self.is_image else log_time)
         self.keys.append(key)
 
 
@@ -93,7 +93,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     streams, unread = _streams(bag, notes)
     for topic, log_time, payload, key in bag.messages(set(streams)):
         streams[topic].add(log_time, payload, key)
-    pictures: dict[str, Pictures] = {}
+    images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
     calibration = BagCalibration(notes)
     for topic, stream in streams.items():
@@ -103,7 +103,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
             if stream.reader is None:
                 _extra(stream, calibration, blocks, notes)
             elif stream.is_image:
-                pictures[topic] = _pictures(bag, stream, stream.reader)
+                images[topic] = _images(bag, stream, stream.reader)
             else:
                 blocks[topic] = stream.reader.block(_together(stream))
         except ValueError as error:
@@ -115,10 +115,10 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     return Source(
         kind=kind,
         blocks=blocks,
-        pictures=pictures,
-        rig=calibration.rig(blocks, pictures, frames),
+        images=images,
+        rig=calibration.rig(blocks, images, frames),
         unread=unread,
-        names=bag_names({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in pictures.items()}),
+        names=bag_names({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
         assumed=calibration.assumed,
     )
 
@@ -147,14 +147,14 @@ def _together(stream: _Stream) -> Messages:
     return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
 
 
-def _pictures(bag: Bag, stream: _Stream, reader: TopicReader) -> Pictures:
+def _images(bag: Bag, stream: _Stream, reader: TopicReader) -> ImageStream:
     kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:
-        return reader.picture(bag.payload(source, keys[i]), int(times[i]), topic)
+        return reader.image(bag.payload(source, keys[i]), int(times[i]), topic)
 
-    return Pictures(kind=kind, t_ns=times, load=load)
+    return ImageStream(kind=kind, t_ns=times, load=load)
 
 
 def _extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
@@ -187,7 +187,7 @@ def _frame(payload: bytes) -> str:
         return ""
 
 
-def _picture_stamp(payload: bytes) -> int:
+def _image_stamp(payload: bytes) -> int:
     if len(payload) < 12:
         return 0
     order = "little" if payload[1] else "big"

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.calibrations import BODY, GIVE
 from stridetwin.streams.formats.radtan_fit import MOST_TERMS, fitted_radtan
-from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.imported import ImageStream, Notes
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu
@@ -65,17 +65,19 @@ class BagCalibration:
                 T[:3, 3] = p.x, p.y, p.z
                 self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)
 
-    def rig(self, blocks: Mapping[str, Block[Any]], pictures: Mapping[str, Pictures], frames: Mapping[str, str]) -> Rig:
+    def rig(
+        self, blocks: Mapping[str, Block[Any]], images: Mapping[str, ImageStream], frames: Mapping[str, str]
+    ) -> Rig:
         """The cameras with a CameraInfo.
 
         Args:
             blocks: Small streams by topic; the frame of the IMU beside a camera is taken as the body's.
-            pictures: Image streams by topic.
+            images: Image streams by topic.
             frames: Frame that each topic's messages name.
         """
         imus = [t for t, b in blocks.items() if b.kind is Imu]
         cameras: dict[str, CameraCalibration] = {}
-        for topic, stream in pictures.items():
+        for topic, stream in images.items():
             info = self._info(topic)
             if info is None:
                 continue
@@ -93,7 +95,7 @@ class BagCalibration:
     def _assume(self, topic: str, words: str) -> None:
         self.assumed[topic] = f"{self.assumed[topic]}; {words}" if topic in self.assumed else words
 
-    def _camera(self, topic: str, stream: Pictures, info: Any, T: Array, imu: str) -> CameraCalibration:
+    def _camera(self, topic: str, stream: ImageStream, info: Any, T: Array, imu: str) -> CameraCalibration:
         K, d = _numbers(info, "k"), _numbers(info, "d")
         intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
         model = _MODELS.get(info.distortion_model.lower())
@@ -126,7 +128,7 @@ class BagCalibration:
     def _distortion(
         self,
         topic: str,
-        told: str,
+        model_name: str,
         model: str | None,
         d: Array,
         intrinsics: tuple[float, float, float, float],
@@ -136,7 +138,7 @@ class BagCalibration:
         sound = np.nan_to_num(d, posinf=0.0, neginf=0.0)
         four = np.zeros(4)
         four[: len(d[:4])] = sound[:4]
-        what = f"distortion {told!r} with {len(d)} coefficients"
+        what = f"distortion {model_name!r} with {len(d)} coefficients"
         is_more = bool(np.any(np.abs(sound[4:]) > _BEYOND))
         if model == "radtan" and is_more and np.isfinite(d).all() and not np.any(sound[MOST_TERMS:]):
             fitted, worst = fitted_radtan(intrinsics, sound[:MOST_TERMS], size)

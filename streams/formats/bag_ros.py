@@ -42,7 +42,7 @@ class RosBag:
     def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
         self.path, self._is_ros1, self._notes = path, is_ros1, notes
         self._definitions = Definitions()
-        with self._told():
+        with self._reported():
             if is_ros1:
                 check_index(path)
             self._reader: Any = BoundedReader(path) if is_ros1 else rosbag2.Reader(path)
@@ -61,7 +61,7 @@ class RosBag:
         found = self._reader.messages(connections=wanted) if wanted else iter(())
         while True:
             try:
-                with self._told():
+                with self._reported():
                     message = next(found, None)
                     if message is None:
                         return
@@ -78,7 +78,7 @@ class RosBag:
     def payload(self, topic: str, key: Any) -> bytes:
         """CDR bytes of one message, read again."""
         connection, time, nth = key
-        with self._told():
+        with self._reported():
             found = self._reader.messages(connections=[connection], start=time, stop=time + 1)
             for k, (_, _, raw) in enumerate(found):
                 if k == nth:
@@ -114,7 +114,7 @@ class RosBag:
             return ""
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _reported(self) -> Iterator[None]:
         """Converts any exception of the library for a damaged file to one error that names the file."""
         try:
             yield

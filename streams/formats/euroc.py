@@ -21,7 +21,7 @@ from stridetwin.streams.formats.calibrations import BODY
 from stridetwin.streams.formats.picture_lists import read_image_list
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
-from stridetwin.streams.imported import Notes, Pictures, Source, unreadable
+from stridetwin.streams.imported import ImageStream, Notes, Source, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
 from stridetwin.streams.yaml_node import Node, parse_yaml
@@ -69,7 +69,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     if root is None:
         raise ConfigError(path, "", "no imu0 and no cam0", "a folder in the ASL layout")
     blocks: dict[str, Block[Any]] = {}
-    pictures: dict[str, Pictures] = {}
+    images: dict[str, ImageStream] = {}
     imus: dict[str, ImuCalibration] = {}
     cameras: dict[str, CameraCalibration] = {}
     folders = sorted(p for p in root.iterdir() if p.is_dir())
@@ -80,7 +80,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
             if (imu := _imu_calibration(folder, topic)) is not None:
                 imus[topic] = imu
         elif re.fullmatch(r"cam\d+", folder.name):
-            pictures[topic] = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
+            images[topic] = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
             if (camera := _camera_calibration(folder, topic)) is not None:
                 cameras[topic] = camera
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
@@ -90,7 +90,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     rig = Rig(imus=imus, cameras={t: replace(c, imu_topic=first) for t, c in cameras.items()})
     known = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
     unread = {f"/{f.name}": "folder" for f in folders if f.name not in known}
-    return Source(kind="euroc", blocks=blocks, pictures=pictures, rig=rig, unread=unread)
+    return Source(kind="euroc", blocks=blocks, images=images, rig=rig, unread=unread)
 
 
 def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
@@ -128,7 +128,7 @@ def _columns(
 ) -> list[tuple[str, int]]:
     """Indices of the given columns, by the header's names, or in the published order without a header."""
     where = f"{file.parent.name}/{file.name}"
-    names, told = zip(*(_name_and_unit(word) for word in header)) if header else ((), ())
+    names, own_units = zip(*(_name_and_unit(word) for word in header)) if header else ((), ())
     if not header:
         notes.warn(f"{where}: no header; columns assumed in the published order")
     elif not any(name in names for name in wanted):
@@ -137,7 +137,7 @@ def _columns(
         for name, valid in zip(wanted, units):
             if names.count(name) != 1:
                 raise ConfigError(file, "header", ",".join(header), f"one column {name}")
-            unit = told[names.index(name)]
+            unit = own_units[names.index(name)]
             if unit and unit.replace("/s", " s^-1") != valid:
                 raise ConfigError(file, f"header, unit of {name}", unit, valid)
         return [(name, names.index(name)) for name in wanted]

@@ -57,8 +57,8 @@ def write_euroc(
     else:
         cameras += [recording.rig.cameras[right]] if right in recording.topics else []
         for i, each in enumerate(cameras):
-            pictures = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
-            counts[f"cam{i}"] = _write_camera(pictures, each, imu, root / f"cam{i}")
+            images = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
+            counts[f"cam{i}"] = _write_camera(images, each, imu, root / f"cam{i}")
     truth = f"/truth{imu.topic}/odometry"
     if truth in recording.topics:
         counts["state_groundtruth_estimate0"] = _write_truth(recording, truth, root / "state_groundtruth_estimate0")
@@ -94,25 +94,25 @@ def _write_stereo(
     baseline = float(np.linalg.norm(right.mount.T_body_sensor[:3, 3] - left.mount.T_body_sensor[:3, 3]))
     topics = {"cam0": left, "cam1": right}
 
-    def pictures(camera: CameraCalibration) -> Iterator[Image]:
+    def images(camera: CameraCalibration) -> Iterator[Image]:
         for t in times.tolist():
-            (picture,) = recording.images(left.topic, t_ns=[t])
-            assert isinstance(picture, Image)
+            (image,) = recording.images(left.topic, t_ns=[t])
+            assert isinstance(image, Image)
             if camera is right:
                 (depth,) = recording.images(left.depth_topic, t_ns=[t])
                 assert isinstance(depth, Depth)
-                pixels = right_view(picture.pixels, depth.depth, left.intrinsics[0], baseline)
-                picture = Image(topic=right.topic, t_ns=t, pixels=pixels)
-            yield picture
+                pixels = right_view(image.pixels, depth.depth, left.intrinsics[0], baseline)
+                image = Image(topic=right.topic, t_ns=t, pixels=pixels)
+            yield image
 
-    return {name: _write_camera(pictures(camera), camera, imu, root / name) for name, camera in topics.items()}
+    return {name: _write_camera(images(camera), camera, imu, root / name) for name, camera in topics.items()}
 
 
-def _write_camera(pictures: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
+def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
     data = folder / "data"
     data.mkdir(parents=True)
     rows = ["#timestamp [ns],filename"]
-    for sample in pictures:
+    for sample in images:
         write_image(data / f"{sample.t_ns}.png", sample)
         rows.append(f"{sample.t_ns},{sample.t_ns}.png")
     (folder / "data.csv").write_text("\n".join(rows) + "\n", encoding="ascii")

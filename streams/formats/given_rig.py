@@ -54,16 +54,16 @@ class Streams:
         name = "/" + rostopic.strip("/")
         ours = {t: t for t in self.topics.values()}
         defaults = {default: self.topics[n] for n, default in self.names.items()}
-        told = defaults | dict(self.topics)
-        for table in (ours, told) if as_read else (told, ours):
+        by_topic = defaults | dict(self.topics)
+        for table in (ours, by_topic) if as_read else (by_topic, ours):
             if name in table:
                 return table[name]
         bare = {_TRANSPORT.sub("", n): t for n, t in self.topics.items()}
         if (found := bare.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
             return found
         for section in (name.split("/")[1], number):
-            if (target := NAMES.get(section, f"/{section}")) in told:
-                return told[target]
+            if (target := NAMES.get(section, f"/{section}")) in by_topic:
+                return by_topic[target]
             alone = {"imu0": self.imus, "cam0": self.cameras}.get(section, ())
             if len(alone) == 1:
                 return alone[0]
@@ -76,7 +76,7 @@ def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Str
         topics=topics,
         names={n: source.names.get(n, n) for n in topics},
         imus=tuple(topics[n] for n, b in source.blocks.items() if b.kind is Imu),
-        cameras=tuple(topics[n] for n, p in source.pictures.items() if p.kind is Image),
+        cameras=tuple(topics[n] for n, p in source.images.items() if p.kind is Image),
         numbered=numbered,
     )
 
@@ -186,8 +186,12 @@ def _placed_camera(
     camera: CameraCalibration, known: CameraCalibration | None, mounts: Mapping[str, Mount], imus: tuple[str, ...]
 ) -> CameraCalibration:
     """A plain calibration, mounted in its IMU's frame, moved to the known mount of that IMU."""
-    told = [camera.imu_topic, known.imu_topic if known else "", *(t for t in imus if body_of(t) == camera.mount.body)]
-    imu = next((t for t in told if t in imus or t in mounts), "")
+    candidates = [
+        camera.imu_topic,
+        known.imu_topic if known else "",
+        *(t for t in imus if body_of(t) == camera.mount.body),
+    ]
+    imu = next((t for t in candidates if t in imus or t in mounts), "")
     T: Array = camera.mount.T_body_sensor
     mount = mounts.get(imu, Mount(body=body_of(camera.topic)))
     mount = Mount(body=mount.body, T_body_sensor=mount.T_body_sensor @ T)

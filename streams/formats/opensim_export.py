@@ -119,9 +119,9 @@ def _write_motion(recording: Recording, model: Model, path: Path) -> int:
     R = _R_OPENSIM_WORLD @ R @ _R_OPENSIM_WORLD.T
     p = pelvis.columns["p_frame_in_world"][at] @ _R_OPENSIM_WORLD.T - R @ np.array(model.p_hips_in_pelvis)
     # the model's pelvis turns about its own z (tilt), then x (list), then y (rotation)
-    turns = Rotation.from_matrix(R).as_euler("ZXY")
+    angles = Rotation.from_matrix(R).as_euler("ZXY")
     names = ["pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"]
-    columns = [np.degrees(np.unwrap(turns, axis=0)), p]
+    columns = [np.degrees(np.unwrap(angles, axis=0)), p]
     for i, name in enumerate(joints.constants["names"]):
         theirs, sign = model.coordinates.get(name, (name, 1.0))
         names.append(theirs)

@@ -63,11 +63,11 @@ def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
                 else:
                     rig = _rig(attachment.data, notes)
             elif opcode == Opcode.METADATA:
-                told = parse(records.Metadata, body)
-                if told.name == schema_version.RECORD:
-                    schema_version.read(told.metadata, path)
-                elif told.name == METADATA_NAME:
-                    metadata.update(told.metadata)
+                record = parse(records.Metadata, body)
+                if record.name == schema_version.RECORD:
+                    schema_version.read(record.metadata, path)
+                elif record.name == METADATA_NAME:
+                    metadata.update(record.metadata)
             elif opcode != Opcode.HEADER:
                 break  # the recorder writes them before all messages
     except DamagedError:

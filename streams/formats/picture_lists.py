@@ -10,7 +10,7 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.picture_files import read_depth, read_image
 from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
-from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.imported import ImageStream, Notes
 from stridetwin.streams.samples import Depth, Image
 
 
@@ -21,7 +21,7 @@ def read_image_list(
     stamp: Callable[[str], int],
     notes: Notes,
     per_metre: float | None = None,
-) -> Pictures:
+) -> ImageStream:
     """Reads rows of a stamp and an image file name.
 
     Args:
@@ -50,7 +50,7 @@ def read_image_list(
     return image_stream(stamps, files, per_metre)
 
 
-def image_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> Pictures:
+def image_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> ImageStream:
     """Image files with stamps as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
 
     def load(topic: str, i: int) -> Image | Depth:
@@ -58,7 +58,7 @@ def image_stream(stamps: list[int], files: list[Path], per_metre: float | None) 
             return read_image(files[i], topic, stamps[i])
         return read_depth(files[i], topic, stamps[i], per_metre)
 
-    return Pictures(kind=Image if per_metre is None else Depth, t_ns=np.array(stamps, np.int64), load=load)
+    return ImageStream(kind=Image if per_metre is None else Depth, t_ns=np.array(stamps, np.int64), load=load)
 
 
 def _listed(file: Path, folder: Path, line: int, name: str) -> Path:

@@ -22,7 +22,7 @@ def odometry(
     v: Array | None,
     notes: Notes,
     file: object,
-    T_body_told: Array | None = None,
+    T_body_source: Array | None = None,
 ) -> Block[Odometry]:
     """Poses as a block of odometry; missing velocities are central differences.
 
@@ -34,7 +34,7 @@ def odometry(
         v: (N, 3) m/s, or None.
         notes: Collects problems.
         file: Name of the source in errors.
-        T_body_told: (4, 4) pose of the source's frame in the wanted frame, m; the source's velocity, which is that of
+        T_body_source: (4, 4) pose of the source's frame in the wanted frame, m; the source's velocity, which is that of
             another point, is then ignored. None: the frames are equal.
 
     Raises:
@@ -49,11 +49,11 @@ def odometry(
         t_ns, p, q, norm = t_ns[sound], p[sound], q[sound], norm[sound]
         v = None if v is None else v[sound]
     q = q / norm[:, None]
-    if T_body_told is not None and len(q):
-        T_told_body = np.linalg.inv(T_body_told)
-        told = Rotation.from_quat(q, scalar_first=True)
-        p, v = p + told.apply(T_told_body[:3, 3]), None
-        q = (told * Rotation.from_matrix(T_told_body[:3, :3])).as_quat(scalar_first=True)
+    if T_body_source is not None and len(q):
+        T_source_body = np.linalg.inv(T_body_source)
+        rotation = Rotation.from_quat(q, scalar_first=True)
+        p, v = p + rotation.apply(T_source_body[:3, 3]), None
+        q = (rotation * Rotation.from_matrix(T_source_body[:3, :3])).as_quat(scalar_first=True)
     rates = np.zeros((2, len(t_ns), 3))
     rising = np.flatnonzero(increasing(t_ns, -1))  # decreasing stamps are rejected or omitted later
     if len(rising) > 1:

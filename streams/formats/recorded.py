@@ -40,8 +40,8 @@ def _write(recording: Recording, path: Path, progress: Callable[[float], None]) 
     blocks = [recording.block(t) for t, i in recording.topics.items() if i.kind not in (Image, Depth)]
     topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
     times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])
-    pictures = recording.samples(topics)
-    picture = next(pictures, None)
+    images = recording.samples(topics)
+    image = next(images, None)
     with RecordingWriter(path, recording.rig, recording.metadata, depth_encoding="32FC1", jpeg_quality=None) as writer:
         for second in np.unique(times // _SECOND_NS).tolist():
             since, until = second * _SECOND_NS, (second + 1) * _SECOND_NS
@@ -51,7 +51,7 @@ def _write(recording: Recording, path: Path, progress: Callable[[float], None]) 
                     here = np.zeros(len(block), bool)
                     here[first:last] = True
                     writer.write(selected(block, here))
-            while picture is not None and picture.t_ns < until:
-                writer.write(picture)
-                picture = next(pictures, None)
+            while image is not None and image.t_ns < until:
+                writer.write(image)
+                image = next(images, None)
             progress((until - times.min()) / max(1, times.max() - times.min()))

@@ -52,9 +52,9 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
     rows: list[Row] = []
     try:
         for number, line in enumerate(lines(path, "utf-8-sig"), 1):
-            told, mark, comment = line.partition("#")
-            if told := told.strip():
-                rows.append(Row(number, told, separator))
+            content, mark, comment = line.partition("#")
+            if content := content.strip():
+                rows.append(Row(number, content, separator))
             elif mark and not rows:
                 header = [w.strip() for w in comment.strip().split(separator)]
     except (OSError, UnicodeDecodeError) as error:

@@ -44,7 +44,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
         )  # fmt: skip
     counts = {}
     for name, topic in (("rgb", camera.topic), ("depth", camera.depth_topic)):
-        counts[f"{name}.txt"] = _write_pictures(recording, topic, folder, name)
+        counts[f"{name}.txt"] = _write_images(recording, topic, folder, name)
     imu = camera.imu_topic
     if imu in recording.topics:
         block = recording.block(imu)
@@ -69,17 +69,17 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
 
 def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
     """Ground truth of a camera's optical frame: recorded, or from that of its IMU and their mounts."""
-    told = f"/truth{camera.topic}/odometry"
+    truth_topic = f"/truth{camera.topic}/odometry"
     T_frame_cam: Array = np.eye(4)
-    if told not in recording.topics:
+    if truth_topic not in recording.topics:
         if camera.imu_topic not in recording.rig.imus:
             return None
-        told = f"/truth{camera.imu_topic}/odometry"
+        truth_topic = f"/truth{camera.imu_topic}/odometry"
         T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
         T_frame_cam = np.linalg.inv(T_body_imu) @ camera.mount.T_body_sensor
-    if told not in recording.topics:
+    if truth_topic not in recording.topics:
         return None
-    block = recording.block(told)
+    block = recording.block(truth_topic)
     from scipy.spatial.transform import Rotation
 
     R = Rotation.from_quat(block.columns["q_world_frame"], scalar_first=True)
@@ -98,7 +98,7 @@ def _both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
     return Rig(cameras=cameras, imus=imus)
 
 
-def _write_pictures(recording: Recording, topic: str, folder: Path, name: str) -> int:
+def _write_images(recording: Recording, topic: str, folder: Path, name: str) -> int:
     (folder / name).mkdir()
     rows = ["# timestamp filename"]
     for sample in recording.samples([topic]):

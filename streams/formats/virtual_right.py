@@ -62,8 +62,8 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
         Image with the shape and type of `left`.
     """
     with np.errstate(divide="ignore"):
-        told = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
-    disparity = np.nan_to_num(np.take_along_axis(told, _background(told), axis=1))
+        measured = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
+    disparity = np.nan_to_num(np.take_along_axis(measured, _background(measured), axis=1))
     width = disparity.shape[1]
     rows: Any
     columns: Any

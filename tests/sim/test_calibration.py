@@ -26,14 +26,14 @@ SEEDS = range(300)
 
 def test_a_perfect_calibration_is_told_as_it_is() -> None:
     worn = sensor_rig(replace(CONFIG, fittings={}))
-    assert worn.told(3) is worn.rig
+    assert worn.nominal(3) is worn.rig
     assert depth_scale("/head/color", CalibrationSd(), 3) == 1.0
 
 
 def test_errors_are_as_large_as_they_are_said_to_be_and_of_one_seed_always_the_same() -> None:
     worn = sensor_rig(CONFIG)
     true = worn.rig.cameras["/head/color"]
-    told = [worn.told(seed).cameras["/head/color"] for seed in SEEDS]
+    told = [worn.nominal(seed).cameras["/head/color"] for seed in SEEDS]
     between = [np.linalg.inv(true.mount.T_body_sensor) @ c.mount.T_body_sensor for c in told]
     turns = np.array([Rotation.from_matrix(T[:3, :3]).as_rotvec() for T in between])
     for values, sd in (
@@ -45,9 +45,9 @@ def test_errors_are_as_large_as_they_are_said_to_be_and_of_one_seed_always_the_s
     ):
         assert values.std(axis=0) == pytest.approx(np.full(values.shape[1], sd), rel=0.15)
         assert np.abs(values.mean(axis=0)).max() < 0.2 * sd
-    again = worn.told(7).cameras["/head/color"]
+    again = worn.nominal(7).cameras["/head/color"]
     np.testing.assert_array_equal(again.mount.T_body_sensor, told[7].mount.T_body_sensor)
-    assert worn.told(7).imus is worn.rig.imus
+    assert worn.nominal(7).imus is worn.rig.imus
 
 
 def test_what_is_told_wrong_changes_nothing_but_the_scale_of_depth() -> None:
@@ -74,7 +74,9 @@ def depth_seen(twin: Twin) -> np.ndarray:
 
 def test_strikes_shake_the_case_and_truth_and_imu_agree_on_it() -> None:
     quiet = Twin(replace(CONFIG, sensors=("head_imu",)), 4)
-    shaken = Twin(replace(CONFIG, sensors=("head_imu",), fittings={"head_imu": SensorConfig(strike=9.81, ideal=True)}), 4)
+    shaken = Twin(
+        replace(CONFIG, sensors=("head_imu",), fittings={"head_imu": SensorConfig(strike=9.81, ideal=True)}), 4
+    )
     t_ns = np.arange(0, int(quiet.duration_s * 1e9), 1_000_000)
     still, moved = (t.player().motion(t_ns).carrier("head") for t in (quiet, shaken))
     apart = np.linalg.norm(moved.p_body_in_world - still.p_body_in_world, axis=1)

@@ -35,9 +35,9 @@ def twin() -> Twin:
 
 def force_cells(place: str) -> InteractionModel:
     sensor = sensor_rig(CONFIG).sensors[f"/exo/{place}/interaction"]
-    assert isinstance(sensor.told, OtherSensor)
+    assert isinstance(sensor.calibration, OtherSensor)
     assert isinstance(sensor.part, ForceCellPart)
-    return InteractionModel(sensor.told, sensor.part, Noise(None))
+    return InteractionModel(sensor.calibration, sensor.part, Noise(None))
 
 
 def settled(twin: Twin, place: str, push: float) -> float:

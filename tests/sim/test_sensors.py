@@ -31,7 +31,7 @@ IDEAL = Noise(None)
 def made(kind, topic, noise, *more):
     """Model of a sensor of the standard rig; an ideal one where there is no noise."""
     sensor = OUTFIT.sensors[topic]
-    return kind(sensor.told, ideal(sensor.part) if noise is IDEAL else sensor.part, *more, noise)
+    return kind(sensor.calibration, ideal(sensor.part) if noise is IDEAL else sensor.part, *more, noise)
 
 
 def still(positions, yaw=0.0, pitch=0.0):

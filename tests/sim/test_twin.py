@@ -114,7 +114,9 @@ def test_the_fast_track_of_a_body_is_that_of_the_physics_engine(quiet: Twin, bod
 
 def test_another_part_or_clock_of_one_group_changes_no_other_sensor(plain: dict[str, list[Block]]) -> None:
     late = Clock(offset_s=0.002, drift_ppm=50.0, jitter_s=0.0002)
-    other = Twin(replace(QUIET, fittings={"foot_imu": SensorConfig(part=part("MPU-9250")), "sonar": SensorConfig(clock=late)}), 5)
+    other = Twin(
+        replace(QUIET, fittings={"foot_imu": SensorConfig(part=part("MPU-9250")), "sonar": SensorConfig(clock=late)}), 5
+    )
     changed = blocks(other)
     for topic, own in plain.items():
         same = all(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.bag_calibration import BagCalibration
 from stridetwin.streams.formats.calibrations import completed
-from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.imported import ImageStream, Notes
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.ros_pictures import COMPRESSED, image_kind, read_image_message
 from stridetwin.streams.ros_types import serialise, typestore
@@ -72,7 +72,7 @@ def info(d=(), model="plumb_bob", focal=400.0, p=()):
 
 def streams():
     imu = Block(topic="/cam/imu", kind=Imu, t_ns=np.arange(5), columns={})
-    picture = Pictures(kind=Image, t_ns=np.arange(5) * 33_333_333, load=lambda topic, i: None)
+    picture = ImageStream(kind=Image, t_ns=np.arange(5) * 33_333_333, load=lambda topic, i: None)
     return {"/cam/imu": imu}, {"/cam/color/image_raw": picture}
 
 
@@ -187,8 +187,8 @@ def test_depth_of_the_size_of_colour_is_taken_as_registered_with_a_warning():
 
     t = np.arange(5) * 33_333_333
     pictures = {
-        "/head/color": Pictures(kind=Image, t_ns=t, load=lambda topic, i: load("color", i)),
-        "/head/depth": Pictures(kind=Depth, t_ns=t, load=lambda topic, i: load("depth", i)),
+        "/head/color": ImageStream(kind=Image, t_ns=t, load=lambda topic, i: load("color", i)),
+        "/head/depth": ImageStream(kind=Depth, t_ns=t, load=lambda topic, i: load("depth", i)),
     }
     for registered in ((), ("/head/depth",)):
         notes = Notes(Path("a"), False)

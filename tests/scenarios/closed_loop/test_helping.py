@@ -79,7 +79,7 @@ def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
         def __init__(self) -> None:
             self.standing, self.coming = {"l": "LG", "r": "SA"}, {"l": "SD", "r": "RA"}
 
-    rig = sensor_rig(replace(STAIR, exo=Exo(mode=1), sensors=("insole", "actuator"))).told(0)
+    rig = sensor_rig(replace(STAIR, exo=Exo(mode=1), sensors=("insole", "actuator"))).nominal(0)
     observer = Helped(rig, Told)
     assert observer.observation()["mode"].tolist() == [0.0, 0.0]  # before a walk has begun
     observer.reset()
