@@ -287,10 +287,10 @@ def test_faults_that_cannot_be_are_refused_by_name(faults, words) -> None:
 
 
 REFUSED = {
-    Repeat(topic=LEFT, at_s=3, duration_s=0.5): "the stamp does not lie after the one before",
+    Repeat(topic=LEFT, at_s=3, duration_s=0.5): "the stamp is not after the previous one",
     Nan(topic=LEFT, at_s=3, duration_s=0.5): "NaN or infinity",
-    OutOfOrder(topic=LEFT, at_s=3, duration_s=0.5): "the stamp does not lie after the one before",
-    ClockJump(topic=LEFT, at_s=3, jump_s=-5.0): "the stamp does not lie after the one before",
+    OutOfOrder(topic=LEFT, at_s=3, duration_s=0.5): "the stamp is not after the previous one",
+    ClockJump(topic=LEFT, at_s=3, jump_s=-5.0): "the stamp is not after the previous one",
     ClockJump(topic=LEFT, at_s=3, jump_s=3600.0): "Hz where the rig declares",
     Dropout(topic=LEFT, at_s=3, duration_s=5): "Hz where the rig declares",
 }

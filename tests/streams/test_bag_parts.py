@@ -112,22 +112,22 @@ def test_a_loop_or_a_gap_in_the_tree_is_no_mount():
 
 
 @pytest.mark.parametrize(
-    ("d", "model", "told"),
+    ("d", "model", "report"),
     [
         ((0.1, 0.2, 0.001, 0.002, 0.0), "plumb_bob", ""),
         ((0.1, 0.2, 0.3, 0.4), "equidistant", ""),
         ((0.1, 0.2, 0.3, 0.4), "Kannala Brandt4", ""),
-        ((0.1,), "omni", "'omni' with 1 coefficients has no form here; .*--rig"),
-        ((0.1, 0.2, 0.0, 0.0, 40.0), "plumb_bob", "has no form here"),
+        ((0.1,), "omni", "'omni' with 1 coefficients is not supported; .*--rig"),
+        ((0.1, 0.2, 0.0, 0.0, 40.0), "plumb_bob", "is not supported"),
     ],
 )
-def test_distortions_that_have_no_form_are_told(d, model, told):
+def test_unsupported_distortions_are_reported(d, model, report):
     calibration = BagCalibration(Notes(Path("a"), False))
     calibration.camera_info("/cam/color/camera_info", info(d, model))
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
     assert camera.distortion[0] == 0.1
-    words = calibration.assumed["/cam/color/image_raw"].partition("between them")[2]
-    assert re.search(told, words) if told else not words
+    words = calibration.assumed["/cam/color/image_raw"].partition("the same orientation")[2]
+    assert re.search(report, words) if report else not words
     assert camera.distortion_model == ("radtan" if model in ("plumb_bob", "omni") else "equidistant")
 
 
@@ -137,7 +137,7 @@ AZURE = (0.5237, -2.2886, 0.0007, -0.0002, 1.3255, 0.4035, -2.1325, 1.2605)
 @pytest.mark.parametrize(
     ("d", "model"), [(AZURE, "rational_polynomial"), ((-0.056, 0.066, 5e-4, 3e-4, -0.021), "plumb_bob")]
 )
-def test_lenses_of_more_terms_are_fitted_and_the_rest_told(d, model):
+def test_lenses_of_more_terms_are_fitted_and_the_rest_is_reported(d, model):
     calibration = BagCalibration(Notes(Path("a"), False))
     calibration.camera_info("/cam/color/camera_info", info(d, model))
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
@@ -146,8 +146,8 @@ def test_lenses_of_more_terms_are_fitted_and_the_rest_told(d, model):
     full, ours = (cv2.projectPoints(rays, zero, zero, camera.K, np.array(c))[0][:, 0] for c in (d, camera.distortion))
     off = np.linalg.norm(full - ours, axis=1)[(full >= 0).all(axis=1) & (full < (640, 480)).all(axis=1)]
     assert len(off) > 100
-    told = float(re.search(r"fitted as radtan, up to (\S+) px off", calibration.assumed["/cam/color/image_raw"])[1])
-    assert off.max() <= 1.1 * told < 2.0
+    reported = float(re.search(r"fitted by radtan, up to (\S+) px off", calibration.assumed["/cam/color/image_raw"])[1])
+    assert off.max() <= 1.1 * reported < 2.0
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_rectified_pictures_go_with_p_and_no_distortion(topic):
     calibration.camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=np.zeros(12)))
     camera = calibration.rig(blocks, {topic: raw}, {}).cameras[topic]
     assert (camera.intrinsics[0], any(camera.distortion)) == (400.0, False)
-    assert "has no P for rectified pictures" in calibration.assumed[topic]
+    assert "has no P for rectified images" in calibration.assumed[topic]
 
 
 def test_realsense_files_keep_calibrations_apart_from_pictures():
@@ -194,7 +194,7 @@ def test_depth_of_the_size_of_colour_is_taken_as_registered_with_a_warning():
         notes = Notes(Path("a"), False)
         rig = completed(Rig(), {}, pictures, notes, registered)
         assert rig.cameras["/head/color"].depth_topic == "/head/depth"
-        assert any("for its size alone" in w for w in notes.warnings) is not bool(registered)
+        assert any("because of its size" in w for w in notes.warnings) is not bool(registered)
 
 
 def test_a_camera_info_without_a_focal_length_is_none():
