@@ -32,7 +32,7 @@ from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
 from stridetwin.estimators.foot_ins.lens import Lens
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.cameras import Cameras, Due
-from stridetwin.sim.fitting import STANDARD, Fitting
+from stridetwin.sim.fitting import STANDARD, SensorConfig
 from stridetwin.sim.parts.kinds import CameraPart
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.playback import Motion
@@ -92,7 +92,7 @@ def frames(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> 
     camera_part = part(STANDARD["foot_camera"])
     assert isinstance(camera_part, CameraPart)
     imager = replace(camera_part.imager, exposure_s=1e-3 * exposure_ms)
-    fitting = Fitting(part=replace(camera_part, imager=imager), frames="full")
+    fitting = SensorConfig(part=replace(camera_part, imager=imager), frames="full")
     config = load_scenario(scenario).config
     twin = Twin(replace(config, sensors=("foot_camera",), fittings={"foot_camera": fitting}), seed)
     step = every / 60.0
@@ -104,7 +104,7 @@ def frames(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> 
     rows = motion.rows(np.array([d.t_ns for d in due]))
     model, data, uppers = copy.copy(twin.model), mujoco.MjData(twin.model), motion.upper_poses(rows)
     size = next((c.width, c.height) for c in twin.rig.cameras.values())
-    with SensorView(model, *size) as view, Cameras(twin.model, twin.outfit, twin.crowd, seed) as cameras:
+    with SensorView(model, *size) as view, Cameras(twin.model, twin.sensor_rig, twin.crowd, seed) as cameras:
         for i, (item, image) in enumerate(zip(due, cameras.frames(due, motion.qpos[rows], uppers))):
             assert isinstance(image, Image)
             camera, board = twin.rig.cameras[item.topic], boards[item.topic]

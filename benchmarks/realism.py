@@ -19,7 +19,7 @@ from benchmarks.foot_ins_twin import joined
 from benchmarks.real_walks import data_folder, load_markers
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.twin import Twin
@@ -93,7 +93,7 @@ def twin_feet(imu: ImuPart) -> list[Block[Imu]]:
         load_scenario("level_20m").config,
         gait=Gait(speed_mps=SPEED_MPS),
         sensors=("foot_imu",),
-        fittings={"foot_imu": Fitting(part=imu, position_m=INSTEP_M)},
+        fittings={"foot_imu": SensorConfig(part=imu, position_m=INSTEP_M)},
     )
     feet = []
     for seed in SEEDS:

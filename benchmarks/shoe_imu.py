@@ -123,8 +123,8 @@ def twin_walks(twin: Twin, rate_hz: float) -> dict[str, FootWalk]:
     motion = twin.player().motion(t_ns)
     walks = {}
     for side in SIDES:
-        worn = twin.outfit.sensors[f"/foot_{side}/imu"]
-        imu, part = twin.rig.imu(worn.told.topic), replace(ideal(worn.part), rate_hz=rate_hz)
+        worn = twin.sensor_rig.sensors[f"/foot_{side}/imu"]
+        imu, part = twin.rig.imu(worn.calibration.topic), replace(ideal(worn.part), rate_hz=rate_hz)
         carrier = motion.carrier(imu.mount.body)
         block = ImuModel(imu, part, Noise(None)).read(carrier, t_ns)
         truth = carrier.mounted(imu.mount.T_body_sensor)

@@ -30,7 +30,7 @@ from stridetwin.scenarios.drift import Odometry, drift_figures
 from stridetwin.scenarios.experiments.odometry_walks import dvio, figures, follow, odometry_samples, time_of, true_path
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.rotation import matrix_from_quat, quat_from_matrix
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.formats.tum_export import write_tum_rgbd
@@ -146,7 +146,7 @@ def vocabulary_pictures() -> Iterator[NDArray[np.uint8]]:
     """Some of what other walks of the twin see."""
     for name in VOCABULARY_WALKS:
         config = replace(load_scenario(name).config, sensors=("head_imu", "head_camera"), physics="kinematic")
-        fitting = replace(config.fittings.get("head_camera") or Fitting(), rate_hz=30 / VOCABULARY_EVERY)
+        fitting = replace(config.fittings.get("head_camera") or SensorConfig(), rate_hz=30 / VOCABULARY_EVERY)
         twin = Twin(replace(config, fittings={"head_camera": fitting}), VOCABULARY_SEED)
         for chunk in twin.blocks():
             yield from (cv2.cvtColor(item.pixels, cv2.COLOR_RGB2GRAY) for item in chunk if isinstance(item, Image))

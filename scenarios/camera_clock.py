@@ -24,7 +24,7 @@ from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
 STRETCHES = 4
-PICTURES = 45
+IMAGES = 45
 LARGEST_SHIFT_S = 0.15
 MOUNT_OFF_DEG = 5.0
 _STEP_S = 0.0025
@@ -68,7 +68,7 @@ def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, A
     rate = gyro.columns["angular_rate"] @ R_cam_imu.T
     pairs = [
         pair
-        for first in _liveliest(recording.picture_times(camera.topic), gyro.t_ns, rate)
+        for first in _liveliest(recording.image_times(camera.topic), gyro.t_ns, rate)
         for pair in _turns(recording, camera, first)
     ]
     if len(pairs) < _FEWEST_PAIRS:
@@ -141,10 +141,10 @@ def _turn_between(felt: Array, seen: Array) -> tuple[Rotation, float]:
 
 def _liveliest(pictures: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
     """First pictures of the stretches in which the camera turns most unevenly."""
-    starts = range(0, max(1, len(pictures) - PICTURES), PICTURES)
+    starts = range(0, max(1, len(pictures) - IMAGES), IMAGES)
     spread: list[float] = []
     for start in starts:
-        first, last = pictures[start], pictures[min(start + PICTURES, len(pictures) - 1)]
+        first, last = pictures[start], pictures[min(start + IMAGES, len(pictures) - 1)]
         here = rate[(t >= first) & (t <= last)]
         spread.append(float(here.std(axis=0).sum()) if len(here) > 1 else 0.0)
     return sorted(starts[int(i)] for i in np.argsort(spread)[::-1][:STRETCHES])
@@ -152,7 +152,7 @@ def _liveliest(pictures: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -
 
 def _turns(recording: Recording, camera: CameraCalibration, first: int) -> list[tuple[int, int, Array]]:
     """(start and end in ns, mean rate (3,) in the camera's frame) between the pictures of a stretch."""
-    times = recording.picture_times(camera.topic)[first : first + PICTURES]
+    times = recording.image_times(camera.topic)[first : first + IMAGES]
     try:
         pictures = recording.images(camera.topic, range(first, first + len(times)))
         depths = _depths(recording, camera, times)
@@ -171,7 +171,7 @@ def _depths(recording: Recording, camera: CameraCalibration, t_ns: NDArray[np.in
     """Depth pictures by the stamps of the colour pictures that they are registered to."""
     if camera.depth_topic not in recording.topics:
         return {}
-    times = recording.picture_times(camera.depth_topic)
+    times = recording.image_times(camera.depth_topic)
     at = np.flatnonzero(np.isin(times, t_ns)).tolist()
     return {d.t_ns: d.depth for d in recording.images(camera.depth_topic, at) if isinstance(d, Depth)}
 

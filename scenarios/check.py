@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import camera_clock
 from stridetwin.scenarios.ranges import range_hits
-from stridetwin.streams.plausible import IMU_RATES_HZ, force_at_rest, rate_doubts, unit_doubts
+from stridetwin.streams.plausible import IMU_RATES_HZ, force_at_rest, implausible_rates, implausible_units
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu
@@ -160,9 +160,9 @@ def _clocks(recording: Recording) -> tuple[dict[str, dict[str, Any]], list[Camer
 
 def _check_topic(recording: Recording, topic: str) -> tuple[dict[str, Any], list[Finding]]:
     info = recording.topics[topic]
-    is_picture = info.kind in (Image, Depth)
-    block = None if is_picture else recording.block(topic)
-    t_ns = recording.picture_times(topic) if block is None else block.t_ns
+    is_image = info.kind in (Image, Depth)
+    block = None if is_image else recording.block(topic)
+    t_ns = recording.image_times(topic) if block is None else block.t_ns
     row: dict[str, Any] = {"kind": info.kind.__name__, "samples": info.count, "rate_hz": info.rate_hz}
     row["declared_hz"], row["calibrated"] = _declared(recording, topic)
     findings: list[Finding] = []
@@ -174,10 +174,10 @@ def _check_topic(recording: Recording, topic: str) -> tuple[dict[str, Any], list
     if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
         spoils("no calibration")
     gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"
-    sparse = topic.startswith("/truth/") or is_picture
+    sparse = topic.startswith("/truth/") or is_image
     if row["gaps"] and not sparse:
         spoils(gaps)
-    elif row["gaps"] and is_picture:
+    elif row["gaps"] and is_image:
         findings.append(Finding(topic=topic, what=gaps, spoils=False))
     row["range_hits_pct"] = None
     if block is not None and not topic.startswith("/truth/"):
@@ -186,13 +186,13 @@ def _check_topic(recording: Recording, topic: str) -> tuple[dict[str, Any], list
             spoils(f"{hits:.1f} % of the samples at the end of the range; valid: up to {RANGE_HITS_PCT:g} %")
     if block is not None and info.kind in (Imu, Accelerometer) and info.count >= _FEWEST:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
-        doubts = (*rate_doubts(t_ns, IMU_RATES_HZ), *_units(block))
+        doubts = (*implausible_rates(t_ns, IMU_RATES_HZ), *_units(block))
         findings += [Finding(topic=topic, what=str(d), spoils=True) for d in doubts]
     return row, [f for f in findings if not _told(recording, f)]
 
 
 def _units(block: Block[Any]) -> Any:
-    return unit_doubts(block.t_ns, block.columns["specific_force"], block.columns.get("angular_rate"))
+    return implausible_units(block.t_ns, block.columns["specific_force"], block.columns.get("angular_rate"))
 
 
 def _told(recording: Recording, finding: Finding) -> bool:

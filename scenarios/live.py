@@ -246,8 +246,8 @@ class _Live:
 
     def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
         """Whether a picture has waited for longer than is asked; what is not a picture is never left out."""
-        most_s, is_picture = self._session.skip_pictures_s, isinstance(arrival.sample, Image | Depth)
-        return most_s is not None and is_picture and now_ns - arrival.since_ns > most_s * 1e9
+        most_s, is_image = self._session.skip_pictures_s, isinstance(arrival.sample, Image | Depth)
+        return most_s is not None and is_image and now_ns - arrival.since_ns > most_s * 1e9
 
     def _warn(self, receiver: Receiver) -> None:
         """Says once of each stream what is wrong with it, and who was refused."""

@@ -54,7 +54,7 @@ def camera_topics(recording: Recording) -> list[str]:
 
 def pictures_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Image | Depth]:
     """Pictures of one camera at about a rate, decoded one at a time."""
-    times = recording.picture_times(topic)
+    times = recording.image_times(topic)
     step = max(1, round(recording.topics[topic].rate_hz / rate_hz))
     for first in range(0, len(times), step * _AT_ONCE):
         yield from recording.images(topic, range(first, min(first + step * _AT_ONCE, len(times)), step))

@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.fitting import KIND, Clock, Facing, Fitting, Seat
+from stridetwin.sim.fitting import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
 from stridetwin.streams.errors import StrideTwinError
@@ -38,7 +38,7 @@ _OPTIONS = {
     "foot_imu": ("position_m", "rotation_rad"),
     "sonar": ("mount",),
 }
-"""Attributes of a `Fitting` that a group has beside those that all groups have."""
+"""Attributes of a `SensorConfig` that a group has beside those that all groups have."""
 _EVERY = ("ideal", "rate_hz", "clock")
 
 
@@ -54,10 +54,10 @@ class Sensors:
 
     groups: tuple[str, ...]
     asked: dict[str, str]
-    fittings: dict[str, Fitting] = field(default_factory=dict)
+    fittings: dict[str, SensorConfig] = field(default_factory=dict)
 
 
-def _of_part(group: str, node: object, info: ValidationInfo) -> Fitting:
+def _of_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
     """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
     if not isinstance(node, str):
         raise refused(node, _valid(group))
@@ -73,7 +73,7 @@ def _of_part(group: str, node: object, info: ValidationInfo) -> Fitting:
         raise refused(node, _valid(group, node))
     if kind_of(found) != KIND[group]:
         raise refused(node, _valid(group))
-    return Fitting(part=found, ideal=node != plain)
+    return SensorConfig(part=found, ideal=node != plain)
 
 
 def _valid(group: str, near: str = "") -> str:
@@ -100,7 +100,7 @@ def _one_aim(options: Any) -> Any:
 
 def _group(group: str) -> Any:
     """Type of what a file says of a group: `true`, `false`, a part, or keys."""
-    hints = get_type_hints(Fitting, include_extras=True)
+    hints = get_type_hints(SensorConfig, include_extras=True)
     if group not in _SHIFTED:
         hints["clock"] = Annotated[Clock, AfterValidator(_untold)]
     hints["board"] = Annotated[Facing, AfterValidator(_unrolled)]
@@ -111,7 +111,7 @@ def _group(group: str) -> Any:
     }
     made |= {name: (hints[name], None) for name in names}
     model = create_model(group, __config__=ConfigDict(extra="forbid"), **made)
-    told = described(Fitting)
+    told = described(SensorConfig)
     model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {told[n]}\n" for n in made)
     options: Any = Annotated[model, BeforeValidator(_short, json_schema_input_type=str | model)]
     if group == "head_camera":
@@ -126,9 +126,9 @@ def _short(node: object) -> object:
     return {"part": node} if isinstance(node, str) else node
 
 
-def _fitting(options: BaseModel) -> Fitting:
+def _fitting(options: BaseModel) -> SensorConfig:
     given = {name: getattr(options, name) for name in options.model_fields_set}
-    return replace(given.pop("part", Fitting()), **given)
+    return replace(given.pop("part", SensorConfig()), **given)
 
 
 def _of_names(names: tuple[str, ...]) -> Sensors:

@@ -1,7 +1,7 @@
 """Actuation modules of the exoskeleton: motor and strain wave gear beside a hip or knee (Shim et al. 2019, 2.1.3).
 
-Each is bolted to the link above its joint. Unpowered it is felt all the same: its rotor turns with the joint, and its
-gear rubs.
+Each is bolted to the link above its joint. An unpowered module still acts on the joint: its rotor turns with the
+joint, and its gear has friction.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from stridetwin.streams.errors import ConfigError
 
 JOINTS = tuple(f"{joint}_{side}" for joint in ("hip", "knee") for side in SIDES)
 FRICTION_SPEED_RADPS = 0.2
-"""Joint speed at which dry friction has come to three quarters of its full value."""
+"""Joint speed at which dry friction reaches three quarters of its full value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,14 +40,14 @@ class Module:
 
     @property
     def reflected_inertia(self) -> float:
-        """The rotor's inertia as felt at the joint, kg m²."""
+        """Inertia of the rotor reflected to the joint, kg m²."""
         return self.rotor_inertia * self.gear**2
 
 
 # Gears, motors (Kollmorgen TBMS-6025-B and -6013-B, Harmonic Drive SHD-20-2SH) and the 6.0 kg of all four are the
-# paper's; it gives no figure of the parts. Rotors are reckoned as steel rings of 18 by 31 mm, as long as the
-# stacks (25 and 13 mm) and 5 mm over, 1.9e-5 and 1.1e-5 kg m², with 0.9e-5 for the wave generator. Friction is of the
-# order at which gears of this size can be driven backwards; torque and speed (6500 rpm in) are those of their class.
+# paper's; it gives no figures of the parts. The rotors are estimated as steel rings of 18 by 31 mm, 5 mm longer than
+# the stacks (25 and 13 mm): 1.9e-5 and 1.1e-5 kg m², plus 0.9e-5 for the wave generator. The friction is of the
+# order at which gears of this size can be driven backwards; torque and speed (6500 rpm in) are typical of their class.
 HIP = Module(
     gear=100, rotor_inertia=2.8e-5, friction_nm=4.0, viscous_nms=1.5, torque_max_nm=57, speed_max_radps=6.8,
     mass_kg=1.6,
@@ -70,7 +70,7 @@ def modules(exo: Exo) -> dict[str, Module]:
     """Modules by joint (`hip_l`, `knee_r`, ...) of an exoskeleton in its mode (figure 12 of the paper).
 
     Raises:
-        ConfigError: No such mode, joints that the mode does not power, or hips to be helped that have no modules.
+        ConfigError: Unknown mode, joints that the mode does not power, or assistance of hips that have no modules.
     """
     if exo.own is not None:
         if exo.drive == "assist" and not {"hip_l", "hip_r"} <= set(exo.own.modules):

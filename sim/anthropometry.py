@@ -94,7 +94,7 @@ def anthropometry(person: Person) -> Anthropometry:
     """Dimensions and mass properties of `person`.
 
     Raises:
-        ConfigError: Height, mass, sex or shoe size outside what the tables cover.
+        ConfigError: Height, mass, sex or shoe size outside the range of the tables.
     """
     if not 1.50 <= person.height_m <= 1.95:
         raise ConfigError("person", "height_m", person.height_m, "1.50-1.95")

@@ -42,13 +42,13 @@ class Shoe:
 
     @property
     def flat_tip_x(self) -> float:
-        """Where the sole curves up: ahead of it nothing presses."""
+        """Where the sole begins to curve up; nothing in front of it presses on the ground."""
         return self.toe_tip_x - _TOE_SPRING_M
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wearer:
-    """Dimensions of person and exoskeleton that the gait is planned with."""
+    """Dimensions of the person and the exoskeleton, as the gait planner needs them."""
 
     body: Anthropometry
     girth: float
@@ -58,10 +58,10 @@ class Wearer:
 
 
 def wearer(person: Person, with_exo: bool = True) -> Wearer:
-    """Dimensions of `person` in shoes, and of the exoskeleton set to them.
+    """Dimensions of `person` in shoes, and of the exoskeleton fitted to them.
 
     Raises:
-        ConfigError: A person outside what the tables cover.
+        ConfigError: A person outside the range of the tables.
     """
     body = anthropometry(person)
     girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
@@ -74,7 +74,7 @@ def wearer(person: Person, with_exo: bool = True) -> Wearer:
 
 
 def tracked(size: Wearer) -> tuple[str, ...]:
-    """Bodies whose motion is told."""
+    """Bodies whose motion is reported."""
     if size.exo is None:
         return _TRACKED
     return _TRACKED + (_TRACKED_EXO if isinstance(size.exo, ExoLinks) else size.exo.bodies)
@@ -84,7 +84,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     """Attaches person, shoes and exoskeleton to the world of `spec` with a free root.
 
     Raises:
-        ConfigError: A person outside what the tables cover, or an exoskeleton whose mode does not exist.
+        ConfigError: A person outside the range of the tables, or an unknown mode of the exoskeleton.
     """
     spec.compiler.degree = False  # as in the leaf files
     size = wearer(person, exo is not None)

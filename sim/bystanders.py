@@ -1,8 +1,8 @@
-"""People who walk around the walker and get into the view of his cameras and sonars (Zhao et al. 2023, Fig. 3c).
+"""People who walk around the walker and enter the view of their cameras and sonars (Zhao et al. 2023, Fig. 3c).
 
-They circle about him along the way, all in one sense and evenly apart, so that nobody ever meets anybody; each crosses
-the way some metres ahead of him and again behind, and passes him at its sides. Their feet stand still on the ground
-while they carry. What is told here in numbers is drawn by cameras, heard by sonars, and written as truth.
+They circle around the walker along the way, all in one sense and evenly spaced, so that they never meet. Each one
+crosses the way some metres ahead of the walker and again behind, and passes them on both sides. Their stance feet do
+not slip. The state defined here is rendered by the cameras, sensed by the sonars, and written as ground truth.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from stridetwin.streams.samples import Array
 PARTS = ("trunk", *(f"{part}_{side}" for side in "lr" for part in ("thigh", "shank", "foot", "upper_arm", "forearm")))
 THIGH_M, SHANK_M, ANKLE_M, BALL_M, HIP_M, SHOULDER_M = 0.43, 0.41, 0.08, 0.13, 0.085, (0.0, 0.19, 0.49)
 UPPER_ARM_M = 0.29
-# What a sonar hears: balls (x, y, z, radius) in the frames of the parts, m.
+# Sonar targets: spheres (x, y, z, radius) in the frames of the parts, m.
 BALLS = {
     "trunk": [(0.0, 0.0, z, 0.13) for z in (0.0, 0.15, 0.30, 0.42)] + [(0.02, 0.0, 0.68, 0.10)],
     "thigh": [(0.0, 0.0, -z, 0.075) for z in (0.05, 0.15, 0.25, 0.35)],
@@ -33,28 +33,28 @@ BALLS = {
     "foot": [(x, 0.0, -0.04, 0.042) for x in (-0.03, 0.05, 0.13)],
 }
 _AHEAD_M, _TURNS_PER_S = 2.5, 0.45 / (2 * np.pi)
-_SQUARE = 3.0  # how soon one who crosses is back at the side
-_BESIDE_M, _EDGE_M = 0.72, 0.08  # least distance from the middle of the way in passing; from the border to a foot
+_SQUARE = 3.0  # how soon a crossing bystander is back at the side
+_BESIDE_M, _EDGE_M = 0.72, 0.08  # least distance from the middle of the way when passing; from the border to a foot
 _KEEP_M = 0.80  # from the walker's pelvis
 _GRID_S = 0.02
-_STEP_M, _CARRY = 0.56, 0.60  # step length; half of the way that a foot carries, in steps
+_STEP_M, _CARRY = 0.56, 0.60  # step length; half of the distance that a stance foot supports, in steps
 _STANCE_HALF_M = 0.07
 _OFF_RAD, _TOUCH_RAD, _LIFT_M = 0.75, -0.22, 0.06
 _SMOOTHING_S = 0.5
 _YAW_SMOOTHING_S = 0.30
-_CORNER_S = 0.35  # on which a corner is cut
+_CORNER_S = 0.35  # over which a corner is rounded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bystander:
-    """One of them.
+    """One bystander.
 
     Attributes:
         t: (N,) uniform s.
         p: (N, 3) m, middle of the hips in the world.
         yaw: (N,) rad, unwrapped.
-        steps: (N,) steps made, growing.
-        holds: (K, 3) where the balls of the feet stand in turn, left first, m; the first one before step `first`.
+        steps: (N,) number of steps made so far, as a real number that grows.
+        holds: (K, 3) m, footholds (balls of the feet) in order, left first; the first one lies before step `first`.
         hold_yaw: (K,) rad.
         first: Number of the first foothold.
         size: Stature as a share of 1.75 m.
@@ -89,7 +89,7 @@ class Bystander:
         return np.stack(origins, 1), np.stack(axes, 1)
 
     def track(self, t_ns: NDArray[np.int64]) -> Track:
-        """Track of the middle of the hips, x ahead, at (M,) instants."""
+        """Track of the middle of the hips, x forward, at (M,) instants."""
         t = t_ns * 1e-9
         p, R = (part[:, 0] for part in self.parts(t))
         v = np.stack([np.interp(t, self.t, column) for column in np.gradient(self.p, self.t, axis=0).T], -1)
@@ -100,7 +100,7 @@ class Bystander:
         )  # fmt: skip
 
     def balls(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """(M, B, 3) centres in the world of the balls that sonars hear, m, and (B,) radii."""
+        """(M, B, 3) centres of the sonar targets in the world, m, and (B,) radii."""
         p, R = self.parts(t)
         rows = [
             (i, ball)
@@ -111,7 +111,7 @@ class Bystander:
         return p[:, which] + np.einsum("mbij,bj->mbi", R[:, which], local[:, :3]), local[:, 3]
 
     def _foot(self, steps: Array, odd: int) -> tuple[Array, Array, Array]:
-        """(M, 3) ankle, (M, 3, 3) axes and (M,) m ahead of the hips of one foot."""
+        """(M, 3) ankle, (M, 3, 3) axes and (M,) m in front of the hips of one foot."""
         count = steps - odd
         cycle = np.floor((count + _CARRY) / 2)
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
@@ -144,15 +144,15 @@ class Crowd:
 def bystanders(
     count: int, terrain: Terrain, t: Array, s: Array, p_walker: Array, rng: np.random.Generator
 ) -> Crowd:  # fmt: skip
-    """People who circle about a walker.
+    """People who circle around a walker.
 
     Args:
-        count: How many.
-        terrain: Ground.
+        count: Number of bystanders.
+        terrain: Terrain that they walk on.
         t: (N,) s of the walk.
-        s: (N,) m, where the walker is along the way.
-        p_walker: (N, 2) m, his pelvis in the world.
-        rng: Draws who they are and where each begins.
+        s: (N,) m, arc length of the walker along the way.
+        p_walker: (N, 2) m, pelvis of the walker in the world.
+        rng: Draws their appearance and their start positions.
     """
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
     along = gaussian_filter1d(np.interp(grid, t, s), _SMOOTHING_S / _GRID_S, mode="nearest")
@@ -176,14 +176,14 @@ def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, s
     p = gaussian_filter1d(way.point(s, left), _CORNER_S / _GRID_S, axis=0, mode="nearest")
     away = p - walker
     distance = np.linalg.norm(away, axis=1, keepdims=True)
-    p = p + away / np.maximum(distance, 1e-6) * np.maximum(_KEEP_M - distance, 0.0)  # at corners the way comes back
+    p = p + away / np.maximum(distance, 1e-6) * np.maximum(_KEEP_M - distance, 0.0)  # at corners they may come close
     p = gaussian_filter1d(p, 0.10 / _GRID_S, axis=0, mode="nearest")
     v = gaussian_filter1d(np.gradient(p, t, axis=0), 0.15 / _GRID_S, axis=0, mode="nearest")
     yaw = gaussian_filter1d(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _YAW_SMOOTHING_S / _GRID_S, mode="nearest")
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_STEP_M * size)
-    turned = yaw - way.heading(s)
-    holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, turned]), yaw, steps, profile, size)
+    relative_yaw = yaw - way.heading(s)
+    holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, relative_yaw]), yaw, steps, profile, size)
     body = Bystander(t=t, p=np.column_stack([p, np.zeros(len(t))]), yaw=yaw, steps=steps, holds=holds,
                      hold_yaw=hold_yaw, first=first, size=size)  # fmt: skip
     body.p[:, 2] = _hip_height(body)
@@ -193,13 +193,13 @@ def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, s
 def _footholds(
     path: Array, yaw: Array, steps: Array, profile: Sequence[Strip], size: float
 ) -> tuple[Array, Array, int]:  # fmt: skip
-    """Where the balls of the feet come to stand, their yaw, and the number of the first.
+    """Footholds of the balls of the feet, their yaw, and the number of the first one.
 
     Args:
-        path: (N, 5) x and y in the world, arc length along the way, distance to its left, m, and turn off it, rad.
+        path: (N, 5) x and y in the world, arc length along the way, distance to its left, m, and yaw relative to it.
         yaw: (N,) rad in the world.
         steps: (N,) steps made.
-        profile: Ground along the way, which reaches as far to the sides as anybody goes.
+        profile: Ground along the way; it extends as far to the sides as any bystander walks.
         size: Stature.
     """
     first = -3
@@ -208,24 +208,24 @@ def _footholds(
     heading = np.interp(count, steps, yaw)
     ahead, aside = (np.stack(a, -1) for a in ((np.cos(heading), np.sin(heading)), (-np.sin(heading), np.cos(heading))))
     sign = np.where(count % 2 == 0, 1.0, -1.0)
-    x, y, s, left, turned = (np.interp(count, steps, column) for column in path.T)
+    x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
     forward = beyond + 0.5 * BALL_M
     ball = np.stack([x, y], -1) + _STANCE_HALF_M * sign[:, None] * aside + forward[:, None] * ahead
-    # the whole sole is above the ground: a foot that would stand in a riser stands on its edge
+    # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
-    ground = _ground(profile, s + sole * np.cos(turned), left + sole * np.sin(turned))
+    ground = _ground(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
     return np.column_stack([ball, ground.max(axis=0)]), heading, first
 
 
 def _ground(profile: Sequence[Strip], s: Array, left: Array) -> Array:
-    """(...) height of the ground of the way, m, at (...) arc lengths and distances to the left."""
+    """(...) height of the ground, m, at (...) arc lengths and distances to the left of the way."""
     s0, s1, z0, z1, cross = np.array([(p.s0, p.s1, p.z0, p.z1, np.tan(p.cross_slope)) for p in profile]).T
     i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
     return z0[i] + (z1 - z0)[i] * np.clip((s - s0[i]) / (s1 - s0)[i], 0.0, 1.0) + cross[i] * left
 
 
 def _hip_height(body: Bystander) -> Array:
-    """(N,) m, as high as the legs reach, smoothed."""
+    """(N,) m, height of the hips: as high as the legs reach, smoothed."""
     reach = (THIGH_M + SHANK_M) * body.size - 0.012
     limits = []
     for sign, odd in ((1.0, 0), (-1.0, 1)):
@@ -237,7 +237,7 @@ def _hip_height(body: Bystander) -> Array:
 
 
 def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: float) -> tuple[Array, Array]:
-    """(N, 3) knee, bent forward, and the ankle as far as the leg reaches."""
+    """(N, 3) knee, bent forward, and (N, 3) ankle, as far as the leg reaches."""
     along = ankle - hip
     distance = np.linalg.norm(along, axis=1, keepdims=True)
     unit = along / distance
@@ -257,6 +257,6 @@ def _frame(left: Array, up: Array) -> Array:
 
 
 def _pitched(left: Array, ahead: Array, flexion: Array) -> Array:
-    """(N, 3, 3) axes of a limb that hangs down, swung forward by (N,) rad."""
+    """(N, 3, 3) axes of a hanging limb that is swung forward by (N,) rad."""
     z = np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead
     return _frame(left, z)

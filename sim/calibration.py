@@ -1,7 +1,7 @@
-"""Errors of a camera's calibration: what estimators are told is a little off from what is.
+"""Calibration errors of a camera: the nominal calibration that estimators get differs a little from the true one.
 
-All of them are drawn once a walk, from the seed and the camera's topic alone. The scale of a depth camera has no place
-in a rig's file, so that it is the depth itself that is off.
+All errors are drawn once per walk, from the seed and the camera's topic alone. A rig file has no field for the scale of
+a depth camera, so the scale error is applied to the measured depth itself.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from stridetwin.streams.rig import CameraCalibration, Rig
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationSd:
-    """Standard deviations of what a calibration has wrong; 0 throughout is a perfect one.
+    """Standard deviations of calibration errors; all 0 for a perfect calibration.
 
     Attributes:
         rotation_rad: Of the mount, about each axis of the camera.
         position_m: Of the mount, along each axis.
-        intrinsics: Of focal lengths and centre, as a share of each.
+        intrinsics: Of focal lengths and principal point, as a fraction of each.
         offset_s: Of the time shift to the IMU.
-        depth_scale: Of measured depth, as a share of it.
+        depth_scale: Of measured depth, as a fraction of it.
     """
 
     rotation_rad: Annotated[float, number(0, 5, key="rotation_deg", scale=DEG)] = 0.0
@@ -37,12 +37,12 @@ class CalibrationSd:
     depth_scale: Annotated[float, number(0, 5, key="depth_scale_pct", scale=0.01)] = 0.0
 
 
-def told(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
-    """What estimators are told of a rig.
+def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
+    """Nominal rig: the calibration that estimators get.
 
     Args:
-        rig: As it is.
-        sd: Topics of cameras, and how well each is calibrated.
+        rig: True rig.
+        sd: Topics of the cameras, and the accuracy of each calibration.
         seed: Of the walk.
     """
     off = {topic: _off(rig.cameras[topic], own, seed) for topic, own in sd if own != CalibrationSd()}
@@ -50,7 +50,7 @@ def told(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:
 
 
 def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
-    """Measured depth over true depth, but for noise; `topic` is the camera's."""
+    """Ratio of measured depth to true depth, without noise; `topic` is the camera's."""
     return 1.0 + float(_noise(topic, "depth", seed).normal(sd.depth_scale, 1)[0])
 
 

@@ -30,8 +30,8 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.sensor_suite import instants
 from stridetwin.sim.sensors.stamps import Stamps
-from stridetwin.sim.standard_rig import Outfit
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.standard_rig import SensorRig
+from stridetwin.sim.straps import MountSlips
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Depth, Image
 
@@ -47,31 +47,33 @@ class CameraProcesses:
 
     Args:
         model: Compiled model.
-        outfit: The sensors as they really are; without any camera no process is started.
+        sensor_rig: The sensors as they really are; without any camera no process is started.
         crowd: Bystanders.
         seed: Seed of the walk.
-        straps: What holds the cameras.
+        mount_slips: What holds the cameras.
         processes: How many; None: `PROCESSES`.
     """
 
     def __init__(
         self,
         model: mujoco.MjModel,
-        outfit: Outfit,
+        sensor_rig: SensorRig,
         crowd: Crowd,
         seed: int,
-        straps: Straps | None = None,
+        mount_slips: MountSlips | None = None,
         processes: int | None = None,
     ) -> None:
-        self._cameras = list(outfit.rig.cameras.values())
-        self._seen = {c.topic: board_seen_by(outfit, c.topic) for c in self._cameras}
+        self._cameras = list(sensor_rig.rig.cameras.values())
+        self._seen = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
-        what = _pickled((model, outfit, crowd, seed, straps)) if count else b""
+        what = _pickled((model, sensor_rig, crowd, seed, mount_slips)) if count else b""
         self._workers = [_Worker(what) for _ in range(count)]
-        self._dealer = _Dealer(outfit, len(self._workers))
-        self._sensors = {c.topic: sensor_of(outfit, c.topic, seed) for c in self._cameras if follows(outfit, c.topic)}
+        self._dealer = _Dealer(sensor_rig, len(self._workers))
+        self._sensors = {
+            c.topic: sensor_of(sensor_rig, c.topic, seed) for c in self._cameras if follows(sensor_rig, c.topic)
+        }
         self._stamps = {
-            c.topic: Stamps(outfit.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
+            c.topic: Stamps(sensor_rig.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
             for c in self._cameras
         }
 
@@ -132,10 +134,10 @@ class CameraProcesses:
 class _Dealer:
     """Deals pictures out so that the processes have as much to do as each other."""
 
-    def __init__(self, outfit: Outfit, workers: int) -> None:
+    def __init__(self, sensor_rig: SensorRig, workers: int) -> None:
         self._load, self._cost = [0.0] * max(workers, 1), {}
-        for topic, camera in outfit.rig.cameras.items():
-            board_alone = outfit.sensors[topic].fitting.frames == "board" and not camera.depth_topic
+        for topic, camera in sensor_rig.rig.cameras.items():
+            board_alone = sensor_rig.sensors[topic].sensor_config.frames == "board" and not camera.depth_topic
             self._cost[topic] = _COST_BOARD if board_alone else _COST_WHOLE
 
     def worker_for(self, topic: str) -> int:

@@ -25,30 +25,29 @@ from stridetwin.sim.sensors.imager import BLANK, Pixels, Sensor
 from stridetwin.sim.sensors.lens import Lens
 from stridetwin.sim.sensors.stereo_depth import DepthModel
 from stridetwin.sim.sensors.sweep import Sweep
-from stridetwin.sim.standard_rig import Outfit
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.standard_rig import SensorRig
+from stridetwin.sim.straps import MountSlips
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
 _AROUND_BOARD = np.array([[x, y, z] for x in (-0.024, 0.024) for y in (-0.032, 0.032) for z in (-0.003, 0.0)])
 _MARGIN_PX = 16
 _EDGE_ON = 0.2
-_LEAST_M = 0.03  # of a board that counts as before the camera
+_LEAST_M = 0.03  # least distance of a board that counts as visible
 _FAR_M = 10.0
 _NOTHING, _AHEAD = np.zeros(3), np.array([0.0, 0.0, 1.0])
-_SURROUNDINGS_M = 0.5  # how far from a shoe's camera what is not the board is taken to be, for its blur
+_SURROUNDINGS_M = 0.5  # assumed distance from a shoe's camera to everything but the board, for motion blur
 
 
 @dataclass(frozen=True, kw_only=True)
 class Due:
-    """One picture to take.
+    """One frame to render.
 
     Attributes:
-        t_ns: When.
-        topic: By which camera.
-        twist: (2, 6) velocity of the origin (world axes, m/s) and angular rate (own axes, rad/s) of the body that
-            carries the camera (a shoe's upper, where it is on a foot), then of the one that carries the board that it
-            sees.
+        t_ns: Time of the frame.
+        topic: Topic of the camera.
+        twist: (2, 6) velocity of the origin (world axes, m/s) and angular rate (own axes, rad/s), first of the body
+            that carries the camera (the upper of a shoe, for a camera on a foot), then of the body with the board.
     """
 
     t_ns: int
@@ -58,15 +57,15 @@ class Due:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patch:
-    """A picture of which no more than a piece is drawn; a hundredth of it has to travel between processes.
+    """The rendered part of an otherwise empty image; it is about a hundredth of the data to send between processes.
 
     Attributes:
-        topic: Stream of the picture.
-        t_ns: When.
-        whole: (H, W).
-        pixels: (h, w) grey.
-        row: Of the piece's upper left pixel.
-        column: Of it.
+        topic: Topic of the image.
+        t_ns: Time of the image.
+        whole: (H, W) size of the full image.
+        pixels: (h, w) grey values of the rendered part.
+        row: Row of the part's upper left pixel.
+        column: Column of that pixel.
     """
 
     topic: str
@@ -77,19 +76,19 @@ class Patch:
     column: int
 
     def image(self) -> Image:
-        """The whole picture; those with nothing drawn share their pixels, which are read-only."""
+        """The full image; patches without pixels share one read-only array."""
         if not self.pixels.size:
             return Image(topic=self.topic, t_ns=self.t_ns, pixels=_blank(self.whole))
-        picture, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
-        picture[self.row : self.row + height, self.column : self.column + width] = self.pixels
-        return Image(topic=self.topic, t_ns=self.t_ns, pixels=picture)
+        image, (height, width) = np.full(self.whole, BLANK, np.uint8), self.pixels.shape
+        image[self.row : self.row + height, self.column : self.column + width] = self.pixels
+        return Image(topic=self.topic, t_ns=self.t_ns, pixels=image)
 
 
 @cache
 def _blank(whole: tuple[int, int]) -> Pixels:
-    picture = np.full(whole, BLANK, np.uint8)
-    picture.setflags(write=False)
-    return picture
+    image = np.full(whole, BLANK, np.uint8)
+    image.setflags(write=False)
+    return image
 
 
 class Cameras:
@@ -97,30 +96,35 @@ class Cameras:
 
     Args:
         model: Compiled model.
-        outfit: The sensors as they really are.
+        sensor_rig: The sensors with their true calibration.
         crowd: Bystanders.
         seed: Seed of the walk.
-        straps: What holds the cameras.
+        mount_slips: Slip of the camera mounts.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, outfit: Outfit, crowd: Crowd, seed: int, straps: Straps | None = None
+        self,
+        model: mujoco.MjModel,
+        sensor_rig: SensorRig,
+        crowd: Crowd,
+        seed: int,
+        mount_slips: MountSlips | None = None,
     ) -> None:
-        self._model = model = copy.copy(model)  # the uppers of the shoes are moved in it
-        self._data, self._crowd, self._straps = mujoco.MjData(model), crowd, straps or Straps()
-        self._cameras = {t: _Camera(outfit, t, seed) for t in outfit.rig.cameras}
+        self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
+        self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
+        self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
         lenses = [c.lens for c in self._cameras.values()]
         self._view = SensorView(model, max(lens.width for lens in lenses), max(lens.height for lens in lenses))
 
     def frames(
         self, due: Sequence[Due], qpos: Array, uppers: Mapping[str, Array] | None = None
     ) -> Iterator[Image | Depth | Patch]:
-        """Pictures in the order asked for; where `follows`, they are still to be exposed.
+        """Images in the order requested; cameras for which `follows` holds return them before exposure.
 
         Args:
-            due: In order of time.
+            due: Frames in order of time.
             qpos: (len(due), nq) generalised position at each.
-            uppers: (len(due), 7) pose of the shoes' uppers by foot; where none, they lie on the feet.
+            uppers: (len(due), 7) pose of the shoes' uppers by foot; uppers without a pose lie on the feet.
         """
         posed = None
         for i, (item, pose) in enumerate(zip(due, qpos)):
@@ -130,12 +134,12 @@ class Cameras:
                     body.pos, body.quat = on_foot[i, :3], on_foot[i, 3:]
                 self._data.qpos = pose
                 pose_crowd(self._model, self._data, self._crowd, 1e-9 * item.t_ns)
-                self._straps.place(self._model, item.t_ns)
+                self._mount_slips.place(self._model, item.t_ns)
                 mujoco.mj_kinematics(self._model, self._data)
                 mujoco.mj_camlight(self._model, self._data)
                 posed = item.t_ns
             camera = self._cameras[item.topic]
-            T_body_frame = self._straps.T_body_frame(item.topic, item.t_ns)
+            T_body_frame = self._mount_slips.T_body_frame(item.topic, item.t_ns)
             yield from camera.take(self._view, self._data, item, T_body_frame)
 
     def __enter__(self) -> Self:
@@ -147,33 +151,37 @@ class Cameras:
         self._view.close()
 
 
-def board_seen_by(outfit: Outfit, topic: str) -> Board | None:
-    """The board of the other shoe, for a shoe's camera."""
+def board_seen_by(sensor_rig: SensorRig, topic: str) -> Board | None:
+    """The board on the other shoe that a shoe's camera observes."""
     seen = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
-    return outfit.rig.boards.get(seen) if seen else None
+    return sensor_rig.rig.boards.get(seen) if seen else None
 
 
-def follows(outfit: Outfit, topic: str) -> bool:
-    """Whether a camera's gain follows from its pictures before, so that they have to be exposed in order of time."""
-    return bool(_imager(outfit, topic).auto_exposure_s)
+def follows(sensor_rig: SensorRig, topic: str) -> bool:
+    """Whether a camera's gain depends on its previous images, so that they must be exposed in order of time."""
+    return bool(_imager(sensor_rig, topic).auto_exposure_s)
 
 
-def sensor_of(outfit: Outfit, topic: str, seed: int) -> Sensor:
-    """What makes grey values or colours of a camera's pictures."""
-    told, imager = outfit.rig.cameras[topic], _imager(outfit, topic)
-    shape = (told.height, told.width) if imager.colour == "grey" else (told.height, told.width, 3)
-    return Sensor(shape, imager, outfit.sensors[topic].fitting.light, Noise.of_topic(seed, topic))
+def sensor_of(sensor_rig: SensorRig, topic: str, seed: int) -> Sensor:
+    """Sensor model that converts a camera's irradiance to grey values or colours."""
+    calibration, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
+    shape = (
+        (calibration.height, calibration.width)
+        if imager.colour == "grey"
+        else (calibration.height, calibration.width, 3)
+    )
+    return Sensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
 
 
-def _imager(outfit: Outfit, topic: str) -> Imager:
-    part = outfit.sensors[topic].part
+def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
+    part = sensor_rig.sensors[topic].part
     assert isinstance(part, CameraPart | RgbdPart)
     return part.imager
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """A board in a picture: rows and columns about it, and how it moves before the camera."""
+    """A board in an image: the rows and columns around it, and its motion relative to the camera."""
 
     box: tuple[slice, slice]
     sweep: Sweep
@@ -182,33 +190,33 @@ class _Seen:
 class _Camera:
     """One camera of the rig."""
 
-    def __init__(self, outfit: Outfit, topic: str, seed: int) -> None:
-        worn = outfit.sensors[topic]
-        assert isinstance(worn.told, CameraCalibration)
+    def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
+        worn = sensor_rig.sensors[topic]
+        assert isinstance(worn.calibration, CameraCalibration)
         assert isinstance(worn.part, CameraPart | RgbdPart)
-        told, part = worn.told, worn.part
-        self._told, self._imager = told, part.imager
-        self._board = board_seen_by(outfit, topic)
+        calibration, part = worn.calibration, worn.part
+        self._calibration, self._imager = calibration, part.imager
+        self._board = board_seen_by(sensor_rig, topic)
         self._grey = self._imager.colour == "grey"
-        self._sensor = None if follows(outfit, topic) else sensor_of(outfit, topic, seed)
-        self.lens = Lens(told)
+        self._sensor = None if follows(sensor_rig, topic) else sensor_of(sensor_rig, topic, seed)
+        self.lens = Lens(calibration)
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
         self._around_board = (
-            worn.fitting.frames == "board" and self._board is not None and self._grey and self.lens.straight
+            worn.sensor_config.frames == "board" and self._board is not None and self._grey and self.lens.straight
         )
         self._depth: DepthModel | None = None
         if isinstance(part, RgbdPart):
-            fu, _, pu, pv = told.intrinsics
-            noise = Noise.of_topic(seed, told.depth_topic)
-            self._depth = DepthModel((told.height, told.width), fu, (pu, pv), part.depth, noise)
-            self._scale = np.float32(depth_scale(topic, worn.fitting.calibration_sd, seed))
+            fu, _, pu, pv = calibration.intrinsics
+            noise = Noise.of_topic(seed, calibration.depth_topic)
+            self._depth = DepthModel((calibration.height, calibration.width), fu, (pu, pv), part.depth, noise)
+            self._scale = np.float32(depth_scale(topic, worn.sensor_config.calibration_sd, seed))
 
     def take(
         self, view: SensorView, data: mujoco.MjData, due: Due, T_body_frame: Array
     ) -> Iterator[Image | Depth | Patch]:
-        """The picture, and the depth with it; `T_body_frame` (4, 4) as of `render.camera_pose`."""
-        T_world_camera = camera_pose(data, self._told, T_body_frame)
+        """The image, and the depth image with it; `T_body_frame` (4, 4) as in `render.camera_pose`."""
+        T_world_camera = camera_pose(data, self._calibration, T_body_frame)
         board = self._board_before(data, due, T_world_camera)
         if self._around_board:
             yield self._board_alone(view, data, due, T_world_camera, board)
@@ -221,17 +229,17 @@ class _Camera:
             away = _middle(depth)
         clean = self._clean(rgb)
         swept = self._swept(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
-        if board is not None:  # it moves otherwise than the ground
+        if board is not None:  # it moves differently from the ground
             rows, columns = board.box
-            piece = np.ascontiguousarray(clean[board.box])
+            part_pixels = np.ascontiguousarray(clean[board.box])
             swept = swept.copy() if swept is clean else swept
-            swept[board.box] = self._swept(piece, board.sweep.of_piece(rows.start, columns.start))
+            swept[board.box] = self._swept(part_pixels, board.sweep.cropped(rows.start, columns.start))
         pixels = self._exposed(due.t_ns, self.lens.bent(swept))
         yield Image(topic=due.topic, t_ns=due.t_ns, pixels=pixels)
         if self._depth is not None:
             grey = rgb[..., 1] if self.lens.straight else self.lens.bent(np.ascontiguousarray(rgb[..., 1]))
-            told = self._depth.picture(due.t_ns, self._scale * self.lens.bent(depth, cv2.INTER_NEAREST), grey)
-            yield Depth(topic=self._told.depth_topic, t_ns=due.t_ns, depth=told)
+            measured = self._depth.image(due.t_ns, self._scale * self.lens.bent(depth, cv2.INTER_NEAREST), grey)
+            yield Depth(topic=self._calibration.depth_topic, t_ns=due.t_ns, depth=measured)
 
     def _clean(self, rgb: Pixels) -> Pixels:
         return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8) if self._grey else rgb
@@ -239,14 +247,14 @@ class _Camera:
     def _board_alone(
         self, view: SensorView, data: mujoco.MjData, due: Due, T_world_camera: Array, board: _Seen | None
     ) -> Patch:
-        """A picture with nothing drawn but the surroundings of the board."""
+        """An image with nothing but the board and its surroundings."""
         pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
         if board is not None:
             row, column = board.box[0].start, board.box[1].start
-            clean = self._clean(view.piece(data, T_world_camera, self.lens.intrinsics, *board.box))
-            swept = self._swept(clean, board.sweep.of_piece(row, column))
+            clean = self._clean(view.crop(data, T_world_camera, self.lens.intrinsics, *board.box))
+            swept = self._swept(clean, board.sweep.cropped(row, column))
             pixels = self._exposed(due.t_ns, swept, row, column)
-        whole = (self._told.height, self._told.width)
+        whole = (self._calibration.height, self._calibration.width)
         return Patch(topic=due.topic, t_ns=due.t_ns, whole=whole, pixels=pixels, row=row, column=column)
 
     def _exposed(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
@@ -258,7 +266,7 @@ class _Camera:
         return sweep.blurred(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
 
     def _board_before(self, data: mujoco.MjData, due: Due, T_world_camera: Array) -> _Seen | None:
-        """The board in the middle of the exposure; None where it is out of view."""
+        """The board in the middle of the exposure; None when it is out of view."""
         if self._board is None:
             return None
         body = self._board.mount.body
@@ -275,7 +283,7 @@ class _Camera:
         if np.any(high < 0) or np.any(low > size):
             return None
         away = float(normal @ centre)
-        if abs(away) < _EDGE_ON * centre[2]:  # its plane runs through the camera: no more than its place matters
+        if abs(away) < _EDGE_ON * centre[2]:  # seen edge-on: only its position matters
             normal, away = _AHEAD, float(centre[2])
         v, w = _at(data, body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
@@ -289,7 +297,7 @@ class _Camera:
     def _sweep(
         self, data: mujoco.MjData, due: Due, T_world_camera: Array, v: Array, w: Array, normal: Array, away_m: float
     ) -> Sweep:
-        own_v, own_w = _at(data, self._told.mount.body, due.twist[0], T_world_camera[:3, 3])
+        own_v, own_w = _at(data, self._calibration.mount.body, due.twist[0], T_world_camera[:3, 3])
         R = T_world_camera[:3, :3].T
         return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - own_v), rate=R @ (w - own_w))
 
@@ -301,7 +309,7 @@ def _body_pose(data: mujoco.MjData, name: str) -> Array:
 
 
 def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Array, Array]:
-    """Velocity of a point that moves with a body, and the body's rate, both in the world."""
+    """Velocity of a point fixed to a body, and the angular rate of the body, both in world axes."""
     body = data.body(UPPERS.get(name, name))
     w = body.xmat.reshape(3, 3) @ twist[3:]
     x, y, z = point - body.xpos
@@ -309,7 +317,7 @@ def _at(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Arr
 
 
 def _middle(depth: NDArray[np.float32]) -> float:
-    """Distance of the middle of what is seen, m."""
+    """Distance to the middle of the visible scene, m."""
     some = np.sort(depth[::16, ::16], axis=None)
     seen = some[np.searchsorted(some, 0.0, "right") :]
     half = len(seen) // 2

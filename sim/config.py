@@ -1,4 +1,4 @@
-"""What a twin is made of: person, exoskeleton, terrain, gait and rig, as frozen dataclasses in SI and radians."""
+"""Configuration of a twin: person, exoskeleton, terrain, gait and rig, as frozen dataclasses in SI and radians."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from stridetwin.sim.faults import Fault
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.streams.fields import DEG, MM, ReadAs, flag, number, whole, words
 
 if TYPE_CHECKING:
@@ -32,13 +32,13 @@ THINGS = ("stripe", "shadow", "table", "wall")
 
 @dataclass(frozen=True, kw_only=True)
 class Person:
-    """Who walks.
+    """The person who walks.
 
     Attributes:
         height_m: Standing height without shoes.
         mass_kg: Body mass.
         sex: `male` or `female` (de Leva's tables).
-        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None takes the stature's.
+        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the stature.
     """
 
     height_m: Annotated[float, number(1.5, 1.95)] = 1.75
@@ -52,14 +52,14 @@ DRIVES = ("idle", "assist")
 
 @dataclass(frozen=True, kw_only=True)
 class Exo:
-    """The exoskeleton of Shim et al. 2019 and its actuation modules, or one of the user's own.
+    """The exoskeleton of Shim et al. 2019 with its actuation modules, or an exoskeleton of the user's own.
 
     Attributes:
         mode: 0 no modules (measurement only), 1 both hips and knees, 2 both hips or both knees, 3 hip and knee of one
             leg, 4 one joint.
         joints: Which joints have a module (hip_l, hip_r, knee_l, knee_r), where the mode leaves a choice.
         drive: What the motors do in the forward simulation: `idle` or `assist` (help both hips).
-        own: The user's own, which says itself which joints are powered: mode and joints mean nothing then.
+        own: The user's own exoskeleton; it defines its powered joints itself, so `mode` and `joints` are ignored.
     """
 
     mode: int = 0
@@ -89,12 +89,12 @@ Riser = Annotated[float, number(20, 250, scale=MM)]
 class Stairs:
     """Straight stair.
 
-    The first riser is where the segment begins; `risers` risers with `risers - 1` treads between them, so that
-    the next segment is the landing.
+    The first riser is where the segment begins. There are `risers` risers with `risers - 1` treads between them, so the
+    next segment is the landing.
 
     Attributes:
         risers: Number of risers.
-        riser_m: Height of every riser, or of each in the order of the walk.
+        riser_m: Height of every riser, or one height per riser in walking order.
         tread_m: Depth of a tread.
         down: Which way it leads from the walker's view.
     """
@@ -142,8 +142,8 @@ class Turn:
 class Lanes:
     """Terrains side by side, each as wide as the way, that begin on one line at one height.
 
-    The way leads over one of them. Where the next `Lanes` leads over another one, the level between the two is a
-    landing as wide as all lanes, which the walker crosses aslant. Shorter lanes are lengthened by level ground.
+    The way leads over one of them. If the next `Lanes` continues on another lane, the level between the two is a
+    landing as wide as all lanes, and the walker crosses it diagonally. Shorter lanes are extended by level ground.
 
     Attributes:
         lanes: From left to right, each a chain of `Level`, `Stairs` and `Ramp`.
@@ -159,12 +159,12 @@ Segment = Level | Stairs | Ramp | Turn | Lanes
 
 @dataclass(frozen=True, kw_only=True)
 class Thing:
-    """Something on or beside the way that is no ground to walk on, and looks as if it were, or hides it.
+    """An object on or beside the way that is not walkable ground, but looks like it or occludes it.
 
     Attributes:
-        kind: `stripe`, a hazard marking painted across the way, or `shadow`, both flat; `table` or `wall`, which stand.
+        kind: `stripe`, a hazard marking painted across the way, or `shadow`, both flat; upright `table` or `wall`.
         at_m: Where it begins along the way, from the world's origin.
-        left_m: How far its middle lies to the left of the way.
+        left_m: Distance of its middle to the left of the way.
     """
 
     kind: str
@@ -174,16 +174,16 @@ class Thing:
 
 @dataclass(frozen=True, kw_only=True)
 class Route:
-    """Terrain along the walk, piece by piece from the world's origin along its x axis.
+    """Terrain along the walk, segment by segment from the world's origin along its x axis.
 
     Attributes:
         segments: Each begins where the one before ends, in its direction and at its height.
-        width_m: Of the way, or of each lane.
-        scenery: What stands around: `outdoor`, `room` or `corridor`.
-        texture: How much there is to see on ground and walls: `rich`, `plain` or bare `white`.
-        light: Brightness of sun and sky, 1 as by day.
+        width_m: Width of the way, or of each lane.
+        scenery: Surroundings: `outdoor`, `room` or `corridor`.
+        texture: Visual texture of ground and walls: `rich`, `plain` or bare `white`.
+        light: Brightness of sun and sky; 1 is daylight.
         bystanders: Number of people who walk about, 0-4.
-        things: What lies on the way or stands beside it or at its end.
+        things: Objects on the way, beside it or at its end.
     """
 
     segments: tuple[Segment, ...]
@@ -197,15 +197,15 @@ class Route:
 
 @dataclass(frozen=True, kw_only=True)
 class Gaze:
-    """Where the walker looks.
+    """Gaze of the walker.
 
     Attributes:
-        kind: `ahead` along the way, `terrain` down to the ground that the feet come to next, or `wandering` about.
+        kind: `ahead` along the way, `terrain` down at the ground of the next steps, or `wandering` around.
         pitch_rad: Added to the pitch of the head, down positive.
         yaw_rad: Added to the yaw of the head, left positive.
-        sway_yaw_rad: Amplitude of a steady turning to either side, on top of all that.
-        sway_pitch_rad: Amplitude of a nodding with it, a quarter of a period behind.
-        sway_hz: How often; 2 pi times this and the amplitude is the head's highest rate, rad/s.
+        sway_yaw_rad: Amplitude of a periodic rotation to both sides, added to all of the above.
+        sway_pitch_rad: Amplitude of a nod at the same frequency, delayed by a quarter of a period.
+        sway_hz: Frequency of the sway; the head's highest angular rate is 2 pi times frequency and amplitude, rad/s.
     """
 
     kind: Annotated[str, words(GAZES)] = "ahead"
@@ -234,12 +234,12 @@ class Gait:
         pattern: `walk`; `wander`, a stroll of changing speed with pauses; or `jog`, the fastest walk (no flight).
         speed_mps: Preferred speed on level ground.
         step_sd: Step-to-step variability of length and time, as a fraction (SD).
-        stand_s: Standing at the start and at the end.
+        stand_s: Standing time at the start and at the end.
         stairs: `step_over_step`, or `step_by_step` with both feet on every tread.
-        leading_foot: Which foot goes first on stairs that are walked step by step, `l` or `r`.
-        asymmetry: Limp: steps of the left leg are longer in space and time by this fraction, those of the
-            right leg shorter; the left leg so stands for a shorter time (Balasubramanian et al. 2007).
-        shuffle: From 0, feet that are lifted, to 1, feet that slide along flat in short steps.
+        leading_foot: Foot that goes first on stairs that are walked step by step, `l` or `r`.
+        asymmetry: Limp: steps of the left leg are longer in space and time by this fraction, and those of the right leg
+            shorter; the stance of the left leg is shorter as a result (Balasubramanian et al. 2007).
+        shuffle: From 0, feet that are lifted, to 1, feet that slide flat along the ground in short steps.
         gaze: Where the walker looks.
     """
 
@@ -260,11 +260,11 @@ class Gait:
 
     @classmethod
     def of_pattern(cls, pattern: str = "walk", **rest: Any) -> Gait:
-        """Gait with the speed and variability of its pattern where `rest` does not say otherwise."""
+        """Gait with the speed and variability of its pattern, except for the values in `rest`."""
         return cls(pattern=pattern, **(PATTERNS[pattern] | rest))
 
 
-# Zhao et al. 2023 tell the speeds of their three patterns together: 0.78 +- 0.27 m/s, 0.05 to 2.12 m/s.
+# Zhao et al. 2023 give the speeds of their three patterns together: 0.78 +- 0.27 m/s, 0.05 to 2.12 m/s.
 PATTERNS: dict[str, dict[str, float]] = {
     "wander": {"speed_mps": 0.6, "step_sd": 0.04},
     "walk": {},
@@ -274,11 +274,11 @@ PATTERNS: dict[str, dict[str, float]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
-    """Someone pushes the pelvis.
+    """An external push on the pelvis.
 
     Attributes:
-        at_s: When it begins.
-        duration_s: How long it lasts.
+        at_s: Start time.
+        duration_s: Duration.
         forward_n, left_n: Force along and across the way, N; negative backward and to the right.
     """
 
@@ -290,11 +290,11 @@ class Push:
 
 @dataclass(frozen=True, kw_only=True)
 class Misstep:
-    """A foot comes down beside its place.
+    """A foot that lands beside its planned foothold.
 
     Attributes:
         at_s: The first foot to land after this instant.
-        forward_m, left_m: How far from its place, along and across the way.
+        forward_m, left_m: Offset from the foothold, along and across the way.
     """
 
     at_s: Annotated[float, number(0, 3600)]
@@ -304,16 +304,16 @@ class Misstep:
 
 @dataclass(frozen=True, kw_only=True)
 class Dynamics:
-    """How a walk is simulated forward: help at the root, and what the wearer's control does not know.
+    """Forward simulation of a walk: assistance at the root, and disturbances unknown to the wearer's controller.
 
     Attributes:
-        assist: A soft wrench may help at the root; what it gives is recorded.
-        mass_error: The body is this share heavier than its control believes.
-        torque_noise: SD of the joint torques' error, as a share of each.
-        floor_offset_m: The whole floor lies this much higher than planned.
+        assist: Whether a soft wrench may help at the root; the applied wrench is recorded.
+        mass_error: Relative excess of the true body mass over the controller's model.
+        torque_noise: SD of the joint torque error, as a fraction of each torque.
+        floor_offset_m: Height of the true floor above the planned one.
         friction: Coefficient of friction of soles on the ground.
-        pushes: Pushes from outside.
-        missteps: Feet that land beside their places.
+        pushes: External pushes.
+        missteps: Feet that land beside their footholds.
     """
 
     assist: Annotated[bool, flag()] = False
@@ -327,18 +327,18 @@ class Dynamics:
 
 @dataclass(frozen=True, kw_only=True)
 class TwinConfig:
-    """Everything that a walk is made of; with a seed it fixes every byte of the recording.
+    """Complete definition of a walk; together with a seed it determines every byte of the recording.
 
     Attributes:
         exo: The exoskeleton; None for a person without it, and then without its sensors.
         sensors: Groups of sensors that are on: foot_imu, foot_camera, sonar, insole, ahrs, encoder, interaction,
-            actuator, head_imu, head_camera; and exo_imu, off by default: what the AHRSs' inertial sensors measure.
-        fittings: Which groups have another part, rate or clock than the standard one.
+            actuator, head_imu, head_camera; and exo_imu, off by default: the AHRSs' inertial sensors.
+        fittings: Groups whose part, rate or clock differs from the standard.
         rig_mount: `head` or `chest`: where the RGB-D camera sits.
         ideal: Noise-free sensors on rigid shoes.
-        shock: The shoes' uppers ring when the feet strike and rock in stance; never with ideal sensors.
-        dynamics: How `physics: dynamic` simulates; None for its defaults.
-        faults: What goes wrong between sensors and recorder, and with what holds the sensors.
+        shock: Whether the shoes' uppers vibrate at heel strike and rock in stance; never with ideal sensors.
+        dynamics: Parameters of `physics: dynamic`; None for its defaults.
+        faults: Faults between sensors and recorder, and faults of the sensor mounts.
     """
 
     name: str
@@ -359,7 +359,7 @@ class TwinConfig:
         "head_imu",
         "head_camera",
     )
-    fittings: Mapping[str, Fitting] = field(default_factory=dict)
+    fittings: Mapping[str, SensorConfig] = field(default_factory=dict)
     rig_mount: str = "head"
     ideal: bool = False
     shock: bool = True

@@ -1,4 +1,4 @@
-"""How the two feet share the load that inverse dynamics asks of the ground."""
+"""Distribution of the ground reaction wrench, known from inverse dynamics, between the two feet."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ LIFTED = 1e-3  # share of the load below which a foot counts as lifted
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootLoad:
-    """Load of the ground on one foot at N instants.
+    """Ground reaction on one foot at N instants.
 
     Attributes:
         force: (N, 3) N, world.
         torque: (N, 3) N m about the foot frame's origin, world axes.
-        cop: (N, 3) m, centre of pressure in the world; meaningless where the foot is lifted.
-        loaded: (N,) whether the foot carries load.
+        cop: (N, 3) m, centre of pressure in the world; undefined while the foot is lifted.
+        loaded: (N,) whether the foot bears load.
     """
 
     force: Array
@@ -40,8 +40,8 @@ def share_out(
 ) -> tuple[dict[str, FootLoad], Array, Array]:
     """Splits a total wrench between the feet.
 
-    Each foot takes its share of the force. The centres of pressure are the planned ones, both shifted alike in the
-    plane so that their weighted mean is the zero-moment point; the moment about the vertical is shared as the force.
+    Each foot takes its share of the force. The centres of pressure are the planned ones, both translated equally in the
+    plane so that their weighted mean is the zero-moment point; the moment about the vertical is shared like the force.
 
     Args:
         force: (N, 3) total force of the ground, world, N.
@@ -52,7 +52,7 @@ def share_out(
         p_foot: (N, 3) m, foot frame's origin by foot, world.
 
     Returns:
-        The loads by foot, and the force (N, 3) and torque (N, 3) that they leave unexplained.
+        Loads by foot, and the residual force (N, 3) and torque (N, 3) that they do not explain.
     """
     kept = {f: np.where(s > LIFTED, s, 0.0) for f, s in shares.items()}
     whole = np.sum(list(kept.values()), axis=0)

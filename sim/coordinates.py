@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from stridetwin.sim.quaternions import composed
+from stridetwin.sim.quaternions import multiply
 from stridetwin.sim.rotation import euler_accelerations_to_body, matrix_from_quat
 from stridetwin.streams.samples import Array
 
@@ -48,7 +48,7 @@ class Coordinates:
         )
 
     def from_mujoco(self, q: Array) -> Array:
-        """Coordinates (N, names) of qpos (N, nq) that follow on each other; the yaw does not jump."""
+        """Coordinates (N, names) of consecutive qpos (N, nq); the yaw is unwrapped."""
         R = matrix_from_quat(q[:, 3:7])
         x = np.empty((len(q), len(self.names)))
         x[:, :3] = q[:, :3]
@@ -84,8 +84,8 @@ def _moving(x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64]
     """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and rates."""
     for i in range(len(x)):
         y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
-        turn = composed((np.cos(y), 0.0, 0.0, np.sin(y)), (np.cos(p), 0.0, np.sin(p), 0.0))
-        turn = composed(turn, (np.cos(r), np.sin(r), 0.0, 0.0))
+        turn = multiply((np.cos(y), 0.0, 0.0, np.sin(y)), (np.cos(p), 0.0, np.sin(p), 0.0))
+        turn = multiply(turn, (np.cos(r), np.sin(r), 0.0, 0.0))
         w, qx, qy, qz = turn
         sign = 1.0 if w >= 0.0 else -1.0
         q[i, 3], q[i, 4], q[i, 5], q[i, 6] = sign * w, sign * qx, sign * qy, sign * qz

@@ -1,8 +1,8 @@
 """A compliant coupling between the exoskeleton and the wearer: strap, soft tissue, heel holder.
 
-The strain is the wearer's attachment point as seen from the exoskeleton's, in the exoskeleton body's axes, and the
-vector part of the relative rotation. Both give an elastic energy whose gradient is the wrench: force and counterforce
-act at one point, the wearer's, so that a coupling makes neither momentum nor angular momentum.
+The strain is the position of the wearer's attachment point relative to the exoskeleton's, in the exoskeleton body's
+axes, and the vector part of the relative rotation. Both give an elastic energy whose gradient is the wrench. Force and
+counterforce act at one point, the wearer's, so that a coupling adds neither momentum nor angular momentum.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Coupling:
         p_in_body: (3,) m, attachment in the wearer's body frame.
         stiffness: (3, 3) N/m, exoskeleton body's axes.
         damping: (3, 3) N s/m, likewise.
-        turn_stiffness: (3, 3) N m/rad, likewise.
-        turn_damping: (3, 3) N m s/rad, likewise.
+        rotation_stiffness: (3, 3) N m/rad, likewise.
+        rotation_damping: (3, 3) N m s/rad, likewise.
     """
 
     name: str
@@ -38,13 +38,13 @@ class Coupling:
     p_in_body: Array
     stiffness: Array
     damping: Array
-    turn_stiffness: Array
-    turn_damping: Array
+    rotation_stiffness: Array
+    rotation_damping: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pose:
-    """Where a body is and how it moves, in any common frame: position and rotation, velocity and angular rate.
+    """Pose and twist of a body in any common frame.
 
     Attributes:
         p: (..., 3) m, origin.
@@ -60,7 +60,7 @@ class Pose:
 
 
 def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array) -> tuple[Array, Array, Array, Array]:
-    """How far a coupling is displaced and turned.
+    """Displacement and rotation of a coupling.
 
     Args:
         c: The coupling.
@@ -71,7 +71,7 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
 
     Returns:
         (..., 3) displacement of the wearer's point, m, and (..., 3) vector part of the relative rotation
-        (sine of the angle), both in the exoskeleton body's axes; (..., 3, 3) how that vector changes with the relative
+        (sine of the angle), both in the exoskeleton body's axes; (..., 3, 3) derivative of that vector by the relative
         rotation; and (..., 3) the point where the force acts, in the common frame.
     """
     point = p_body + R_body @ c.p_in_body
@@ -83,7 +83,7 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
 
 
 def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
-    """What the wearer does to the exoskeleton; the exoskeleton does the opposite to the wearer.
+    """Wrench of the wearer on the exoskeleton; the exoskeleton exerts the opposite on the wearer.
 
     Args:
         c: The coupling.
@@ -100,5 +100,5 @@ def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
     rate = np.einsum("...ji,...j->...i", exo.R, relative)
     turning = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
     force = displacement @ c.stiffness.T + rate @ c.damping.T
-    torque = np.einsum("...ji,...j->...i", change, turn @ c.turn_stiffness.T + turning @ c.turn_damping.T)
+    torque = np.einsum("...ji,...j->...i", change, turn @ c.rotation_stiffness.T + turning @ c.rotation_damping.T)
     return np.einsum("...ij,...j->...i", exo.R, force), np.einsum("...ij,...j->...i", exo.R, torque), point

@@ -1,4 +1,4 @@
-"""Bystanders in the model: bodies put where they walk, part by part, seen by every camera and touched by nothing."""
+"""Bystanders in the model: bodies placed along their paths, visible to every camera and without contacts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _Geom = tuple[mujoco.mjtGeom, tuple[float, float, float], tuple[float, float, fl
 
 
 def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
-    """Adds `count` bystanders, whom `pose` puts in their places."""
+    """Adds `count` bystanders; `pose` places them."""
     for i in range(count):
         for part in PARTS:
             body = spec.worldbody.add_body(name=f"bystander_{i}_{part}", mocap=True, pos=(0.0, 0.0, -50.0))
@@ -36,7 +36,7 @@ def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
 
 
 def pose(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: float) -> None:
-    """Puts everybody where they are at an instant."""
+    """Places all bystanders at an instant."""
     for i, person in enumerate(crowd.people):
         p, R = person.parts(np.array([t_s]))
         first = int(model.body(f"bystander_{i}_{PARTS[0]}").mocapid[0])

@@ -1,4 +1,4 @@
-"""The exoskeleton as MuJoCo bodies: joints and masses where the D-H table puts them, and what it looks like."""
+"""The exoskeleton as MuJoCo bodies: joints and masses where the D-H table puts them, and its visual shape."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.exoskeleton import CUFF_SHARE, EXO_LEG_BODIES, EXO_LEG_JOINTS, RANGE_RAD, ExoLinks, chain
 from stridetwin.streams.samples import Array
 
-# 9.5 kg: back panel with controllers and batteries, and twice the leg. A leg's links: mass, kg, centre of mass as a
-# share of the link, inertia about it, kg m²
+# 9.5 kg: back panel with controllers and batteries, and twice the leg. Links of a leg: mass, kg; centre of mass as a
+# share of the link; inertia about it, kg m²
 _BACK_KG = 3.5
 _LINKS = {
     "exo_hip_abduction": (0.4, 0.0, (0.0030, 0.0050, 0.0040)),
@@ -82,7 +82,7 @@ def _leg(pelvis: mujoco.MjsBody, links: ExoLinks, side: str) -> dict[str, mujoco
 def _power(
     leg: Mapping[str, mujoco.MjsBody], links: ExoLinks, side: str, modules: Mapping[str, Module]
 ) -> None:  # fmt: skip
-    """Bolts the modules to the links above their joints and lets the joints feel rotor and gear."""
+    """Bolts the modules to the links above their joints and adds rotor inertia and gear friction to the joints."""
     outer = 1.0 if side == "l" else -1.0
     for joint, carrier, driven, down in (
         ("hip", "exo_hip_rotation", "exo_thigh", links.hip5), ("knee", "exo_thigh", "exo_shank", links.thigh),
@@ -118,7 +118,7 @@ def _back(pelvis: mujoco.MjsBody, links: ExoLinks, girth: float) -> None:
 
 
 def _dress(leg: Mapping[str, mujoco.MjsBody], links: ExoLinks, girth: float, outer: float) -> None:
-    """What one leg looks like; `outer` is 1 on the left and -1 on the right."""
+    """Adds the visual shape of one leg; `outer` is 1 on the left and -1 on the right."""
     hip, rotor, thigh, shank, ankle, foot = (leg[name] for name in EXO_LEG_BODIES)
     beside = links.hip2 * outer
     corner = (-links.hip6, beside, links.hip3)
@@ -154,7 +154,7 @@ def _dress(leg: Mapping[str, mujoco.MjsBody], links: ExoLinks, girth: float, out
 
 
 def _strap(body: mujoco.MjsBody, middle: ArrayLike, radii: tuple[float, float], half_width: float, parts: int) -> None:
-    """A band around a limb or the trunk, of flat pieces on an ellipse about the vertical."""
+    """Adds a band around a limb or the trunk, made of flat boxes on an ellipse about the vertical."""
     angle = 2 * math.pi * (np.arange(parts + 1) + 0.5) / parts
     ring = np.column_stack([radii[0] * np.cos(angle), radii[1] * np.sin(angle)]) / math.cos(math.pi / parts)
     for a, b in pairwise(ring):

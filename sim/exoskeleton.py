@@ -5,8 +5,8 @@ the wearer stands) by the constant rotations `R_DH_BODY`, and its angles from th
 with all angles zero the leg hangs straight down in both.
 
 The axis of hip ad-/abduction (z1, forward) and that of hip flexion (z5, to the left) cross in the anatomical hip centre
-when L_hip3 = L_hip4 + L_hip5. The axis of hip rotation (z3, up) stands beside the leg, L_hip2 from the centre: the
-sliders P1 and P2 that the paper adds for this are not in its table, and here the cuffs take up what they would.
+when L_hip3 = L_hip4 + L_hip5. The axis of hip rotation (z3, up) is beside the leg, L_hip2 from the centre. The
+sliders P1 and P2 that the paper adds for this are not in its table; here the cuffs absorb their motion.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ R_DH_BODY = {
 """Body axes (columns) in the axes of the D-H frame on that body."""
 
 # Table 1 of the paper, in the order and with the signs of EXO_LEG_JOINTS; but its ankle has ±20 deg of dorsiflexion,
-# where a wearer on stairs uses -36 to 38: a stop within that range would turn the frame's foot off the shoe
+# where a wearer on stairs uses -36 to 38: a stop within that range would rotate the frame's foot off the shoe
 RANGE_RAD = np.radians(np.array([[-30.0, 20], [-20, 20], [-25, 110], [-10, 110], [-50, 45], [-10, 10]]))
 
-HOLE_SPACING_M = 0.010  # links are set in holes: the fit to a person is never perfect
-_HIP_ARM_M = 0.080  # L_hip3: the arm rises over the greater trochanter, and comes down to the hip's axis
+HOLE_SPACING_M = 0.010  # links are set in holes, so the fit to a person is never perfect
+_HIP_ARM_M = 0.080  # L_hip3: the arm rises over the greater trochanter and descends to the hip's axis
 _HIP_ROTOR_M = 0.030  # L_hip4
 _CLEARANCE_M = 0.040  # from the skin to the middle of the bars beside the leg
 _PANEL_M = 0.028  # from the skin of the back to the middle of the back panel, pad included
@@ -96,7 +96,7 @@ class DhRow:
         a: m, along the x axis of the frame before.
         d: m, along this frame's z axis.
         theta: rad, added to the joint's angle.
-        joint: Which of the six angles turns this frame; None for the two virtual frames.
+        joint: Which of the six angles rotates this frame; None for the two virtual frames.
     """
 
     alpha: float
@@ -107,7 +107,7 @@ class DhRow:
 
 
 def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: float) -> ExoLinks:
-    """Links set to a person, as near as the holes allow.
+    """Links fitted to a person, as closely as the holes allow.
 
     Args:
         body: The wearer's dimensions.
@@ -184,13 +184,13 @@ def chain(links: ExoLinks, side: str) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegFrame:
-    """One leg of the exoskeleton that is worn, a chain of J hinges.
+    """One leg of the worn exoskeleton, a chain of J hinges.
 
     Attributes:
         bodies: Names, from the pelvis to the tip.
         joints: Names.
         offsets: (J, 3) m, origin of each body in its parent's frame; the first parent is the pelvis.
-        axes: (J, 3) of its joint.
+        axes: (J, 3) axis of each joint.
         stops: (J, 2) rad.
     """
 
@@ -202,10 +202,10 @@ class LegFrame:
 
 
 def leg_frame(size: Wearer, side: str) -> LegFrame:
-    """A leg of the exoskeleton that a wearer has on.
+    """A leg of the wearer's exoskeleton.
 
     Raises:
-        ValueError: There is none.
+        ValueError: The wearer has no exoskeleton.
     """
     if size.exo is None:
         raise ValueError("the wearer has no exoskeleton")
@@ -223,11 +223,11 @@ def leg_frame(size: Wearer, side: str) -> LegFrame:
 
 
 def couplings(size: Wearer) -> list[Coupling]:
-    """What ties the exoskeleton's legs to the wearer: cuffs at thigh and shank, holder of the heel; none without it.
+    """Couplings between the exoskeleton's legs and the wearer: cuffs at thigh and shank, heel holder; [] without it.
 
     The cuffs push fore-aft and sideways and slide along the limb. The holder is buckled over the instep and leaves the
-    forefoot free: the heel can lift and pitch in it. Some kN/m are what a strap on soft
-    tissue gives. On a wearer held still a leg has natural frequencies of 7-41 Hz, damped by 0.4-1.3 of critical (with
+    forefoot free: the heel can lift and pitch in it. A strap on soft tissue has a stiffness of some kN/m. On a
+    wearer whose body is held fixed, a leg has natural frequencies of 7-41 Hz, damped by 0.4-1.3 of critical (with
     modules on hip and knee 2-40 Hz, 0.13-0.9), so that a simulation in steps of 1 ms stays stable.
     """
     if size.exo is None:
@@ -244,7 +244,7 @@ def couplings(size: Wearer) -> list[Coupling]:
                     name=f"{part}_{side}", exo_body=f"exo_{part}_{side}", body=f"{part}_{side}",
                     p_in_exo=np.array([0.0, -s * links.hip2, -down]), p_in_body=np.array([0.0, 0.0, -down]),
                     stiffness=np.diag([4000.0, 4000.0, 0.0]), damping=np.diag([90.0, 90.0, 20.0]),
-                    turn_stiffness=np.diag([3.0, 3.0, 20.0]), turn_damping=np.diag([0.1, 0.1, 0.5]),
+                    rotation_stiffness=np.diag([3.0, 3.0, 20.0]), rotation_damping=np.diag([0.1, 0.1, 0.5]),
                 )
             )  # fmt: skip
         p_heel = np.array([0.0, 0.0, 0.035])
@@ -254,14 +254,14 @@ def couplings(size: Wearer) -> list[Coupling]:
                 name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}",
                 p_in_exo=p_heel - p_holder, p_in_body=p_heel,
                 stiffness=np.diag([15e3, 15e3, 15e3]), damping=np.diag([80.0, 80.0, 80.0]),
-                turn_stiffness=np.diag([120.0, 160.0, 120.0]), turn_damping=np.diag([0.5, 1.0, 0.5]),
+                rotation_stiffness=np.diag([120.0, 160.0, 120.0]), rotation_damping=np.diag([0.5, 1.0, 0.5]),
             )
         )  # fmt: skip
     return made
 
 
 CUFF_SHARE = {"thigh": 0.51, "shank": 0.43}
-"""How far down its segment a cuff sits."""
+"""Distance of a cuff from the top of its segment."""
 
 
 def _craig(row: DhRow, angle: Array) -> Array:

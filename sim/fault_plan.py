@@ -1,4 +1,4 @@
-"""When and where the faults of a walk happen: all of it fixed by the seed before the first sample."""
+"""Times and places of the faults of a walk: all of them are fixed by the seed before the first sample."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _OTHERS: dict[str, type[Sample]] = {
     "interaction": Interaction,
     "actuator": Actuator,
 }
-_FAULTS = zlib.crc32(b"faults")  # keeps their child streams apart from the sensors' noise
+_FAULTS = zlib.crc32(b"faults")  # separates their child streams from the sensors' noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +31,11 @@ class _Stream:
     """A stream of a rig.
 
     Attributes:
-        topic: Its name.
+        topic: Topic.
         kind: Type of its samples.
         part: Part that sends it.
         body: Body that carries the part.
-        housing: What it shares its case with goes by the same name.
+        housing: Streams of one case share this name.
     """
 
     topic: str
@@ -69,15 +69,15 @@ def _touched(fault: Fault, rig: Rig) -> list[_Stream]:
 
 
 def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
-    """Refuses faults that name no stream they can act on, or share a name.
+    """Rejects faults that match no stream that they can act on, or that share a name.
 
     Args:
-        source: What errors call the file.
-        faults: In the order of the file.
+        source: Name of the file in errors.
+        faults: Faults in the order of the file.
         rig: Every sensor of the scenario.
 
     Raises:
-        ConfigError: Names the fault, the bad value and what is valid.
+        ConfigError: Names the fault, the invalid value and what is valid.
     """
     names: list[str] = []
     for i, fault in enumerate(faults):
@@ -90,7 +90,7 @@ def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
 
 
 def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> None:
-    """Refuses faults that begin after the end of a walk of `duration_s`.
+    """Rejects faults that begin after the end of a walk of `duration_s`.
 
     Raises:
         ConfigError: Names the fault, its time and the length of the walk.
@@ -101,19 +101,19 @@ def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> N
 
 
 def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> list[tuple[Fault, Events]]:
-    """Every event of every fault in a walk.
+    """All events of all faults in a walk.
 
-    Random times depend on the walk's seed, the fault's name and the stream alone, so that no fault and no sensor more
-    or less moves the others' events. What hangs on one strap slips together, and colour is covered where depth is.
+    Random times depend on the walk's seed, the fault's name and the stream alone, so that adding or removing a fault or
+    a sensor does not change the other events. Sensors on one strap slip together; occlusions cover colour and depth.
 
     Args:
-        faults: What goes wrong; those without a stream in the rig do nothing.
+        faults: Faults; those without a matching stream in the rig do nothing.
         rig: The sensors that are on.
-        seed: Of the walk.
-        duration_s: Of the walk; events begin before its end.
+        seed: Seed of the walk.
+        duration_s: Duration of the walk; events begin before its end.
 
     Returns:
-        Each fault with its events by topic, in order of time.
+        Each fault with its events by topic, in time order.
     """
     planned: list[tuple[Fault, Events]] = []
     for fault in faults:
@@ -133,7 +133,7 @@ def _events(fault: Fault, stream: _Stream, seed: int, key: tuple[int, ...], end_
         from_ns = round(from_s * 1e9)
         if from_ns >= end_ns:
             return
-        if until_s is None or isinstance(fault, LooseStrap):  # what slipped stays so
+        if until_s is None or isinstance(fault, LooseStrap):  # a slip is permanent
             until_s = math.inf
         until_ns = end_ns + 1 if until_s * 1e9 > end_ns else round(until_s * 1e9)
         yield Event(
@@ -143,7 +143,7 @@ def _events(fault: Fault, stream: _Stream, seed: int, key: tuple[int, ...], end_
 
 
 def _spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
-    """Begin and end of each event, s, without end."""
+    """Begin and end of each event, s; the end is None for the rest of the walk."""
     if fault.at_s is not None:
         yield fault.at_s, None if fault.duration_s is None else fault.at_s + fault.duration_s
         return

@@ -1,7 +1,7 @@
-"""Faults between a sensor and the recorder: each is a generator that passes one topic's samples on, and spoils some.
+"""Faults between a sensor and the recorder: each is a generator that passes one topic's samples on and corrupts some.
 
-A fault knows what goes wrong; an `Event` (`sim.fault_plan`) says when and on which stream. Faults see every sample
-with the time at which it was taken, so that one fault may move stamps and the next still finds its events.
+A fault defines what is corrupted; an `Event` (`sim.fault_plan`) defines when and on which stream. Faults know the
+measurement time of every sample, so that one fault may change stamps and the next still finds its events.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from stridetwin.streams.samples import (
 )
 
 NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
-PICTURES = (Image, Depth)
+IMAGES = (Image, Depth)
 _LONGEST_S = 36_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """One time that a fault is there, on one stream.
+    """One occurrence of a fault on one stream.
 
     Attributes:
-        kind: Of the fault.
-        topic: Stream.
+        kind: Kind of the fault.
+        topic: Topic.
         from_ns: First instant.
-        until_ns: First instant after it.
-        part: Part that the sensor is.
+        until_ns: First instant after the event.
+        part: Part name of the sensor.
         entropy: Seed of the walk.
         key: Child stream of this event's own random choices.
     """
@@ -68,12 +68,12 @@ Events = Mapping[str, tuple[Event, ...]]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Arrival:
-    """Something on its way to the recorder.
+    """A sample or block on its way to the recorder.
 
     Attributes:
-        item: A sample, or a block of samples that no fault is about.
-        taken_ns: When the sample was taken, whatever its stamp says by now.
-        log_ns: When it arrives; (N,) for the samples of a block, None = at their stamps.
+        item: A sample, or a block of samples that no fault concerns.
+        taken_ns: Measurement time of the sample, whatever its stamp is by now.
+        log_ns: Arrival time; (N,) for the samples of a block, None = at their stamps.
     """
 
     item: Sample | Block[Any]
@@ -82,20 +82,20 @@ class Arrival:
 
     @property
     def topic(self) -> str:
-        """Stream it belongs to."""
+        """Topic of the item."""
         return self.item.topic
 
     def but(self, **values: Any) -> Arrival:
-        """The same with other values in its sample."""
+        """A copy with other values in its sample."""
         return replace(self, item=replace(self.item, **values))
 
 
 def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
-    """What arrives at the recorder of what the sensors sent.
+    """Items that arrive at the recorder, given those that the sensors sent.
 
     Args:
         items: Blocks and samples as the sensors send them.
-        faults: Each with its events by topic; they act in this order.
+        faults: Each with its events by topic; they are applied in this order.
     """
     lines: dict[str, list[_Stage]] = {}
     for fault, events in faults:
@@ -119,18 +119,18 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """A fault on one stream, its events there in order of time, and what it keeps from sample to sample."""
+    """A fault on one stream, its events there in time order, and its state between samples."""
 
     fault: Fault
     events: tuple[Event, ...]
     memory: dict[Any, Any] = field(default_factory=dict)
 
     def through(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
-        """What comes out of a piece of the stream."""
+        """Output for a chunk of the stream."""
         return self.fault.through(stream, self.events, self.memory)
 
     def last(self, stream: Iterable[Arrival]) -> Iterator[Arrival]:
-        """What comes out of the last piece."""
+        """Output for the last chunk."""
         yield from self.through(stream)
         yield from self.fault.left(self.memory)
 
@@ -141,9 +141,9 @@ def _apart(item: Block[Any] | Sample) -> Iterator[Arrival]:
 
 
 def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
-    """Samples of one topic as a block, pictures one by one."""
+    """Combines samples of one topic to a block, but keeps images one by one."""
     some = list(stream)
-    if some and isinstance(some[0].item, PICTURES):
+    if some and isinstance(some[0].item, IMAGES):
         yield from some
     elif some:
         block = block_of([a.item for a in some if isinstance(a.item, Sample)])
@@ -152,18 +152,18 @@ def _together(stream: Iterable[Arrival]) -> Iterator[Arrival]:
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Something that goes wrong with some streams, at a given time or at random ones.
+    """A fault of some streams, at a given time or at random times.
 
     Attributes:
-        topic: Stream, or a pattern of streams such as `/foot_*/imu`.
-        at_s: When it begins; None where `rate_per_min` says how often.
-        duration_s: How long it lasts; None = to the end of the walk.
-        rate_per_min: Mean number of events a minute of walk without it, at random times.
-        name: Seeds its random times and choices; no two faults of a walk share one.
+        topic: Topic, or a pattern of topics such as `/foot_*/imu`.
+        at_s: Start time; None if `rate_per_min` gives the frequency.
+        duration_s: Duration; None = to the end of the walk.
+        rate_per_min: Mean number of events per minute of walk without the fault, at random times.
+        name: Seeds its random times and choices; unique within a walk.
     """
 
     kind: ClassVar[str]
-    fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + PICTURES
+    fits: ClassVar[tuple[type[Sample], ...]] = NUMBERS + IMAGES
     common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
     topic: Annotated[str, text()]
     at_s: Annotated[float | None, number(0, _LONGEST_S)] = None
@@ -173,52 +173,52 @@ class Fault:
 
     @property
     def own_name(self) -> str:
-        """Its name, or what stands in for it."""
+        """Its name, or the default name."""
         return self.name or f"{self.kind} {self.topic}"
 
     def suits(self, sample: type[Sample], part: str) -> bool:
-        """Whether it can act on such samples of such a part."""
+        """Whether it applies to samples of this type from this part."""
         return sample in self.fits
 
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
     ) -> Iterator[Arrival]:
-        """What comes out of a piece of one topic's stream.
+        """Output for a chunk of one topic's stream.
 
         Args:
-            stream: The piece.
-            events: Of this fault on this topic, in order of time.
-            memory: The fault's own; what it keeps there from piece to piece.
+            stream: The chunk.
+            events: Events of this fault on this topic, in time order.
+            memory: State of the fault between chunks.
         """
         for arrival in stream:
             event = at(events, arrival)
-            yield from (arrival,) if event is None else self.spoiled(arrival, event)
+            yield from (arrival,) if event is None else self.corrupted(arrival, event)
 
     def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
-        """What is still on its way when the stream has ended."""
+        """Items still in transit when the stream has ended."""
         return ()
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """What becomes of one sample during an event."""
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """Output for one sample during an event."""
         return (arrival,)
 
 
 def at(events: tuple[Event, ...], arrival: Arrival) -> Event | None:
-    """The event during which a sample was taken."""
+    """The event that is active at the measurement time of a sample."""
     i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
     return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
 
 
 @dataclass(frozen=True, kw_only=True)
 class LooseStrap(Fault):
-    """A strap that slips: what it holds turns and shifts on its body, and stays so.
+    """A strap that slips: the sensors on it rotate and move on their body, permanently.
 
-    It acts in the twin (`sim.straps`), not on samples. Sensors that one pattern names on one body hang on one strap;
+    It acts in the twin (`sim.straps`), not on samples. Sensors on one body that match one pattern hang on one strap;
     an RGB-D camera and its IMU always do.
 
     Attributes:
-        angle_rad: Turn of one slip, about a random axis.
-        shift_m: Shift of one slip, in a random direction.
+        angle_rad: Rotation of one slip, about a random axis.
+        shift_m: Translation of one slip, in a random direction.
     """
 
     kind = "loose_strap"

@@ -1,4 +1,4 @@
-"""Which part each group of sensors is made of, and how its clock runs."""
+"""Configuration of each sensor group: its part, mount and clock."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KIND = {
     "head_imu": "imu",
     "head_camera": "rgbd",
 }
-"""The kind of part that each group takes."""
+"""The kind of part that each group uses."""
 
 STANDARD = {
     "foot_imu": "ADIS16485",
@@ -42,7 +42,7 @@ STANDARD = {
     "head_imu": "BMI055",
     "head_camera": "D455",
 }
-"""The part of each group where nothing else is asked for; the back's AHRS is `STANDARD_BACK_AHRS`."""
+"""The default part of each group; the back's AHRS is `STANDARD_BACK_AHRS`."""
 
 _Length = Annotated[float, number(-300, 300, scale=MM)]
 _Angle = Annotated[float, number(-180, 180, scale=DEG)]
@@ -51,14 +51,14 @@ STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
 
 @dataclass(frozen=True, kw_only=True)
 class Clock:
-    """How the stamps of a sensor differ from the true time of its samples.
+    """Errors of a sensor's stamps relative to the true time of its samples.
 
     Attributes:
-        offset_s: Constant; for a camera, of its trigger.
-        drift_ppm: Growth of the offset, µs a second.
+        offset_s: Constant offset; for a camera, of its trigger.
+        drift_ppm: Growth of the offset, µs per second.
         jitter_s: Standard deviation from sample to sample.
-        latency_s: From the sample to the stamp.
-        told: Whether the rig's calibration knows the constant part (offset and latency).
+        latency_s: Time from the sample to the stamp.
+        told: Whether the rig's calibration contains the constant part (offset and latency).
     """
 
     offset_s: Annotated[float, number(-1, 1)] = 0.0
@@ -69,18 +69,18 @@ class Clock:
 
     @property
     def shift_s(self) -> float:
-        """The constant part: how much later than the truth the stamps are at the start."""
+        """The constant part: delay of the stamps relative to true time at the start."""
         return self.offset_s + self.latency_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class Facing:
-    """Where something sits on the body that carries it; on shoes the same numbers serve both, mirrored.
+    """Pose of a sensor or board on the body that carries it; both shoes use the same numbers, mirrored.
 
     Attributes:
         position_m: In the body's frame: forward, aside, up. Aside is towards the other foot on shoes, and left on head
             and chest.
-        faces_rad: From forward aside, and up: where a camera or a sonar looks, or what a board faces.
+        faces_rad: From forward aside, and up: viewing direction of a camera or sonar, or normal of a board.
     """
 
     position_m: Annotated[tuple[_Length, _Length, _Length], Field(alias="position_mm")]
@@ -89,34 +89,34 @@ class Facing:
 
 @dataclass(frozen=True, kw_only=True)
 class Seat(Facing):
-    """Where something sits, and how it is rolled.
+    """Pose with a roll about the viewing direction.
 
     Attributes:
-        roll_rad: A camera's rotation about where it looks, the image's top aside positive.
+        roll_rad: Rotation of a camera about its viewing direction, positive when the top of the image moves aside.
     """
 
     roll_rad: Annotated[_Angle, Field(alias="roll_deg")] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fitting:
-    """What a group of sensors has that the standard one has not.
+class SensorConfig:
+    """Differences of a group of sensors from the standard one.
 
     Attributes:
-        part: Instead of the standard part.
-        ideal: The part's ideal twin.
-        rate_hz: Instead of the part's.
-        clock: Of every sensor of the group.
-        strike: What the strikes of the heels leave of themselves, m/s²; the IMU beside the camera with depth alone.
-        light: Light on the scene over what the camera is set for; cameras alone.
-        exposure_s: Instead of the camera's.
-        calibration_sd: How far what is told of it may be off; the camera with depth alone.
-        pitch_down_rad: How far the camera with depth, and the IMU beside it, look down instead.
-        frames: `board`, where the shoe cameras draw nothing but the surroundings of the other shoe's board, or `full`.
-        position_m: Where a shoe's IMU sits instead, in the foot's frame: forward, outward, up.
-        rotation_rad: How a shoe's IMU is turned: roll, pitch, yaw of the left one; the right one is its mirror image.
-        mount: Where a shoe's camera or sonar, or the camera with depth (and the IMU beside it), sits instead.
-        board: Where a shoe's board sits instead; with the cameras.
+        part: Part in place of the standard one.
+        ideal: Whether to use the noise-free version of the part.
+        rate_hz: Rate in place of the part's.
+        clock: Clock of every sensor of the group.
+        strike: Residual error after heel strikes, m/s²; for the IMU beside the depth camera only.
+        light: Brightness of the scene relative to the camera's setting; cameras only.
+        exposure_s: Exposure time in place of the camera's.
+        calibration_sd: Accuracy of the nominal calibration; for the depth camera only.
+        pitch_down_rad: Downward pitch of the depth camera and of the IMU beside it.
+        frames: `board`: the shoe cameras render the other shoe's board and its surroundings only; `full`: everything.
+        position_m: Position of a shoe's IMU in the foot's frame: forward, outward, up.
+        rotation_rad: Rotation of a shoe's IMU: roll, pitch, yaw of the left one; the right one is its mirror image.
+        mount: Pose of a shoe's camera or sonar, or of the depth camera (and the IMU beside it).
+        board: Pose of a shoe's board; with the cameras.
     """
 
     part: Part | None = None
@@ -136,20 +136,20 @@ class Fitting:
 
 
 def part_of(
-    fittings: Mapping[str, Fitting], group: str, every_ideal: bool, standard: str | None = None
+    fittings: Mapping[str, SensorConfig], group: str, every_ideal: bool, standard: str | None = None
 ) -> tuple[Any, Any]:
-    """The part of a group as it is, and as its data sheet tells it: an ideal twin is told like the part itself.
+    """The simulated part of a group, and its data sheet; a noise-free part keeps the data sheet of the real one.
 
     Args:
-        fittings: What differs from the standard, by group.
-        group: Of sensors.
-        every_ideal: Ideal twins throughout.
-        standard: Name of the part where none is asked for; None takes the group's.
+        fittings: Differences from the standard, by group.
+        group: Group of sensors.
+        every_ideal: Whether all parts are noise-free.
+        standard: Name of the default part; None for the group's.
     """
-    fitting = fittings.get(group, Fitting())
-    told: Any = fitting.part or part(standard or STANDARD[group])
-    if fitting.rate_hz is not None:
-        told = replace(told, rate_hz=fitting.rate_hz)
-    if fitting.exposure_s is not None:
-        told = replace(told, imager=replace(told.imager, exposure_s=fitting.exposure_s))
-    return (ideal(told) if every_ideal or fitting.ideal else told), told
+    sensor_config = fittings.get(group, SensorConfig())
+    nominal: Any = sensor_config.part or part(standard or STANDARD[group])
+    if sensor_config.rate_hz is not None:
+        nominal = replace(nominal, rate_hz=sensor_config.rate_hz)
+    if sensor_config.exposure_s is not None:
+        nominal = replace(nominal, imager=replace(nominal.imager, exposure_s=sensor_config.exposure_s))
+    return (ideal(nominal) if every_ideal or sensor_config.ideal else nominal), nominal

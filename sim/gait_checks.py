@@ -1,4 +1,4 @@
-"""Which gaits can be walked."""
+"""Checks which gaits are possible."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SWAY_MAX_RAD, SWAY_MAX_RADPS = 0.7, 5.0
 
 
 def check_gait(gait: Gait) -> None:
-    """Refuses what nobody can walk, or no neck can hold.
+    """Rejects a gait that is impossible for the legs or the neck.
 
     Raises:
         ConfigError: The message names field, value and range.
@@ -41,7 +41,7 @@ def check_gait(gait: Gait) -> None:
         ("gaze.sway_hz", gaze.sway_hz, seldom <= gaze.sway_hz <= often, f"{seldom}-{often} Hz"),
         (
             "gaze.sway_hz", gaze.sway_hz, fastest <= SWAY_MAX_RADPS,
-            f"no more than {SWAY_MAX_RADPS:g} rad/s at the most, which 2 pi times rate and amplitude are",
+            f"2 pi times rate and amplitude, the highest angular rate, of up to {SWAY_MAX_RADPS:g} rad/s",
         ),
     ):  # fmt: skip
         if not valid:

@@ -1,7 +1,7 @@
-"""What a walker's own limbs hide: rays against the shapes of person, shoes and exoskeleton, many at once, compiled.
+"""Occlusion by a walker's own limbs: rays against the shapes of person, shoes and exoskeleton, in bulk, compiled.
 
-A line of sight is a segment. Every shape is convex, so that a line is inside it from one place to another: it is in the
-way where that span and the segment have something in common.
+A line of sight is a segment. Every shape is convex, so that the part of a line inside it is an interval: the shape
+occludes where this interval and the segment overlap.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from stridetwin.sim import rigid_tree
 from stridetwin.sim.rigid_tree import Tree
 from stridetwin.sim.rotation import matrix_from_quat
-from stridetwin.sim.triples import Triple, dot, minus, plus, times, transposed, triple, turned
-from stridetwin.sim.triples import rows as rows_of
+from stridetwin.sim.triples import Vec3, dot, mat3, matvec, minus, plus, times, transposed, vec3
 from stridetwin.streams.samples import Array
 
 NEAR_M = SUNK_M = 0.02
-"""What is nearer to an eye hides nothing, and so deep it may sit in what carries it: bodies are cruder than people."""
+"""Shapes nearer to an eye than this do not occlude it, and an eye may be this deep inside its carrier's crude shape."""
 _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = 2, 3, 4, 5, 6  # mjtGeom
 _NOTHING = (math.inf, -math.inf)
 
@@ -35,7 +34,7 @@ class Limbs:
     Attributes:
         kind: (G,) number of `mjtGeom`.
         size: (G, 3) m, as in MuJoCo.
-        reach: (G,) m, radius about the shape's middle.
+        reach: (G,) m, radius of the bounding sphere.
         p: (N, G, 3) m, middles in the world.
         R: (N, G, 3, 3), shape to world.
     """
@@ -48,7 +47,7 @@ class Limbs:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, q: Array, v: Array) -> Limbs:
-        """The shapes at (N, nq) positions; velocities (N, nv) do not matter."""
+        """The shapes at (N, nq) positions; the velocities (N, nv) have no effect."""
         tree = Tree.of(model)
         worn = shapes(model, set(tree.ids.tolist()))
         p_body, quat, _, _ = rigid_tree.motion(tree, q, v)
@@ -63,11 +62,11 @@ class Limbs:
         )
 
     def hide(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
-        """Whether a limb is between each origin and its targets.
+        """Whether a limb occludes each target from its origin.
 
         Args:
             rows: (M,) instants.
-            origins: (M, 3) m in the world, one an instant; deeper than `SUNK_M` inside a limb everything is hidden.
+            origins: (M, 3) m in the world, one per instant; deeper than `SUNK_M` inside a limb everything is occluded.
             targets: (M, K, 3) m in the world.
 
         Returns:
@@ -87,9 +86,9 @@ class Shape:
         body: Number of the body.
         kind: Number of `mjtGeom`.
         size: (3,) m, as in MuJoCo.
-        reach: m, radius about its middle.
-        p: (3,) m, its middle in the body's frame.
-        R: (3, 3) its rotation there.
+        reach: m, radius of its bounding sphere.
+        p: (3,) m, its centre in the body's frame.
+        R: (3, 3) its rotation in that frame.
     """
 
     body: int
@@ -100,7 +99,7 @@ class Shape:
     R: Array
 
     def first_touch(self, origin: Array, direction: Array) -> float:
-        """How many times `direction` (3,) it is from `origin` (3,), in the body's frame; inf where a ray passes it."""
+        """Distance to the shape in multiples of `direction` (3,) from `origin` (3,), body's frame; inf for a miss."""
         o, d = self.R.T @ (origin - self.p), self.R.T @ direction
         enters, leaves = _span(
             self.kind, (float(self.size[0]), float(self.size[1]), float(self.size[2])),
@@ -110,7 +109,7 @@ class Shape:
 
 
 def shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
-    """Shapes on some bodies, and on what is fixed to these without a joint."""
+    """Shapes on some bodies and on bodies that are fixed to these without a joint."""
     found = []
     for geom in range(model.ngeom):
         body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], matrix_from_quat(model.geom_quat[geom])
@@ -131,28 +130,28 @@ def _hidden(
     found = np.zeros(targets.shape[:2], np.bool_)
     for m in range(len(rows)):
         n = rows[m]
-        eye = triple(origins[m])
+        eye = vec3(origins[m])
         for k in range(targets.shape[1]):
-            d = minus(triple(targets[m, k]), eye)
+            d = minus(vec3(targets[m, k]), eye)
             length = dot(d, d)
             for g in range(len(kind)):
-                to = minus(eye, triple(p[n, g]))
+                to = minus(eye, vec3(p[n, g]))
                 share = min(max(-dot(to, d) / length, 0.0), 1.0) if length > 0.0 else 0.0
                 near = plus(to, times(share, d))
                 if dot(near, near) > reach[g] * reach[g]:
                     continue
-                back = transposed(rows_of(R[n, g]))
-                if _in_the_way(kind[g], triple(size[g]), turned(back, to), turned(back, d)):
+                back = transposed(mat3(R[n, g]))
+                if _in_the_way(kind[g], vec3(size[g]), matvec(back, to), matvec(back, d)):
                     found[m, k] = True
                     break
     return found
 
 
 @numba.njit(cache=True)
-def _in_the_way(kind: int, size: Triple, o: Triple, d: Triple) -> bool:
-    """Whether a shape is between o and o + d, in its own frame.
+def _in_the_way(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
+    """Whether a shape occludes the segment from o to o + d, in its own frame.
 
-    It is not where it begins nearer than `NEAR_M` or o lies less than `SUNK_M` in it: pictures do not show it either.
+    It does not if it begins nearer than `NEAR_M`, or if o is less than `SUNK_M` inside it; images omit it, too.
     """
     enters, leaves = _span(kind, size, o, d)
     if enters > leaves or enters >= 1.0 or leaves <= 0.0:
@@ -169,8 +168,8 @@ def _in_the_way(kind: int, size: Triple, o: Triple, d: Triple) -> bool:
 
 
 @numba.njit(cache=True)
-def _span(kind: int, size: Triple, o: Triple, d: Triple) -> tuple[float, float]:
-    """From where to where the line o + t d, in the shape's own frame, is inside it; empty: (inf, -inf)."""
+def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
+    """Interval of the line o + t d, in the shape's own frame, inside it; empty: (inf, -inf)."""
     if kind == _BOX:
         enters, leaves = -math.inf, math.inf
         for i in range(3):
@@ -207,7 +206,7 @@ def _span(kind: int, size: Triple, o: Triple, d: Triple) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def _slab(o: float, d: float, half: float) -> tuple[float, float]:
-    """Where o + t d is between -half and half."""
+    """Interval where o + t d is between -half and half."""
     if d == 0.0:
         return (-math.inf, math.inf) if abs(o) <= half else (math.inf, -math.inf)
     a, b = (-half - o) / d, (half - o) / d
@@ -216,7 +215,7 @@ def _slab(o: float, d: float, half: float) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def _quadric(a: float, b: float, c: float) -> tuple[float, float]:
-    """Where a t² + 2 b t + c is 0 or less, a not negative."""
+    """Interval where a t² + 2 b t + c is at most 0, for a >= 0."""
     if a == 0.0:
         return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
     inside = b * b - a * c

@@ -1,8 +1,8 @@
-"""A twin that walks while it is listened to: what its sensors say arrives as it walks, and its motors can be driven.
+"""A twin that walks in lockstep with its consumers: samples are delivered as it walks, and its motors can be driven.
 
-Sensors read the simulation as they read a walk that has ended, through splines and filters, so that they tell of an
-instant a few milliseconds after it. Uppers of shoes and straps are rigid here: how they ring and slip is planned for
-whole walks.
+Sensors read the simulation as they read a finished walk, through splines and filters, so that samples lag an instant by
+a few milliseconds. Uppers of shoes and sensor mounts are rigid here: their vibration and slip is planned for whole
+walks.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from stridetwin.sim import truth
 from stridetwin.sim.camera_processes import CameraProcesses
-from stridetwin.sim.dynamics.drive import Law
+from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import MARGIN_S, Simulation
 from stridetwin.sim.sensor_suite import SensorSuite, instants
@@ -26,41 +26,37 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Sample
 
 LATENCY_S = 0.008
-"""From an instant to what sensors tell of it, besides the time of a picture; more with an IMU of narrow bandwidth."""
+"""Delay from an instant to its samples, besides the time of an image; more with an IMU of narrow bandwidth."""
 _WINDOW_S = 0.1
 
 
 class LiveTwin:
-    """One walk, made while it is sensed; a context manager where cameras are worn.
+    """A walk that is simulated and sensed step by step; a context manager if cameras are worn.
 
     Args:
-        twin: Who walks, where, with which sensors.
-        law: Drives the exoskeleton in place of what the scenario says.
+        twin: Wearer, route and sensors.
+        law: Control law that replaces the scenario's drive of the exoskeleton.
 
     Attributes:
         simulation: The walk.
 
     Raises:
-        ConfigError: The walk is a plan (`physics: kinematic`), or has faults, which are planned for whole walks.
+        ConfigError: The walk is kinematic (`physics: kinematic`), or has faults, which are planned for whole walks.
     """
 
-    def __init__(self, twin: Twin, law: Law | None = None) -> None:
+    def __init__(self, twin: Twin, law: ControlLaw | None = None) -> None:
         config = twin.config
         if config.physics != "dynamic":
-            raise ConfigError(
-                config.name, "physics", config.physics, "dynamic, where a walk is sensed while it is made"
-            )
+            raise ConfigError(config.name, "physics", config.physics, "dynamic, for a live walk")
         if config.faults:
-            raise ConfigError(
-                config.name, "faults", f"{len(config.faults)} of them", "none, where a walk is sensed live"
-            )
+            raise ConfigError(config.name, "faults", f"{len(config.faults)} of them", "none, for a live walk")
         self._twin, self.simulation = twin, twin.simulation(law)
-        self._suite = SensorSuite(twin.outfit, twin.terrain, twin.crowd, twin.seed)
-        self._cameras = CameraProcesses(twin.model, twin.outfit, twin.crowd, twin.seed, processes=1)
+        self._suite = SensorSuite(twin.sensor_rig, twin.terrain, twin.crowd, twin.seed)
+        self._cameras = CameraProcesses(twin.model, twin.sensor_rig, twin.crowd, twin.seed, processes=1)
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
         self._open = ExitStack()
-        self._told_ns = -1
+        self._delivered_ns = -1
 
     def __enter__(self) -> Self:
         self._open.enter_context(self._cameras)
@@ -72,7 +68,7 @@ class LiveTwin:
         self._open.close()
 
     def advance(self, until_s: float) -> list[Sample]:
-        """Walks on up to a time, or to the end; returns what has arrived by then, in order of its stamps.
+        """Simulates up to a time, or to the end; returns the samples that have arrived by then, in order of stamps.
 
         Args:
             until_s: s.
@@ -80,9 +76,9 @@ class LiveTwin:
         while self.simulation.time_s < until_s and not self.simulation.over:
             self.simulation.step()
         until_ns = math.floor((self.simulation.time_s - self._latency_s) * 1e9)
-        if until_ns <= self._told_ns:
+        if until_ns <= self._delivered_ns:
             return []
-        after_ns, self._told_ns = self._told_ns, until_ns
+        after_ns, self._delivered_ns = self._delivered_ns, until_ns
         return sorted(self._sensed(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
 
     def _sensed(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
@@ -93,8 +89,8 @@ class LiveTwin:
         if not len(t_ns):
             return
         motion = player.motion(t_ns)
-        pictures = self._cameras.ask(motion, after_ns, until_ns)
+        images = self._cameras.ask(motion, after_ns, until_ns)
         loads = player.loads(loads_ns, motion)
         for block in self._suite.read(player, motion, loads, after_ns, until_ns):
             yield from block
-        yield from pictures
+        yield from images

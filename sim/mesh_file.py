@@ -1,4 +1,4 @@
-"""Triangles of a mesh file, `.stl`, `.obj` or `.ply`, taken in up to a size: no materials, no other files."""
+"""Triangles of a mesh file, `.stl`, `.obj` or `.ply`, up to a size limit; materials and other files are ignored."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def read_triangles(path: Path, scale: float) -> Array:
         scale: Metres in its unit.
 
     Raises:
-        ConfigError: Not such a file, too large, or with coordinates that none has.
-        StrideTwinError: It cannot be read.
+        ConfigError: Another kind of file, one that is too large, or one with invalid coordinates.
+        StrideTwinError: The file cannot be read.
     """
     import trimesh  # slow to import
 
@@ -47,7 +47,7 @@ def read_triangles(path: Path, scale: float) -> Array:
         raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
     except StrideTwinError:
         raise
-    except Exception as error:  # the parsers trust their input
+    except Exception as error:  # the parsers do not validate their input
         words = " ".join(str(error).split()) or type(error).__name__
         raise StrideTwinError(f"{path}: no {kind[1:].upper()} mesh: {words[:200]}") from error
     if not 0 < len(corners) <= MOST_TRIANGLES:
@@ -59,7 +59,7 @@ def read_triangles(path: Path, scale: float) -> Array:
 
 
 def _check_declared(path: Path, kind: str, data: bytes) -> None:
-    """Refuses a header that announces more than there is."""
+    """Rejects a header that declares more elements than the file can hold."""
     most = MOST_TRIANGLES
     if kind == ".stl" and not data[:512].lstrip().startswith(b"solid"):
         count = int.from_bytes(data[80:84], "little")

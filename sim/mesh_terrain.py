@@ -1,8 +1,8 @@
-"""A mesh as terrain: its levels, ramps and risers along a straight way, replaced by exact boxes and wedges.
+"""A mesh as terrain: its levels, ramps and risers along a straight way are replaced by exact boxes and wedges.
 
-The mesh is cut along five parallel lines. On the middle one, steps of height are risers, and between them straight
-lines are levels or ramps (Douglas-Peucker); equal treads in a row become stairs. What is laid out from these segments
-is compared with the mesh over the whole width of the way; a mesh that differs too much is refused.
+The mesh is cut along five parallel lines. On the middle one, height steps are risers, and straight lines between them
+are levels or ramps (Douglas-Peucker); equal treads in a row become stairs. The layout of these segments is compared
+with the mesh over the whole width of the way; a mesh that differs too much is rejected.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import DEG, file_beside, number, words
 from stridetwin.streams.samples import Array
 
-LARGEST_DEVIATION_M = 0.010
-"""Of the mesh from what replaces it, anywhere on the way but beside risers."""
+LARGEST_ERROR_M = 0.010
+"""Largest distance of the mesh from its replacement, anywhere on the way but beside risers."""
 BESIDE_RISER_M = 0.025
 STEP_M = 0.005
-_JUMP_M = 0.015  # from one cut to the next: steeper than any ramp
+_JUMP_M = 0.015  # between neighbouring samples: steeper than any ramp
 _STRAIGHT_M = 0.003
-_LEVEL_M = 0.004  # rise of what is taken as level
+_LEVEL_M = 0.004  # largest rise of a level
 _STEEPEST = 0.5  # least upward part of a walkable triangle's normal
-_REACH_M = 0.45  # what is higher above the last cut is no ground
+_REACH_M = 0.45  # surfaces higher than this above the last sample are not ground
 _SAME_TREAD_M = 0.01
 _TREAD_MAX_M = 0.6
 _SHORTEST_M = 0.5
@@ -42,28 +42,28 @@ _Start = Annotated[float, number(-1000, 1000)]
 
 @dataclass(frozen=True, kw_only=True)
 class MeshTerrain:
-    """What a mesh has become.
+    """Terrain made from a mesh.
 
     Attributes:
-        segments: From its start on.
-        told: What was replaced by what, and how far off it is, in words.
+        segments: Segments from its start on.
+        summary: Summary of the replacement and its error, in words.
     """
 
     segments: tuple[Part, ...]
-    told: str
+    summary: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshWay:
-    """Where the way lies on a mesh.
+    """The way on a mesh.
 
     Attributes:
         path: The mesh.
-        scale: Metres in its unit.
-        up: `z` or `y`, which of its axes points up.
-        start_m: Where the way begins, in the plane across that axis.
+        scale: Metres per unit of the mesh.
+        up: `z` or `y`, the axis that points up.
+        start_m: Start of the way, in the plane across that axis.
         heading_rad: Its direction there.
-        length_m: How long it is; None to where the mesh ends.
+        length_m: Length of the way; None for the rest of the mesh.
     """
 
     path: Annotated[Path, file_beside(key="file")]
@@ -75,15 +75,15 @@ class MeshWay:
 
 
 def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
-    """Segments that a mesh is replaced by.
+    """Segments that replace a mesh.
 
     Args:
-        way: The mesh, and where the way lies on it.
-        width_m: Of the way.
+        way: The mesh, and the way on it.
+        width_m: Width of the way.
 
     Raises:
-        ConfigError: The mesh cannot be read, walked, or replaced closely enough; says where and why.
-        StrideTwinError: It cannot be read.
+        ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
+        StrideTwinError: The file cannot be read.
     """
     corners = _in_way(read_triangles(way.path, way.scale), way)
     length = way.length_m or float(corners[:, :, 0].max()) - STEP_M
@@ -93,15 +93,15 @@ def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
     heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
     middle = heights[:, len(_ROWS) // 2] - heights[0, len(_ROWS) // 2]
     segments = _segments(s, middle, way)
-    off = _deviation(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
+    off = _error(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
-    told = (
+    summary = (
         f"{way.path}: replaced by exact boxes and wedges ({counts}) over {length:.2f} m; the mesh lies up to "
         f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
-        f"{1e3 * LARGEST_DEVIATION_M:g} mm is taken; {1e3 * BESIDE_RISER_M:g} mm beside risers left out)"
+        f"{1e3 * LARGEST_ERROR_M:g} mm is accepted; {1e3 * BESIDE_RISER_M:g} mm beside risers are excluded)"
     )
-    return MeshTerrain(segments=segments, told=told)
+    return MeshTerrain(segments=segments, summary=summary)
 
 
 def _in_way(corners: Array, way: MeshWay) -> Array:
@@ -115,22 +115,22 @@ def _in_way(corners: Array, way: MeshWay) -> Array:
 
 
 def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
-    """(N,) height of the ground along a line: from that nearest to 0 on, the highest that can be stepped onto."""
+    """(N,) height of the ground along a line: starts nearest to 0, then the highest surface in reach of a step."""
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])
     size = np.linalg.norm(normal, axis=1)
     near = (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
     flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _STEEPEST * size)
     if np.any(flat & (normal[:, 2] > 0)):
-        flat &= normal[:, 2] > 0  # undersides are no ground; but where nothing faces up, the mesh is inside out
+        flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
     near &= flat
     at: list[list[float]] = [[] for _ in s]
     for (a, b, c), n in zip(corners[near], normal[near]):
         first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
         for i in range(first, last):
             p = s[i], left
-            turns = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
-            if min(turns) >= -1e-9 or max(turns) <= 1e-9:
+            sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
+            if min(sides) >= -1e-9 or max(sides) <= 1e-9:
                 at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
     heights = np.empty(len(s))
     last_z = min(at[0], default=0.0, key=abs)
@@ -177,13 +177,13 @@ def _segments(s: Array, z: Array, way: MeshWay) -> tuple[Part, ...]:
 
 
 def _between(s: Array, before: int | None, a: int, b: int, riser_after: bool) -> float:
-    """Length of a piece, from the middle of the step before it to the middle of the one after it."""
+    """Length of a segment, from the middle of the step before it to the middle of the one after it."""
     start = s[a] if before is None else 0.5 * (s[before] + s[a])
     return float((0.5 * (s[b] + s[b + 1]) if riser_after else s[b]) - start)
 
 
 def _flight(risers: list[float], treads: list[float]) -> list[Part]:
-    """Risers with the treads between them: one stair where the treads are alike, else riser by riser."""
+    """Risers with the treads between them: one stair if all treads are equal, otherwise riser by riser."""
     if not risers:
         return []
     down, heights = risers[0] < 0, tuple(abs(r) for r in risers)
@@ -198,7 +198,7 @@ def _flight(risers: list[float], treads: list[float]) -> list[Part]:
 
 
 def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list[Part]:
-    """Levels and ramps between two risers; `run` is their length in all."""
+    """Levels and ramps between two risers; `run` is their total length."""
     knots = _knots(s, z, a, b)
     parts: list[Part] = []
     for k, (i, j) in enumerate(pairwise(knots)):
@@ -217,7 +217,7 @@ def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list
 
 
 def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
-    """Where straight lines through a piece of the profile meet (Douglas & Peucker 1973)."""
+    """Vertices of a piecewise linear fit to a part of the profile (Douglas & Peucker 1973)."""
     done, todo = [a], [b]
     while todo:
         i, j = done[-1], todo[-1]
@@ -231,14 +231,14 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
     return done
 
 
-def _deviation(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float, way: MeshWay) -> Array:
-    """(K,) m, how far the mesh lies from what replaces it, over the way but for the neighbourhood of risers."""
-    from stridetwin.sim.terrain import Terrain  # brings the simulator, which scenarios without a mesh do without
+def _error(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float, way: MeshWay) -> Array:
+    """(K,) m, distance of the mesh from its replacement, over the way except near risers."""
+    from stridetwin.sim.terrain import Terrain  # imports the simulator, which is not needed without a mesh
 
     try:
         terrain = Terrain.from_route(Route(segments=segments, width_m=width_m))
     except ConfigError as error:
-        raise ConfigError(way.path, f"made of it: {error.field}", error.value, error.valid) from error
+        raise ConfigError(way.path, f"the resulting {error.field}", error.value, error.valid) from error
     left = 0.5 * width_m * np.array(_ROWS)
     points = np.stack(np.broadcast_arrays(s[:, None], left), -1)
     edges = [a.s1 for a, b in pairwise(terrain.profile) if abs(a.z1 - b.z0) > 1e-6]
@@ -247,9 +247,9 @@ def _deviation(segments: tuple[Part, ...], s: Array, heights: Array, width_m: fl
     for edge in edges:
         away &= np.abs(s - edge) > BESIDE_RISER_M
     off = np.abs(terrain.height(points) - heights)[away]
-    if off.max() > LARGEST_DEVIATION_M:
+    if off.max() > LARGEST_ERROR_M:
         row, column = np.unravel_index(int(np.argmax(off)), off.shape)
         where = f"{s[away][row]:.2f} m along, {left[column]:+.2f} m to the left"
-        valid = f"up to {1e3 * LARGEST_DEVIATION_M:g} mm from levels, ramps and stairs across the way"
+        valid = f"up to {1e3 * LARGEST_ERROR_M:g} mm from levels, ramps and stairs across the way"
         raise ConfigError(way.path, where, f"{1e3 * off[row, column]:.0f} mm off", valid)
     return np.asarray(off).ravel()

@@ -1,4 +1,4 @@
-"""Sensor noise: one child stream per topic, so that no sensor's noise depends on which others there are."""
+"""Sensor noise: one child stream per topic, so that a sensor's noise does not depend on the other sensors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Noise:
 
     @classmethod
     def of_topic(cls, seed: int, topic: str) -> Self:
-        """Noise of one topic: its key is a checksum of the name, never its place in a list.
+        """Noise of one topic, keyed by a checksum of its name rather than its position in a list.
 
         Args:
             seed: Seed of the walk.
@@ -36,11 +36,11 @@ class Noise:
         return np.zeros(shape) if self._rng is None else sd * self._rng.standard_normal(shape)
 
     def uniform(self, shape: int | tuple[int, ...]) -> Array:
-        """Even deviates between 0 and 1, drawn row by row; ones where silent, so that nothing rare happens."""
+        """Uniform deviates between 0 and 1, drawn row by row; ones where silent, so that rare events do not occur."""
         return np.ones(shape) if self._rng is None else self._rng.random(shape)
 
     def at(self, t_ns: int) -> Noise:
-        """Noise of one picture, or of one number of whatever else, however much was drawn before it."""
+        """Noise of one image or other event by its time, independent of the draws before it."""
         if self._seeds is None:
             return self
         return Noise(np.random.SeedSequence(self._seeds.entropy, spawn_key=(*self._seeds.spawn_key, t_ns)))

@@ -1,7 +1,7 @@
-"""An exoskeleton of the user's own on the wearer: its links, cuffs, motors and sensors, whatever file they come from.
+"""A custom exoskeleton on the wearer: its links, cuffs, motors and sensors, independent of the file format.
 
 Every link has the axes of the wearer's pelvis (x forward, y left, z up) and its origin on its joint while all joints
-are at zero: the user's model is read into this form (`own_exo_model`), and what its rig file says with it
+are at zero: the user's model is converted to this form (`own_exo_model`), and its rig file adds the rest
 (`own_exo_rig`). Each leg is a chain of hinges that hangs on a base, which is fixed to the pelvis.
 """
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from stridetwin.sim.body import Wearer
 
 HIGHEST_HZ = 80.0
-"""Natural frequency of a leg on its cuffs, up to which a simulation in steps of 1 ms is sound."""
+"""Highest natural frequency of a leg on its cuffs at which a simulation in steps of 1 ms is stable."""
 LOOSEST = 1e-7
-"""Least stiffness over the largest of a leg on its cuffs: below it a joint is held by nothing."""
+"""Least ratio of smallest to largest stiffness of a leg on its cuffs; below it a joint is not held."""
 _FARTHEST_M = 0.3
 STEP_S = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """What a link looks like.
+    """Visual shape of a link.
 
     Attributes:
         kind: MuJoCo's type of geom.
@@ -41,8 +41,8 @@ class Shape:
         pos: (3,) m in the link's frame.
         quat: (4,) w, x, y, z.
         rgba: (4,).
-        vertices: (V, 3) m of a mesh, else none.
-        faces: (F, 3) of a mesh, else none.
+        vertices: (V, 3) m of a mesh, otherwise empty.
+        faces: (F, 3) of a mesh, otherwise empty.
     """
 
     kind: int
@@ -56,7 +56,7 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Link:
-    """One rigid link and the hinge that it turns on.
+    """One rigid link and its hinge.
 
     Attributes:
         name: Name of its body.
@@ -70,7 +70,7 @@ class Link:
         mass: kg.
         com: (3,) m.
         inertia: (3, 3) kg m² about the centre of mass.
-        shapes: What it looks like.
+        shapes: Visual shapes.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Link:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnLink:
-    """Where something sits: (4, 4) pose in the frame of a link, by the name of its body."""
+    """Pose of something on a link: (4, 4) in the frame of the link, with the name of its body."""
 
     link: str
     T_link: Array
@@ -97,14 +97,14 @@ class OnLink:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cuff:
-    """What ties a link to the wearer.
+    """Coupling of a link to the wearer.
 
     Attributes:
         body: Body of the wearer, such as `thigh_l`.
         link: Name of the link's body.
         p_in_link: (3,) m.
         law: (4, 3, 3) stiffness, damping, rotational stiffness and damping, as in `Coupling`.
-        force_cells: Whether it has the force pair of the interaction sensors.
+        force_cells: Whether it has the force-cell pair of the interaction sensors.
     """
 
     body: str
@@ -116,20 +116,20 @@ class Cuff:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OwnExo:
-    """An exoskeleton of the user's own.
+    """A custom exoskeleton.
 
     Attributes:
-        source: The model's file, as errors name it.
-        rig: The rig's file, likewise.
+        source: Name of the model file in errors.
+        rig: Name of the rig file in errors.
         description: One line.
-        base: Fixed to the pelvis; its offset is in the pelvis' frame, and it has no joint.
-        legs: From the base to the tip, by side.
-        cuffs: On the legs.
+        base: Base link, fixed to the pelvis; its offset is in the pelvis' frame, and it has no joint.
+        legs: Links from the base to the tip, by side.
+        cuffs: Cuffs on the legs.
         modules: Powered joints, by their short name (`hip_l`).
-        motors: The part that tells of each of them.
-        encoders: Short names of the joints that have one.
-        ahrs: Where they sit, by place (`back`, `thigh_l`).
-        imus: Where added IMUs sit, and the part of each.
+        motors: Sensor part of each powered joint.
+        encoders: Short names of the joints with an encoder.
+        ahrs: AHRS poses, by place (`back`, `thigh_l`).
+        imus: Poses of additional IMUs, and the part of each.
     """
 
     source: str
@@ -149,8 +149,8 @@ class OwnExo:
         """Names of all links."""
         return (self.base.name, *(link.name for leg in self.legs.values() for link in leg))
 
-    def turned_by(self, name: str) -> str:
-        """Body that the joint with a short name turns."""
+    def body_moved_by(self, name: str) -> str:
+        """Body that the joint with a short name moves."""
         return next(link.name for leg in self.legs.values() for link in leg if link.joint == hinge_of(name))
 
 
@@ -161,10 +161,10 @@ def hinge_of(name: str) -> str:
 
 
 def own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
-    """The cuffs, without strain where wearer and exoskeleton stand with every joint at zero.
+    """The cuffs, without strain while wearer and exoskeleton stand with every joint at zero.
 
     Raises:
-        ConfigError: A cuff that is far from the limb that it is to hold.
+        ConfigError: A cuff that is too far from its limb.
     """
     at = {own.base.name: own.base.offset}
     for leg in own.legs.values():
@@ -177,34 +177,37 @@ def own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:
         body, _, side = cuff.body.partition("_")
         p_in_body = at[cuff.link] + cuff.p_in_link - _origins(size, side)[body]
         if not np.linalg.norm(p_in_body - np.clip(p_in_body, *_limb(size, body))) < _FARTHEST_M:
-            told = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
-            raise ConfigError(own.rig, f"cuffs.{cuff.body}.at_mm", told, f"within {_FARTHEST_M * 1e3:g} mm of the limb")
+            found = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
+            raise ConfigError(
+                own.rig, f"cuffs.{cuff.body}.at_mm", found, f"within {_FARTHEST_M * 1e3:g} mm of the limb"
+            )
         made.append(
             Coupling(
                 name=cuff.body, exo_body=cuff.link, body=cuff.body, p_in_exo=cuff.p_in_link, p_in_body=p_in_body,
-                stiffness=cuff.law[0], damping=cuff.law[1], turn_stiffness=cuff.law[2], turn_damping=cuff.law[3],
+                stiffness=cuff.law[0], damping=cuff.law[1],
+                rotation_stiffness=cuff.law[2], rotation_damping=cuff.law[3],
             )
         )  # fmt: skip
     return made
 
 
 def check_held(own: OwnExo, side: str, mass: Array, stiffness: Array, damping: Array) -> None:
-    """Refuses a leg that its cuffs do not hold, or hold so stiffly for its weight that steps of 1 ms are too long.
+    """Rejects a leg that its cuffs do not hold, or hold too stiffly for its weight and steps of 1 ms.
 
     Args:
         own: The exoskeleton.
         side: `l` or `r`.
         mass: (J, J) kg m², joints at zero.
-        stiffness: (J, J) N m/rad of the cuffs, on a wearer who stands upright.
+        stiffness: (J, J) N m/rad of the cuffs, on a wearer standing upright.
         damping: (J, J) N m s/rad, likewise.
 
     Raises:
-        ConfigError: It does.
+        ConfigError: The leg is not held, or held too stiffly.
     """
     whole, modes = np.linalg.eigh(stiffness)
     if whole[0] < LOOSEST * whole[-1]:
         joint = own.legs[side][int(np.argmax(np.abs(modes[:, 0])))].joint
-        raise ConfigError(own.rig, "cuffs", f"nothing that holds {joint}", "cuffs beyond every joint of a leg")
+        raise ConfigError(own.rig, "cuffs", f"none that hold {joint}", "cuffs beyond every joint of a leg")
     fastest = float(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.max()) / (2 * np.pi))
     if fastest > HIGHEST_HZ:
         valid = f"up to {HIGHEST_HZ:g} Hz (softer cuffs, or links and armatures with more inertia)"

@@ -1,4 +1,4 @@
-"""The bodies of an exoskeleton of the user's own."""
+"""The bodies of a custom exoskeleton."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _add(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco.MjsB
         )
         if len(shape.vertices):
             mesh = f"{link.name}_{i}"
-            # it weighs nothing here, and a flat one has an inertia as a shell alone
+            # it weighs nothing here, and a flat mesh has an inertia as a shell only
             spec.add_mesh(
                 name=mesh, uservert=shape.vertices.ravel(), userface=shape.faces.ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,

@@ -1,8 +1,8 @@
 """An exoskeleton's MJCF or URDF file, read by MuJoCo's own compiler, as a base and two chains of hinges.
 
-Links without a joint become part of the one that carries them. Joint axes, ranges, damping, friction and armature,
-masses and inertias are the model's; its actuators, sensors, contacts and keyframes are not used. What cannot be worn in
-this way is refused: other joints than hinges, more than one on a link, legs that branch, closed chains.
+Links without a joint are merged into their carriers. Joint axes, ranges, damping, friction and armature, masses and
+inertias are the model's; its actuators, sensors, contacts and keyframes are not used. Models that cannot be worn this
+way are rejected: other joints than hinges, more than one on a link, legs that branch, closed chains.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 
 MOST_JOINTS = 8
-"""Of a leg."""
+"""Largest number of joints of a leg."""
 MOST_LINKS = 100
 MASS_KG = (0.05, 60.0)
-"""Of the whole exoskeleton, least and largest."""
+"""Least and largest mass of the whole exoskeleton."""
 _URDF = 'discardvisual="false" fusestatic="false" strippath="false"'
 _LARGEST_FILE = 4 << 20
 _MOST_FACES = 100_000
@@ -45,9 +45,9 @@ class Chains:
     """The exoskeleton's links.
 
     Attributes:
-        base: What is fixed to the pelvis.
+        base: Link fixed to the pelvis.
         legs: The two chains that hang on it.
-        carrier: Link that carries each of the model's bodies: -1 is the base, else leg and number in it.
+        carrier: Link that each of the model's bodies is merged into: -1 is the base, otherwise leg and number in it.
         T_carrier: (4, 4) pose of each of the model's bodies in the frame of that link.
     """
 
@@ -63,12 +63,12 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     Args:
         path: MJCF or URDF file.
         base: Name of the link that is fixed to the pelvis.
-        p_base: (3,) m, where that link's origin lies in the pelvis' frame.
-        R_base: (3, 3) its axes there.
-        names: What the wearer's model calls a joint, by its name in the file; of others a name is made.
+        p_base: (3,) m, origin of that link in the pelvis' frame.
+        R_base: (3, 3) rotation of that link in the pelvis' frame.
+        names: Name in the wearer's model of each joint, by its name in the file; other joints get a generated name.
 
     Raises:
-        ConfigError: A value that is not valid; names file, field, value and what is valid.
+        ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: The file cannot be read or compiled.
     """
     model = _compiled(path)
@@ -121,15 +121,15 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
 
 
 def files_of(path: Path) -> list[str]:
-    """Files that a model names, such as meshes, as paths from its folder.
+    """Files that a model references, such as meshes, as paths relative to its folder.
 
     Raises:
-        ConfigError: It has what no model of an exoskeleton may have.
+        ConfigError: The file has elements that a model of an exoskeleton may not have.
         StrideTwinError: It cannot be read.
     """
     text, folder = _text(path), path.absolute().parent
     try:
-        if _is_urdf(text):  # whose meshes MuJoCo does not count among the dependencies
+        if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
             spec = _parsed(path, text)
             names = (mesh.file.removeprefix("package://") for mesh in spec.meshes)
             found = [os.path.join(folder, spec.meshdir, name) for name in names]
@@ -152,7 +152,7 @@ def _text(path: Path) -> str:
 
 
 def _is_urdf(text: str) -> bool:
-    """Whether the root is a robot; comments and declarations may name anything."""
+    """Whether the root element is a robot; comments and declarations may contain any name."""
     before, *comments = text.split("<!--")
     root = re.search(r"<(\w+)", before + "".join(rest.partition("-->")[2] for rest in comments))
     return root is not None and root[1] == "robot"
@@ -170,7 +170,7 @@ def _compiled(path: Path) -> mujoco.MjModel:
     text = _text(path)
     try:
         spec = _parsed(path, text)
-        spec.compiler.fusestatic = False  # a base that is fixed to the world would lose its mass
+        spec.compiler.fusestatic = False  # otherwise a base that is fixed to the world would lose its mass
         return spec.compile()
     except Exception as error:  # MuJoCo raises several kinds
         words = " ".join(str(error).split())
@@ -178,7 +178,7 @@ def _compiled(path: Path) -> mujoco.MjModel:
 
 
 def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
-    """Refuses what no chain of hinges has."""
+    """Rejects models that are not chains of hinges."""
     if model.nbody - 1 > MOST_LINKS:
         raise ConfigError(path, "links", model.nbody - 1, f"up to {MOST_LINKS}")
     if model.neq:
@@ -204,12 +204,12 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
             raise ConfigError(path, f"{where}, ref", float(model.qpos0[i]), "0")
         low, high = model.jnt_range[i]
         if model.jnt_limited[i] and not low <= 0.0 <= high:
-            told = np.round(np.degrees(model.jnt_range[i]), 2).tolist()
-            raise ConfigError(path, f"{where}, range", f"{told} deg", "a range with 0, the pose of standing upright")
+            limits = np.round(np.degrees(model.jnt_range[i]), 2).tolist()
+            raise ConfigError(path, f"{where}, range", f"{limits} deg", "a range with 0, the pose of standing upright")
 
 
 def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: dict[str, str]) -> None:
-    """Refuses links, and joints, that would be called alike in the wearer's model."""
+    """Rejects links and joints whose names collide in the wearer's model."""
     links = [model.body(b).name for b in bodies]
     joints = [model.joint(model.body_jntadr[b]).name for b in bodies[1:]]
     for kind, called in (
@@ -224,7 +224,7 @@ def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: di
 
 
 def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
-    """Body with a joint (or the base) that carries each body."""
+    """Body with a joint (or the base) that each body is merged into."""
     owners: dict[int, int] = {}
     up = model.body_parentid[root]
     while up:
@@ -249,7 +249,7 @@ def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
 
 
 def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
-    """Bodies with a joint from the base to the tip, of each leg."""
+    """Bodies with a joint, from the base to the tip, of each leg."""
     below: dict[int, list[int]] = {}
     for b in range(1, model.nbody):
         if model.body_jntnum[b]:
@@ -273,7 +273,7 @@ def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]
 def _weight(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> tuple[float, Array, Array]:
-    """Mass, (3,) centre and (3, 3) inertia about it of several bodies together."""
+    """Mass, (3,) centre of mass and (3, 3) inertia about it of several bodies together."""
     mujoco.mj_comPos(model, data)
     masses = model.body_mass[bodies]
     mass = float(masses.sum())
@@ -290,7 +290,7 @@ def _weight(
 def _shapes(
     path: Path, model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> list[Shape]:
-    """What bodies look like: of a URDF what is visual, where there is any."""
+    """Visual shapes of bodies; of a URDF, its visual elements if there are any."""
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
     if path.suffix == ".urdf":
         visual = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]]
@@ -339,5 +339,5 @@ def _geom_place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Array:
 
 
 def _called(name: str) -> str:
-    """What the wearer's model calls a link or joint of this name."""
+    """Name of a link or joint in the wearer's model."""
     return "exo_" + re.sub(r"\W", "_", name)

@@ -9,7 +9,7 @@ _SHIM = (
     ("male", 1.70, 68, 260), ("male", 1.68, 74, 260), ("male", 1.76, 67, 265), ("male", 1.80, 74, 270),
     ("male", 1.76, 88, 275), ("female", 1.61, 60, 240), ("female", 1.65, 70, 250),
 )  # fmt: skip
-# Zhao et al. 2023, IV-A: statures alone, cm. Mass is set by a body mass index of 22.5 kg/m², the sex (not told) is male
+# Zhao et al. 2023, IV-A: statures alone, cm. Mass is set by a body mass index of 22.5 kg/m²; the sex is taken as male
 _ZHAO_CM = {
     "i": (165.10, 165.50, 164.80),
     "ii": (170.80, 172.00, 171.10),

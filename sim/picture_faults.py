@@ -1,4 +1,4 @@
-"""Faults of pictures: something before the lens, or dirt on it."""
+"""Image faults: occlusion of the lens, or dirt on it."""
 
 from __future__ import annotations
 
@@ -14,115 +14,115 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults import PICTURES, Arrival, Event, Fault, at
+from stridetwin.sim.faults import IMAGES, Arrival, Event, Fault, at
 from stridetwin.streams.fields import number, whole
 from stridetwin.streams.samples import Depth, Image
 
-_CLOTH = 28  # grey value of what hangs before the lens
-_DIM = 0.75  # share of light that dirt lets through
+_CLOTH = 28  # grey value of the occluding object
+_DIM = 0.75  # transmission of dirt
 _HOLE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class _PictureFault(Fault):
-    """What comes between a scene and its pictures, and is the same as long as an event lasts."""
+class _ImageFault(Fault):
+    """Something between a scene and its images that does not change during an event."""
 
-    fits = PICTURES
+    fits = IMAGES
     common_to = "housing"
 
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
     ) -> Iterator[Arrival]:
-        """As `Fault.through`; pictures with nothing in view share their pixels before and after."""
+        """As `Fault.through`; images with empty views share their pixels before and after."""
         for arrival in stream:
             event = at(events, arrival)
             if event is None:
                 yield arrival
                 continue
-            name, picture = _picture(arrival)
-            if picture.flags.writeable:
-                yield arrival.but(**{name: self.seen(picture, event)})
+            name, image = _image_of(arrival)
+            if image.flags.writeable:
+                yield arrival.but(**{name: self.seen(image, event)})
                 continue
-            if memory.get("event") is not event or memory["clean"] is not picture:
-                spoiled = self.seen(picture, event)
-                spoiled.setflags(write=False)
-                memory.update(event=event, clean=picture, spoiled=spoiled)
+            if memory.get("event") is not event or memory["clean"] is not image:
+                corrupted = self.seen(image, event)
+                corrupted.setflags(write=False)
+                memory.update(event=event, clean=image, corrupted=corrupted)
             yield arrival.but(**{name: memory["spoiled"]})
 
     @abstractmethod
-    def seen(self, picture: NDArray, event: Event) -> NDArray:
-        """A new picture, or depth picture (float32), of what is left to see."""
+    def seen(self, image: NDArray, event: Event) -> NDArray:
+        """A new image, or depth image (float32), with the occlusion applied."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Occlusion(_PictureFault):
-    """A strap or cloth that covers part of the picture from one side; depth has no reading there.
+class Occlusion(_ImageFault):
+    """A strap or cloth that covers part of the image from one side; depth has no reading there.
 
     Attributes:
-        share: Of the picture that is covered.
+        share: Covered share of the image.
     """
 
     kind = "occlusion"
     share: Annotated[float, number(0.01, 1)] = 0.3
 
-    def seen(self, picture: NDArray, event: Event) -> NDArray:
-        """The picture, partly covered."""
+    def seen(self, image: NDArray, event: Event) -> NDArray:
+        """The image, partly covered."""
         side = int(event.rng().integers(4))
-        covered = picture.copy()
+        covered = image.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
         width = math.ceil(self.share * across.shape[0])
-        across[slice(width) if side < 2 else slice(-width, None)] = 0 if _is_depth(picture) else _CLOTH
+        across[slice(width) if side < 2 else slice(-width, None)] = 0 if _is_depth(image) else _CLOTH
         return covered
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensDirt(_PictureFault):
-    """Spots on the lens, through which the picture is dim and blurred; depth has no reading in their middle.
+class LensDirt(_ImageFault):
+    """Spots on the lens that dim and blur the image; depth has no reading in their middle.
 
     Attributes:
-        spots: How many, at random places.
-        size: Radius of a spot, as a share of the picture's height.
+        spots: Number of spots, at random places.
+        size: Radius of a spot, as a share of the image height.
     """
 
     kind = "lens_dirt"
     spots: Annotated[int, whole(1, 50)] = 6
     size: Annotated[float, number(0.01, 0.5)] = 0.08
 
-    def seen(self, picture: NDArray, event: Event) -> NDArray:
-        """The picture through the dirty lens."""
-        height, width = picture.shape[:2]
-        dirt, spoiled = _dirt(event, self.spots, self.size, height, width), picture.copy()
-        if _is_depth(picture):
-            spoiled.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
+    def seen(self, image: NDArray, event: Event) -> NDArray:
+        """The image through the dirty lens."""
+        height, width = image.shape[:2]
+        dirt, corrupted = _dirt(event, self.spots, self.size, height, width), image.copy()
+        if _is_depth(image):
+            corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
-            blurred = _blurred(picture, _coarse(self.size, height), self.size * height / 2)
-            each = math.prod(picture.shape[2:])
-            _smear(spoiled.reshape(-1, each), blurred.reshape(-1, each), *dirt)
-        return spoiled
+            blurred = _blurred(image, _coarse(self.size, height), self.size * height / 2)
+            each = math.prod(image.shape[2:])
+            _smear(corrupted.reshape(-1, each), blurred.reshape(-1, each), *dirt)
+        return corrupted
 
 
-def _picture(arrival: Arrival) -> tuple[str, NDArray]:
+def _image_of(arrival: Arrival) -> tuple[str, NDArray]:
     item = arrival.item
     if isinstance(item, Image):
         return "pixels", item.pixels
     if isinstance(item, Depth):
         return "depth", item.depth
-    raise TypeError(f"{arrival.topic} carries no pictures")
+    raise TypeError(f"{arrival.topic} carries no images")
 
 
-def _is_depth(picture: NDArray) -> bool:
-    return picture.dtype == np.float32
+def _is_depth(image: NDArray) -> bool:
+    return image.dtype == np.float32
 
 
 class _Dirt(NamedTuple):
-    """Where dirt is in a picture, and how it mixes the picture with its blur on a coarser grid.
+    """Pixels of dirt in an image, and how each is mixed with the blurred image on a coarser grid.
 
     Attributes:
         places: (N,) pixels, counted row by row.
-        clear: (N,) share of the pixel itself, 0-1.
-        corners: (N,) upper left one of the four pixels of the blur about it, counted row by row.
-        shares: (N, 4) of those four: the two upper ones, then the two lower ones.
-        width: Of the blur.
+        clear: (N,) weight of the pixel itself, 0-1.
+        corners: (N,) upper left one of the four blurred pixels around it, counted row by row.
+        shares: (N, 4) weights of those four: the two upper ones, then the two lower ones.
+        width: Width of the blurred image.
     """
 
     places: NDArray[np.int32]
@@ -133,21 +133,21 @@ class _Dirt(NamedTuple):
 
 
 def _coarse(size: float, height: int) -> int:
-    """Pixels of a picture to one of its blur: a grid that is coarse, but fine against the blur."""
+    """Ratio of image pixels to blurred pixels: a coarse grid that is still fine relative to the blur."""
     return max(1, int(size * height / 6))
 
 
-def _blurred(picture: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
-    """A picture blurred widely, on a coarser grid with one pixel more all around."""
-    height, width = picture.shape[:2]
-    small = cv2.resize(picture, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
+def _blurred(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
+    """A widely blurred image, on a coarser grid with one additional pixel all around."""
+    height, width = image.shape[:2]
+    small = cv2.resize(image, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), sd_px / coarse)
     return np.asarray(cv2.copyMakeBorder(blurred, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.uint8)
 
 
 @numba.njit(cache=True)
 def _smear(
-    picture: NDArray[np.uint8],
+    image: NDArray[np.uint8],
     blurred: NDArray[np.uint8],
     places: NDArray[np.int32],
     clear: NDArray[np.float32],
@@ -155,15 +155,15 @@ def _smear(
     shares: NDArray[np.float32],
     width: int,
 ) -> None:
-    """Mixes its blur into a picture, both as rows of (N, C) pixels; the rest as of `_Dirt`."""
+    """Blends the blurred image into an image, both as rows of (N, C) pixels; other arguments as in `_Dirt`."""
     for k in range(len(places)):
         at, first, share = places[k], corners[k], shares[k]
-        for c in range(picture.shape[1]):
-            mixed = clear[k] * np.float32(picture[at, c]) + np.float32(0.5)
+        for c in range(image.shape[1]):
+            mixed = clear[k] * np.float32(image[at, c]) + np.float32(0.5)
             mixed += share[0] * np.float32(blurred[first, c]) + share[1] * np.float32(blurred[first + 1, c])
             mixed += share[2] * np.float32(blurred[first + width, c])
             mixed += share[3] * np.float32(blurred[first + width + 1, c])
-            picture[at, c] = np.uint8(mixed)
+            image[at, c] = np.uint8(mixed)
 
 
 @lru_cache(maxsize=16)

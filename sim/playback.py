@@ -1,4 +1,4 @@
-"""Plays a walk and, where nothing was simulated, finds by inverse dynamics what the ground must carry."""
+"""Plays a walk and, without a simulation, computes the ground reaction by inverse dynamics."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """What the wearer did at N instants.
+    """Motion of the wearer at N instants.
 
     Attributes:
         t_ns: (N,) increasing.
         qpos: (N, nq) in MuJoCo's layout.
         tracks: Track by body name (`body.tracked`).
-        uppers: Track of the shoe's upper by name of the foot; none where the shoes are rigid. Where strikes are felt
-            further up, that of the case by name of the body that it sits on.
+        uppers: Track of the shoe's upper by name of the foot; empty for rigid shoes. If heel strikes reach a sensor
+            case further up, also the track of that case, by name of its body.
         angle: (N,) rad by hinge name.
         speed: (N,) rad/s by hinge name.
-        cuff_force: (N,) N by place (thigh_l, ...), force of the cuff on the wearer, forward positive; none without
+        cuff_force: (N,) N by place (thigh_l, ...), force of the cuff on the wearer, forward positive; empty without
             exoskeleton.
     """
 
@@ -53,11 +53,11 @@ class Motion:
     cuff_force: dict[str, Array]
 
     def rows(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Rows of given instants, which must be among `t_ns`."""
+        """Rows of the given instants, which must be among `t_ns`."""
         return np.searchsorted(self.t_ns, t_ns)
 
     def carrier(self, body: str) -> Track:
-        """Track of what carries the sensors that are mounted on a body: of a foot, the shoe's upper."""
+        """Track of the carrier of the sensors mounted on a body: for a foot, the shoe's upper."""
         return self.uppers.get(body, self.tracks[body])
 
     def upper_poses(self, rows: NDArray[np.int64]) -> dict[str, Array]:
@@ -76,14 +76,14 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loads:
-    """What the ground carried at N instants.
+    """Ground reaction and joint torques at N instants.
 
     Attributes:
         t_ns: (N,).
         feet: Load of each foot, `l` and `r`.
-        joint_torque: (N, J) N m of the hinges, in the order of `Coordinates.names[6:]`. What the couplings of the
-            exoskeleton give and take is accounted for, so that its own joints are left with stops and modules.
-        residual_force: (N, 3) N, world: what the contacts do not explain.
+        joint_torque: (N, J) N m of the hinges, in the order of `Coordinates.names[6:]`. The torques of the
+            exoskeleton's couplings are subtracted, so that its own joints carry the torques of stops and modules only.
+        residual_force: (N, 3) N, world: force that the contacts do not explain.
         residual_torque: (N, 3) N m about the pelvis.
         motors: (N,) N m by hinge name, torque of the motors that drive the exoskeleton's joints.
     """
@@ -129,11 +129,11 @@ class Walk(Protocol):
         ...
 
     def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two of `state`, in less time."""
+        """The first two results of `state`, faster."""
         ...
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """(N,) rad, pitch of a foot against its ground, toes down positive."""
+        """(N,) rad, pitch of a foot relative to its ground, toes down positive."""
         ...
 
 
@@ -146,14 +146,14 @@ class Player(Generic[AnyWalk]):
     Args:
         model: Compiled model of the wearer on the terrain.
         walk: Motion to play.
-        uppers: What the shoes' uppers do, by name of the foot.
+        uppers: Motion of the shoes' uppers, by name of the foot.
     """
 
     def __init__(self, model: mujoco.MjModel, walk: AnyWalk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
         self._model, self._walk, self._uppers = model, walk, uppers or {}
         self._tree = Tree.of(model)
         self._couplings = couplings(walk.size)
-        self._state: tuple[NDArray[np.int64], Array, Array] | None = None  # of the last `track`: both feet share it
+        self._state: tuple[NDArray[np.int64], Array, Array] | None = None  # of the last `track`; shared by both feet
 
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
@@ -185,7 +185,7 @@ class Player(Generic[AnyWalk]):
         }  # fmt: skip
 
     def track(self, body: str, t_ns: NDArray[np.int64]) -> Track:
-        """Track of what carries the sensors of a body (`Motion.carrier`) at (N,) instants, many times faster."""
+        """Track of the carrier of a body's sensors (`Motion.carrier`) at (N,) instants; much faster than `motion`."""
         if self._state is None or not np.array_equal(self._state[0], t_ns):
             self._state = (t_ns, *self._walk.moving(t_ns * 1e-9))
         chain = self._tree.only([self._tree.row(self._model.body(body).id)])

@@ -1,4 +1,4 @@
-"""Convex polygons in the plane: what is left of one where others lie over it."""
+"""Convex polygons in the plane: the part of one that others do not cover."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TINY_M = 1e-6
 
 
 def without(polygon: Array, holes: Iterable[Array]) -> list[Array]:
-    """Convex pieces of a polygon outside all holes.
+    """Convex parts of a polygon outside all holes.
 
     Args:
         polygon: (N, 2) corners, convex, anticlockwise.
@@ -44,7 +44,7 @@ def quads(polygon: Array) -> list[Array]:
 
 
 def _outside(piece: Array, hole: Array) -> list[Array]:
-    """Cuts off what lies beyond each side of the hole in turn; what is left at last lies inside it."""
+    """Cuts off the part beyond each side of the hole in sequence; the final rest is inside the hole."""
     found: list[Array] = []
     for a, b in zip(hole, np.roll(hole, -1, axis=0)):
         beyond = _clip(piece, a, b, -1.0)
@@ -58,7 +58,7 @@ def _outside(piece: Array, hole: Array) -> list[Array]:
 
 
 def _clip(polygon: Array, a: Array, b: Array, side: float) -> Array | None:
-    """The part of a polygon to the left (1) or right (-1) of the line from a to b; None where there is none."""
+    """The part of a polygon to the left (1) or right (-1) of the line from a to b; None if empty."""
     run = (b - a) / np.linalg.norm(b - a)
     away = side * (run[0] * (polygon[:, 1] - a[1]) - run[1] * (polygon[:, 0] - a[0]))
     if away.max() < _TINY_M:

@@ -1,4 +1,4 @@
-"""Quaternions (w, x, y, z) of compiled code, as four numbers; vectors and matrices as in `sim.triples`."""
+"""Quaternions (w, x, y, z) for compiled code, as four numbers; vectors and matrices as in `sim.triples`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 import numba
 
-from stridetwin.sim.triples import Rows, Triple, cross, dot, plus, times
+from stridetwin.sim.triples import Mat3, Vec3, cross, dot, plus, times
 from stridetwin.streams.samples import Array
 
 Quaternion = tuple[float, float, float, float]
@@ -27,14 +27,14 @@ def store(q: Quaternion, out: Array) -> None:
 
 
 @numba.njit(cache=True)
-def conjugate(q: Quaternion) -> Quaternion:
-    """The opposite turn of a unit quaternion."""
+def inverse(q: Quaternion) -> Quaternion:
+    """The inverse rotation of a unit quaternion."""
     return q[0], -q[1], -q[2], -q[3]
 
 
 @numba.njit(cache=True)
-def composed(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product a b: first turned by b, then by a."""
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product a b: first rotation b, then a."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -44,7 +44,7 @@ def composed(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 @numba.njit(cache=True)
-def matrix(q: Quaternion) -> Rows:
+def matrix(q: Quaternion) -> Mat3:
     """Rotation matrix of a unit quaternion."""
     w, x, y, z = q
     return (
@@ -55,8 +55,8 @@ def matrix(q: Quaternion) -> Rows:
 
 
 @numba.njit(cache=True)
-def of_matrix(R: Rows) -> Quaternion:
-    """Unit quaternion, w >= 0, of a rotation matrix: from its largest entry, by which one divides safely."""
+def of_matrix(R: Mat3) -> Quaternion:
+    """Unit quaternion, w >= 0, of a rotation matrix, from its largest entry for a safe division."""
     x, y, z = R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]
     xy, xz, yz = R[0][1] + R[1][0], R[0][2] + R[2][0], R[1][2] + R[2][1]
     trace = R[0][0] + R[1][1] + R[2][2]
@@ -73,15 +73,15 @@ def of_matrix(R: Rows) -> Quaternion:
 
 
 @numba.njit(cache=True)
-def rotated(q: Quaternion, a: Triple) -> Triple:
-    """Vector turned by a unit quaternion."""
+def rotate(q: Quaternion, a: Vec3) -> Vec3:
+    """Vector rotated by a unit quaternion."""
     axis = (q[1], q[2], q[3])
     once = cross(axis, a)
     return plus(a, times(2.0, plus(times(q[0], once), cross(axis, once))))
 
 
 @numba.njit(cache=True)
-def exp(phi: Triple) -> Quaternion:
+def exp(phi: Vec3) -> Quaternion:
     """Quaternion of a rotation vector, rad."""
     square = dot(phi, phi)
     half = 0.5 * math.sqrt(square)
@@ -90,7 +90,7 @@ def exp(phi: Triple) -> Quaternion:
 
 
 @numba.njit(cache=True)
-def log(q: Quaternion) -> Triple:
+def log(q: Quaternion) -> Vec3:
     """Rotation vector, rad, of at most half a turn, of a unit quaternion."""
     sign = 1.0 if q[0] >= 0.0 else -1.0
     axis = (sign * q[1], sign * q[2], sign * q[3])

@@ -1,4 +1,4 @@
-"""Pictures of the twin: calibrated sensor views with colour and depth from one render, and a film camera.
+"""Images of the twin: calibrated sensor views with colour and depth from one render, and a film camera.
 
 A sensor view needs no camera in the model: it is drawn from any pose with any pinhole intrinsics, so that a
 mount can move without compiling again. Rendering is off screen, by EGL, or by OSMesa where there is no EGL;
@@ -28,10 +28,10 @@ from stridetwin.streams.samples import Array
 
 NEAR_M = 0.02
 FAR_M = 200.0
-SEEN_M = 50.0  # depth ends here
+SEEN_M = 50.0  # largest depth
 _MAX_GEOMS = 2000
-_GROUND_M = 81 * PERIOD_M  # half an edge of the ground that is drawn; odd, or its texture is half a period off
-_HIDDEN_GROUP = 5  # of geoms; not drawn unless asked for
+_GROUND_M = 81 * PERIOD_M  # half an edge of the rendered ground; odd, otherwise its texture is half a period off
+_HIDDEN_GROUP = 5  # of geoms; not rendered by default
 _OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
 
 Rgb = NDArray[np.uint8]
@@ -39,7 +39,7 @@ DepthImage = NDArray[np.float32]
 
 
 def swap_camera_convention(T: ArrayLike) -> Array:
-    """Turns the frame of a MuJoCo camera into the optical frame of the same camera, and back.
+    """Converts the frame of a MuJoCo camera to the optical frame of the same camera, and back.
 
     MuJoCo's camera has x right, y up and looks down −z; the optical frame has x right, y down, z forward.
 
@@ -47,17 +47,17 @@ def swap_camera_convention(T: ArrayLike) -> Array:
         T: (..., 4, 4) pose of a camera in some frame.
 
     Returns:
-        (..., 4, 4) pose of the same camera under the other convention. Applied twice it changes nothing.
+        (..., 4, 4) pose of the same camera in the other convention. Applied twice it is the identity.
     """
     return np.asarray(T, dtype=float) @ _OPTICAL_MUJOCO
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Quality:
-    """What a context takes from the model when it is made.
+    """Render settings that a context takes from the model when it is created.
 
     Attributes:
-        samples: Samples a pixel; 0 keeps depth exact at outlines.
+        samples: Samples per pixel; 0 keeps depth exact at discontinuities.
         shadow_size: Edge of the shadow map, pixels; 0 for no shadows.
         slices: Facets about the axis of round shapes.
         stacks: Facets along it.
@@ -74,7 +74,7 @@ _FILM = _Quality(samples=4, shadow_size=2048, slices=16, stacks=10)
 
 
 class _OffScreen:
-    """OpenGL context and scene for one picture size; freed by `close` or at the end of a `with` block."""
+    """OpenGL context and scene for one image size; freed by `close` or at the end of a `with` block."""
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> None:
         self.model, self.width, self.height = model, width, height
@@ -92,20 +92,20 @@ class _OffScreen:
         self._option.sitegroup[:] = 0
 
     def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
-        """Takes over the bodies' poses."""
+        """Copies the poses of the bodies to the scene."""
         mujoco.mjv_updateScene(
             self.model, data, self._option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, self.scene
         )
 
     def draw(self, rgb: Rgb | None, depth: DepthImage | None, rect: mujoco.MjrRect | None = None) -> None:
-        """Draws the scene into upside-down pictures of this size, or of a smaller one."""
+        """Renders the scene into upside-down images of this size, or of a smaller one."""
         rect = rect or self._rect
         self._gl.make_current()
         mujoco.mjr_render(rect, self.scene, self._context)
         mujoco.mjr_readPixels(rgb, depth, rect, self._context)
 
     def close(self) -> None:
-        """Frees the context; closing twice does no harm."""
+        """Frees the context; may be called repeatedly."""
         if self._gl is not None:
             self._gl.make_current()
             self._context.free()
@@ -122,19 +122,19 @@ class _OffScreen:
 
 
 class SensorView(_OffScreen):
-    """Draws what a calibrated camera sees: no shadows, reflections or smoothing, so that depth is exact.
+    """Renders the view of a calibrated camera: no shadows, reflections or smoothing, so that depth is exact.
 
     The sky is painted afterwards (`sim.sky`).
 
     Args:
         model: Compiled model.
-        width: Of the largest picture, pixels.
-        height: Of it.
+        width: Width of the largest image, pixels.
+        height: Height of the largest image, pixels.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         self._endless = endless_planes(model)
-        with _one_piece(model, self._endless):
+        with _bounded_planes(model, self._endless):
             super().__init__(model, width, height, _SENSOR)
         self._anywhere = mujoco.MjvCamera()
         self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
@@ -153,11 +153,11 @@ class SensorView(_OffScreen):
             data: State of the model, kinematics up to date.
             T_world_camera: (4, 4) pose of the optical frame in the world.
             intrinsics: (fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0).
-            size: (W, H) of the picture, up to the view's own, which is the default.
+            size: (W, H) of the image, up to the view's own, which is the default.
 
         Returns:
-            (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m; 0 where nothing is seen
-            nearer than `SEEN_M`.
+            (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m; 0 where no surface is nearer than
+            `SEEN_M`.
         """
         rgb, depth = self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))
         depth[depth > SEEN_M] = 0
@@ -170,10 +170,10 @@ class SensorView(_OffScreen):
         intrinsics: tuple[float, float, float, float],
         size: tuple[int, int] | None = None,
     ) -> Rgb:
-        """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as `frame`."""
+        """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as in `frame`."""
         return self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
 
-    def piece(
+    def crop(
         self,
         data: mujoco.MjData,
         T_world_camera: ArrayLike,
@@ -181,7 +181,7 @@ class SensorView(_OffScreen):
         rows: slice,
         columns: slice,
     ) -> Rgb:
-        """Some rows and columns of `color` alone, (h, w, 3), the same pixels in less time."""
+        """Some rows and columns of `color` alone, (h, w, 3): the same pixels, faster."""
         fu, fv, pu, pv = intrinsics
         width, height = columns.stop - columns.start, rows.stop - rows.start
         shifted = fu, fv, pu - columns.start, pv - rows.start
@@ -195,7 +195,7 @@ class SensorView(_OffScreen):
         width: int,
         height: int,
     ) -> tuple[Rgb, DepthImage]:
-        """Colours (height, width, 3), and depth (height, width), inf where nothing is drawn."""
+        """Colours (height, width, 3), and depth (height, width), inf where nothing is rendered."""
         self._aim(data, T_world_camera, intrinsics, width, height)
         rgb, z = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
         self.draw(rgb, z, mujoco.MjrRect(0, 0, width, height))
@@ -212,11 +212,11 @@ class SensorView(_OffScreen):
         width: int,
         height: int,
     ) -> None:
-        """Takes over the poses of what can be seen, and points the camera."""
+        """Copies the poses of visible bodies and points the camera."""
         shown = self.model.geom_group.copy()
         seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
         self.model.geom_group[~seen] = _HIDDEN_GROUP
-        with _one_piece(self.model, self._endless, data, np.asarray(T_world_camera)[:2, 3]):
+        with _bounded_planes(self.model, self._endless, data, np.asarray(T_world_camera)[:2, 3]):
             self.update(data, self._anywhere)
         self.model.geom_group[:] = shown
         T_world_mujoco = swap_camera_convention(T_world_camera)
@@ -224,7 +224,7 @@ class SensorView(_OffScreen):
         for camera in self.scene.camera:  # the left and the right eye, which a mono view averages
             camera.pos = T_world_mujoco[:3, 3]
             camera.forward, camera.up = -T_world_mujoco[:3, 2], T_world_mujoco[:3, 1]
-            # Picture borders lie half a pixel outside the outermost pixel centres.
+            # Image borders lie half a pixel outside the outermost pixel centres.
             camera.frustum_top = NEAR_M * (pv + 0.5) / fv
             camera.frustum_bottom = NEAR_M * (pv + 0.5 - height) / fv
             camera.frustum_center = NEAR_M * (width / 2 - pu - 0.5) / fu
@@ -233,7 +233,7 @@ class SensorView(_OffScreen):
 
 
 class FilmCamera(_OffScreen):
-    """Third-person view with shadows and smooth edges, for people to look at.
+    """Third-person view with shadows and smooth edges, for viewers.
 
     Args:
         model: Compiled model.
@@ -246,11 +246,11 @@ class FilmCamera(_OffScreen):
         self._camera = mujoco.MjvCamera()
 
     def frame(self, data: mujoco.MjData, lookat: ArrayLike, azimuth: float, elevation: float, distance: float) -> Rgb:
-        """One picture.
+        """One image.
 
         Args:
             data: State of the model, kinematics up to date.
-            lookat: (3,) point in the world at the middle of the picture, m.
+            lookat: (3,) point in the world at the centre of the image, m.
             azimuth: Direction of view about the vertical, degrees; 0 looks along +x, 90 along +y.
             elevation: Degrees; negative looks down.
             distance: From the camera to `lookat`, m.
@@ -272,7 +272,7 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
     Args:
         data: State of the model, kinematics up to date.
         camera: Its calibration.
-        T_body_frame: (4, 4) where the frame that holds its mount has slipped to on the body.
+        T_body_frame: (4, 4) pose on the body of the frame that holds its mount, after slips.
     """
     body = data.body(UPPERS.get(camera.mount.body, camera.mount.body))
     T_world_body = np.eye(4)
@@ -282,13 +282,13 @@ def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: Ar
 
 
 @contextmanager
-def _one_piece(
+def _bounded_planes(
     model: mujoco.MjModel,
     endless: NDArray[np.intp],
     data: mujoco.MjData | None = None,
     about: ArrayLike = (0.0, 0.0),
 ) -> Iterator[None]:
-    """Bounds endless level planes for a moment, about a place in the world: MuJoCo draws them as 40 000 pieces."""
+    """Bounds endless level planes temporarily, around a place in the world: MuJoCo draws them as 40 000 tiles."""
     sizes = model.geom_size[endless]
     model.geom_size[endless] = _GROUND_M, _GROUND_M, 2 * _GROUND_M
     if data is not None:
@@ -310,7 +310,7 @@ def _in_view(
     width: int,
     height: int,
 ) -> NDArray[np.bool_]:
-    """Geoms whose bounding sphere reaches into a picture's pyramid; drawing the others would cost as much as them."""
+    """Geoms whose bounding sphere reaches into the view frustum; drawing the others costs as much as drawing these."""
     fu, fv, pu, pv = intrinsics
     inward = np.array([
         [fu, 0.0, pu + 0.5], [-fu, 0.0, width - 0.5 - pu], [0.0, fv, pv + 0.5], [0.0, -fv, height - 0.5 - pv],
@@ -347,7 +347,7 @@ def _gl_context(width: int, height: int) -> Any:
 
 @contextmanager
 def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> Iterator[None]:
-    """Gives the model a picture size and quality, and puts back its own."""
+    """Sets image size and quality of the model temporarily."""
     screen, look = model.vis.global_, model.vis.quality
     values = (
         (screen, "offwidth", width),

@@ -1,4 +1,4 @@
-"""What the sensors look like on the wearer: housings, boards and pods, put where the rig mounts them."""
+"""Visual bodies of the sensors on the wearer: housings, boards and pods, placed by the rig's mounts."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from stridetwin.sim.rotation import quat_from_matrix
 from stridetwin.streams.rig import Mount, Rig
 
 UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
-"""Body that carries what is mounted on a foot: the shoe's upper, which moves a little (`shock.UpperMotion`)."""
+"""Body that carries the mounts of a foot: the shoe's upper, which moves a little (`shock.UpperMotion`)."""
 
 
 def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
-    """Attaches massless bodies that do not collide to the wearer's bodies, one a visible sensor or board.
+    """Attaches massless bodies that do not collide to the wearer's bodies, one per visible sensor or board.
 
-    Those of a shoe hang on a body of their own (`UPPERS`), which lies on the foot where nothing moves it.
+    Those of a shoe hang on a separate body (`UPPERS`), which coincides with the foot at rest.
 
     Args:
         spec: Model with the wearer's bodies.
-        rig: Mounts as they really are.
+        rig: Rig with the true mounts.
     """
     for foot, upper in UPPERS.items():
         spec.body(foot).add_body(name=upper)
@@ -34,7 +34,7 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
 
 
 def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
-    """Name of the body, leaf file, stream (none of a board) and mount of what can be seen."""
+    """Name of the body, leaf file, topic (empty for a board) and mount of each visible item."""
     shown: list[tuple[str, str, Mount]] = []
     for topic, camera in rig.cameras.items():
         shown.append(("rgbd_camera" if camera.depth_topic else "shoe_camera", topic, camera.mount))

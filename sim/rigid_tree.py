@@ -1,6 +1,6 @@
 """A wearer's bodies as a rigid tree: poses, velocities and inertial loads of many instants at once, compiled.
 
-What MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb` give, without a call into the engine for every
+The same results as MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb`, without an engine call for every
 instant: the recursive Newton-Euler method and the composite-rigid-body method (Featherstone 2008, chapters 5 and 6), in
 world axes.
 """
@@ -15,8 +15,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.quaternions import composed, matrix
-from stridetwin.sim.triples import Triple, cross, dot, minus, plus, put, rows, times, transposed, triple, turned
+from stridetwin.sim.quaternions import matrix, multiply
+from stridetwin.sim.triples import Vec3, cross, dot, mat3, matvec, minus, plus, put, times, transposed, vec3
 from stridetwin.streams.samples import Array
 
 Indices = NDArray[np.int64]
@@ -29,12 +29,12 @@ class Tree(NamedTuple):
         ids: (B,) the bodies in the model.
         parent: (B,) index in the tree, -1 of the root.
         offset: (B, 3) m, origin in the parent's frame.
-        turn: (B, 4) rotation in the parent's frame where the hinges are at zero.
+        turn: (B, 4) rotation in the parent's frame with the hinges at zero.
         mass: (B,) kg.
         com: (B, 3) m, in the body's frame.
         inertia: (B, 3, 3) kg m² about the centre of mass, body axes.
-        hinges: (B, 2) first of the body's hinges and the one after its last.
-        axis: (J, 3) of each hinge, in the frame that the hinge before it leaves.
+        hinges: (B, 2) index of the body's first hinge, and one past its last.
+        axis: (J, 3) of each hinge, in the frame after the hinge before it.
         anchor: (J, 3) m, a point on it, in the body's frame.
         qpos: (J,) address of each hinge in qpos.
         dof: (J,) address of each hinge in qvel.
@@ -55,7 +55,7 @@ class Tree(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Tree:
-        """The wearer of a model: everything on its first joint that has mass or carries some."""
+        """The wearer of a model: everything on its first joint that has mass or carries mass."""
         root = int(model.jnt_bodyid[0])
         ids = np.flatnonzero((model.body_rootid == root) & (model.body_subtreemass > 0.0))
         index = {int(body): i for i, body in enumerate(ids)}
@@ -75,11 +75,11 @@ class Tree(NamedTuple):
         )  # fmt: skip
 
     def row(self, body: int) -> int:
-        """Where a body of the model is in the tree."""
+        """Index in the tree of a body of the model."""
         return int(np.searchsorted(self.ids, body))
 
     def only(self, bodies: Sequence[int]) -> Tree:
-        """The part of the tree that carries these bodies (indices in the tree) and that they carry."""
+        """The part of the tree that carries these bodies (indices in the tree) or is carried by them."""
         kept = set(bodies)
         for body, up in enumerate(self.parent):
             if up in kept:
@@ -88,13 +88,13 @@ class Tree(NamedTuple):
             while body >= 0:
                 kept.add(body)
                 body = int(self.parent[body])
-        rows = np.array(sorted(kept))
-        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in rows]).astype(np.int64)
-        ends = np.cumsum([0, *np.diff(self.hinges[rows])[:, 0]])
+        mat3 = np.array(sorted(kept))
+        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in mat3]).astype(np.int64)
+        ends = np.cumsum([0, *np.diff(self.hinges[mat3])[:, 0]])
         return Tree(
-            ids=self.ids[rows], parent=np.where(self.parent[rows] < 0, -1, np.searchsorted(rows, self.parent[rows])),
-            offset=self.offset[rows], turn=self.turn[rows], mass=self.mass[rows], com=self.com[rows],
-            inertia=self.inertia[rows], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
+            ids=self.ids[mat3], parent=np.where(self.parent[mat3] < 0, -1, np.searchsorted(mat3, self.parent[mat3])),
+            offset=self.offset[mat3], turn=self.turn[mat3], mass=self.mass[mat3], com=self.com[mat3],
+            inertia=self.inertia[mat3], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
             anchor=self.anchor[hinges], qpos=self.qpos[hinges], dof=self.dof[hinges],
         )  # fmt: skip
 
@@ -144,13 +144,13 @@ def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     for i in range(n):
         _forward(tree, q[i], v[i], still, _Bodies(p[i], quat[i], R, speed[i], w[i], dv, dw, axes))
         for b in range(bodies):
-            put(turned(transposed(rows(R[b])), triple(w[i, b])), w[i, b])
+            put(matvec(transposed(mat3(R[b])), vec3(w[i, b])), w[i, b])
     return p, quat, speed, w
 
 
 @numba.njit(cache=True)
 def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
-    """What has to push the whole tree from outside for it to move so: the rate of its momentum less its weight.
+    """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
 
     Args:
         tree: The bodies.
@@ -166,16 +166,16 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
     p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
     speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
     axes, force, moment, com = np.empty_like(tree.axis), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    g, whole = triple(gravity), tree.mass.sum()
+    g, whole = vec3(gravity), tree.mass.sum()
     for i in range(n):
         _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
         sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for b in range(bodies):
             own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
-            away = minus(triple(p[b]), triple(p[0]))
+            away = minus(vec3(p[b]), vec3(p[0]))
             sum_force = plus(sum_force, own_force)
             sum_moment = plus(sum_moment, plus(own_moment, cross(away, own_force)))
-            first = plus(first, times(tree.mass[b], plus(triple(p[b]), arm)))
+            first = plus(first, times(tree.mass[b], plus(vec3(p[b]), arm)))
         put(sum_force, force[i])
         put(sum_moment, moment[i])
         put(times(1.0 / whole, first), com[i])
@@ -186,25 +186,25 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
 def hinge_torques(
     tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
 ) -> Array:
-    """Torques of the hinges with which the tree moves so while it is pushed from outside.
+    """Torques of the hinges for a motion of the tree under external forces.
 
     Args:
-        tree: The bodies; the hinges of one body turn about one point.
+        tree: The bodies; all hinges of one body rotate about one point.
         q: (N, nq) in MuJoCo's layout.
         v: (N, nv).
         a: (N, nv).
         gravity: (3,) m/s².
-        bodies: (K,) in the tree, whom the pushes push; one may come several times.
+        bodies: (K,) indices in the tree of the bodies under load; repetitions are allowed.
         forces: (K, N, 3) N, world axes.
         moments: (K, N, 3) N m about the bodies' origins, world axes.
 
     Returns:
-        (N, J) N m, without what rotors and friction of the joints add.
+        (N, J) N m, without rotors and friction of the joints.
     """
     n, count = len(q), len(tree.parent)
     p, quat, R = np.empty((count, 3)), np.empty((count, 4)), np.empty((count, 3, 3))
     speed, w, dv, dw = (np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)))
-    axes, torque, g = np.empty_like(tree.axis), np.empty((n, len(tree.axis))), triple(gravity)
+    axes, torque, g = np.empty_like(tree.axis), np.empty((n, len(tree.axis))), vec3(gravity)
     force, moment = np.empty((count, 3)), np.empty((count, 3))
     for i in range(n):
         _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
@@ -213,22 +213,22 @@ def hinge_torques(
             put(own_force, force[b])
             put(own_moment, moment[b])
         for k, b in enumerate(bodies):
-            put(minus(triple(force[b]), triple(forces[k, i])), force[b])
-            put(minus(triple(moment[b]), triple(moments[k, i])), moment[b])
+            put(minus(vec3(force[b]), vec3(forces[k, i])), force[b])
+            put(minus(vec3(moment[b]), vec3(moments[k, i])), moment[b])
         for b in range(count - 1, 0, -1):
-            up, own_force, own_moment = tree.parent[b], triple(force[b]), triple(moment[b])
+            up, own_force, own_moment = tree.parent[b], vec3(force[b]), vec3(moment[b])
             for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
-                arm = turned(rows(R[b]), triple(tree.anchor[j]))
-                torque[i, j] = dot(triple(axes[j]), minus(own_moment, cross(arm, own_force)))
-            away = minus(triple(p[b]), triple(p[up]))
-            put(plus(triple(moment[up]), plus(own_moment, cross(away, own_force))), moment[up])
-            put(plus(triple(force[up]), own_force), force[up])
+                arm = matvec(mat3(R[b]), vec3(tree.anchor[j]))
+                torque[i, j] = dot(vec3(axes[j]), minus(own_moment, cross(arm, own_force)))
+            away = minus(vec3(p[b]), vec3(p[up]))
+            put(plus(vec3(moment[up]), plus(own_moment, cross(away, own_force))), moment[up])
+            put(plus(vec3(force[up]), own_force), force[up])
     return torque
 
 
 @numba.njit(cache=True)
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
-    """Mass matrices of chains of bodies that hang on the tree, and the torques that their motion and weight take.
+    """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
     Args:
         tree: The bodies.
@@ -239,16 +239,16 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
         gravity: (3,) m/s².
 
     Returns:
-        (N, C, L, L) kg m² and (N, C, L) N m, without what rotors and friction of the joints add.
+        (N, C, L, L) kg m² and (N, C, L) N m, without rotors and friction of the joints.
     """
     n, bodies = len(q), len(tree.parent)
     count, length = chains.shape
     p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
     speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
     axes, mass, load = np.empty_like(tree.axis), np.empty((n, count, length, length)), np.empty((n, count, length))
-    # of each body and all that it carries: force, moment, mass, first moment and inertia, about its origin
+    # of each body with all that it carries: force, moment, mass, first moment and inertia, about its origin
     force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
-    heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), triple(gravity)
+    heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), vec3(gravity)
     for i in range(n):
         _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
         for b in range(bodies):
@@ -260,21 +260,21 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
             _inertia(tree, b, R, arm, inertia[b])
         for b in range(bodies - 1, 0, -1):
             up = tree.parent[b]
-            d = minus(triple(p[b]), triple(p[up]))
-            own_force = triple(force[b])
-            put(plus(triple(moment[up]), plus(triple(moment[b]), cross(d, own_force))), moment[up])
-            put(plus(triple(force[up]), own_force), force[up])
-            _join(inertia[b], triple(first[b]), heavy[b], d, inertia[up], first[up])
+            d = minus(vec3(p[b]), vec3(p[up]))
+            own_force = vec3(force[b])
+            put(plus(vec3(moment[up]), plus(vec3(moment[b]), cross(d, own_force))), moment[up])
+            put(plus(vec3(force[up]), own_force), force[up])
+            _join(inertia[b], vec3(first[b]), heavy[b], d, inertia[up], first[up])
             heavy[up] += heavy[b]
         for k in range(count):
             for j in range(length):
                 b = chains[k, j]
-                axis = triple(axes[tree.hinges[b, 0]])
-                load[i, k, j] = dot(axis, triple(moment[b]))
-                push, turn = cross(axis, triple(first[b])), turned(rows(inertia[b]), axis)  # for its own 1 rad/s²
+                axis = vec3(axes[tree.hinges[b, 0]])
+                load[i, k, j] = dot(axis, vec3(moment[b]))
+                push, turn = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
                 for o in range(j + 1):
-                    d = minus(triple(p[b]), triple(p[chains[k, o]]))
-                    other = triple(axes[tree.hinges[chains[k, o], 0]])
+                    d = minus(vec3(p[b]), vec3(p[chains[k, o]]))
+                    other = vec3(axes[tree.hinges[chains[k, o], 0]])
                     mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(turn, cross(d, push)))
     return mass, load
 
@@ -286,77 +286,75 @@ def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
     for b in range(len(tree.parent)):
         up = tree.parent[b]
         if up < 0:
-            at, goes, gains = triple(q[:3]), triple(v[:3]), triple(a[:3])
+            at, goes, gains = vec3(q[:3]), vec3(v[:3]), vec3(a[:3])
             pose = (q[3], q[4], q[5], q[6])
             M = matrix(pose)
-            turns, twists = turned(M, triple(v[3:6])), turned(M, triple(a[3:6]))
+            omega, alpha = matvec(M, vec3(v[3:6])), matvec(M, vec3(a[3:6]))
         else:
-            turns, twists = triple(w[up]), triple(dw[up])
-            r = turned(rows(R[up]), triple(tree.offset[b]))
-            at, goes = plus(triple(p[up]), r), plus(triple(speed[up]), cross(turns, r))
-            gains = _gained(r, turns, triple(dv[up]), twists)
-            pose = composed(
+            omega, alpha = vec3(w[up]), vec3(dw[up])
+            r = matvec(mat3(R[up]), vec3(tree.offset[b]))
+            at, goes = plus(vec3(p[up]), r), plus(vec3(speed[up]), cross(omega, r))
+            gains = _gained(r, omega, vec3(dv[up]), alpha)
+            pose = multiply(
                 (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
                 (tree.turn[b, 0], tree.turn[b, 1], tree.turn[b, 2], tree.turn[b, 3]),
             )
             M = matrix(pose)
         for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
-            r, own = turned(M, triple(tree.anchor[j])), triple(tree.axis[j])
-            axis, rate, half = turned(M, own), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
-            at, goes, gains = plus(at, r), plus(goes, cross(turns, r)), _gained(r, turns, gains, twists)
-            twists = plus(twists, plus(times(a[tree.dof[j]], axis), times(rate, cross(turns, axis))))
-            turns = plus(turns, times(rate, axis))
+            r, own = matvec(M, vec3(tree.anchor[j])), vec3(tree.axis[j])
+            axis, rate, half = matvec(M, own), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
+            at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
+            alpha = plus(alpha, plus(times(a[tree.dof[j]], axis), times(rate, cross(omega, axis))))
+            omega = plus(omega, times(rate, axis))
             sine = np.sin(half)
-            pose = composed(pose, (np.cos(half), sine * own[0], sine * own[1], sine * own[2]))
+            pose = multiply(pose, (np.cos(half), sine * own[0], sine * own[1], sine * own[2]))
             M = matrix(pose)
-            r = times(-1.0, turned(M, triple(tree.anchor[j])))
-            at, goes, gains = plus(at, r), plus(goes, cross(turns, r)), _gained(r, turns, gains, twists)
+            r = times(-1.0, matvec(M, vec3(tree.anchor[j])))
+            at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
             put(axis, axes[j])
         put(at, p[b])
         put(goes, speed[b])
         put(gains, dv[b])
-        put(turns, w[b])
-        put(twists, dw[b])
+        put(omega, w[b])
+        put(alpha, dw[b])
         quat[b, 0], quat[b, 1], quat[b, 2], quat[b, 3] = pose
         for k in range(3):
             put(M[k], R[b, k])
 
 
 @numba.njit(cache=True)
-def _gained(r: Triple, w: Triple, dv: Triple, dw: Triple) -> Triple:
-    """Acceleration of a point at r from one that gains dv, on a body that turns with w and dw."""
+def _gained(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
+    """Acceleration of a point at r relative to an origin that accelerates with dv, on a body with rates w and dw."""
     return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
 
 
 @numba.njit(cache=True)
-def _inertial(
-    tree: Tree, b: int, R: Array, w: Array, dv: Array, dw: Array, gravity: Triple
-) -> tuple[Triple, Triple, Triple]:
-    """Force and moment about a body's origin that move it against its weight, and the arm to its centre of mass."""
-    M, inertia, turns, twists = rows(R[b]), rows(tree.inertia[b]), triple(w[b]), triple(dw[b])
-    arm = turned(M, triple(tree.com[b]))
-    force = times(tree.mass[b], minus(_gained(arm, turns, triple(dv[b]), twists), gravity))
+def _inertial(tree: Tree, b: int, R: Array, w: Array, dv: Array, dw: Array, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+    """Force and moment about a body's origin that its motion needs, and the arm to its centre of mass."""
+    M, inertia, omega, alpha = mat3(R[b]), mat3(tree.inertia[b]), vec3(w[b]), vec3(dw[b])
+    arm = matvec(M, vec3(tree.com[b]))
+    force = times(tree.mass[b], minus(_gained(arm, omega, vec3(dv[b]), alpha), gravity))
     back = transposed(M)
-    own = turned(back, turns)
-    spin = plus(turned(inertia, turned(back, twists)), cross(own, turned(inertia, own)))
-    return force, plus(cross(arm, force), turned(M, spin)), arm
+    own = matvec(back, omega)
+    spin = plus(matvec(inertia, matvec(back, alpha)), cross(own, matvec(inertia, own)))
+    return force, plus(cross(arm, force), matvec(M, spin)), arm
 
 
 @numba.njit(cache=True)
-def _inertia(tree: Tree, b: int, R: Array, arm: Triple, out: Array) -> None:
+def _inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
     """Fills a body's inertia about its own origin, world axes."""
-    M, inertia, mass = rows(R[b]), rows(tree.inertia[b]), tree.mass[b]
+    M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
     for k in range(3):
-        put(minus(turned(M, turned(inertia, triple(R[b, k]))), times(mass * arm[k], arm)), out[k])
+        put(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])
         out[k, k] += mass * dot(arm, arm)
 
 
 @numba.njit(cache=True)
-def _join(inertia: Array, first: Triple, mass: float, d: Triple, to_inertia: Array, to_first: Array) -> None:
-    """Adds inertia and first moment of mass of what lies at d to those of what carries it."""
+def _join(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
+    """Adds inertia and first moment of mass of a body at d to those of its carrier."""
     there = plus(first, times(mass, d))  # its first moment about the carrier
     for k in range(3):
         cut = plus(times(d[k], there), times(first[k], d))
-        put(plus(triple(to_inertia[k]), minus(triple(inertia[k]), cut)), to_inertia[k])
+        put(plus(vec3(to_inertia[k]), minus(vec3(inertia[k]), cut)), to_inertia[k])
         to_inertia[k, k] += dot(d, there) + dot(d, first)
-    put(plus(triple(to_first), there), to_first)
+    put(plus(vec3(to_first), there), to_first)

@@ -1,4 +1,4 @@
-"""Rotations on stacks of arrays: elementary matrices, Euler angles (yaw, pitch, roll) and quaternions (w, x, y, z)."""
+"""Rotations of stacked arrays: elementary matrices, Euler angles (yaw, pitch, roll) and quaternions (w, x, y, z)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.quaternions import matrix, of_matrix, quaternion, store
-from stridetwin.sim.triples import put, rows
+from stridetwin.sim.triples import mat3, put
 from stridetwin.streams.samples import Array
 
 
@@ -36,13 +36,13 @@ def from_euler(yaw_pitch_roll: Array) -> Array:
 
 
 def between(R_a: Array, R_b: Array, share: Array) -> Array:
-    """(N, 3, 3) rotations on the shortest turn from one (3, 3) matrix to another, at (N,) shares of it."""
+    """(N, 3, 3) rotations on the shortest path from one (3, 3) matrix to another, at (N,) shares of it."""
     turn = Rotation.from_matrix(R_a.T @ R_b).as_rotvec()
     return R_a @ Rotation.from_rotvec(share[:, None] * turn).as_matrix()
 
 
 def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:
-    """(..., 3) angular rate in body axes of a frame whose yaw, pitch, roll change at (..., 3) `rates`."""
+    """(..., 3) angular rate in body axes of a frame whose yaw, pitch, roll have the (..., 3) `rates`."""
     _, p, r = (yaw_pitch_roll[..., i] for i in range(3))
     dy, dp, dr = (rates[..., i] for i in range(3))
     sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)
@@ -66,7 +66,7 @@ def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, acceleratio
 
 
 def cross(a: Array, b: Array) -> Array:
-    """(..., 3) cross product of (..., 3) and (..., 3) vectors; on short stacks several times as fast as NumPy's."""
+    """(..., 3) cross product of (..., 3) and (..., 3) vectors; several times faster than NumPy's on short stacks."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
@@ -82,7 +82,7 @@ def quat_from_matrix(R: Array) -> Array:
 def _quaternions(R: Array) -> Array:
     q = np.empty((len(R), 4))
     for i in range(len(R)):
-        store(of_matrix(rows(R[i])), q[i])
+        store(of_matrix(mat3(R[i])), q[i])
     return q
 
 

@@ -1,6 +1,6 @@
-"""A route laid out in the world: the way, the strips of ground along it, and every slab that it is built of.
+"""Layout of a route in the world: the way, the strips of ground along it, and every slab that it consists of.
 
-Plain data that needs no simulator; reports and viewers read it from a recording's metadata.
+Plain data without a simulator; reports and viewers read it from a recording's metadata.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from stridetwin.streams.samples import Array
 
 LEAD_IN_M = 2.0
 RUN_OUT_M = 2.0
-SPOT_RADIUS_M = 0.25  # who turns on the spot still steps around a point
+SPOT_RADIUS_M = 0.25  # a walker who turns on the spot still steps around a point
 _SLAB_ANGLE_RAD = math.radians(10.0)  # arcs are built of straight slabs
-_CROSSING_STRAIGHT_M = 0.35  # before and after the aslant part of a crossing
+_CROSSING_STRAIGHT_M = 0.35  # before and after the diagonal part of a crossing
 _CROSSING_RADIUS_M = 1.0
 _SAME_HEIGHT_M = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Strip:
-    """One flat or sloping piece of the way.
+    """One flat or sloping segment of the way.
 
     Attributes:
-        s0: Where it begins along the way, m.
-        s1: Where it ends, m.
+        s0: Arc length of its start, m.
+        s1: Arc length of its end, m.
         z0: Height of the way at s0, m.
         z1: Height of the way at s1, m.
         terrain: level, stair or ramp.
-        cross_slope: Tilt to the side, rad, left side up positive.
+        cross_slope: Lateral tilt, rad, left side up positive.
     """
 
     s0: float
@@ -53,25 +53,25 @@ class Strip:
         return math.atan((self.z1 - self.z0) / (self.s1 - self.s0))
 
     def height(self, s: float, left: float) -> float:
-        """Height of its plane at an arc length and m to the left of the way."""
+        """Height of its plane at an arc length and at m to the left of the way."""
         return self.z0 + math.tan(self.slope) * (s - self.s0) + math.tan(self.cross_slope) * left
 
 
 @dataclass(frozen=True, kw_only=True)
 class Slab:
-    """One flat piece of ground, a rectangle in plan.
+    """One flat segment of ground, a rectangle in plan view.
 
     Attributes:
-        x: Where its axis begins in the world, m.
-        y: Where its axis begins in the world, m.
+        x: Start of its axis in the world, m.
+        y: Start of its axis in the world, m.
         heading: Direction of its axis, rad.
         length: Along its axis, m.
-        left: How far it reaches to the left of its axis, m.
-        right: How far it reaches to the right, m.
-        z0: Height where its axis begins, m.
-        z1: Height where its axis ends, m.
+        left: Extent to the left of its axis, m.
+        right: Extent to the right of its axis, m.
+        z0: Height at the start of its axis, m.
+        z1: Height at the end of its axis, m.
         terrain: level, stair or ramp.
-        cross_slope: Tilt to the side, rad, left side up positive.
+        cross_slope: Lateral tilt, rad, left side up positive.
     """
 
     x: float
@@ -86,7 +86,7 @@ class Slab:
     cross_slope: float = 0.0
 
     def point(self, along: ArrayLike, left: ArrayLike) -> Array:
-        """(..., 3) points of its top in the world, (...) m along its axis and to the left of it."""
+        """(..., 3) points of its top in the world, at (...) m along its axis and to the left of it."""
         along, left = np.asarray(along, dtype=float), np.asarray(left, dtype=float)
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         z = self.z0 + (self.z1 - self.z0) * along / self.length + math.tan(self.cross_slope) * left
@@ -105,8 +105,8 @@ class Layout:
 
     Attributes:
         way: Plane curve that the walk follows, from `LEAD_IN_M` behind the start to `RUN_OUT_M` beyond the end.
-        profile: Strips along the way in order; where one's z1 differs from the next one's z0 there is a riser.
-        slabs: Everything one could stand on, beside the way too.
+        profile: Strips along the way in order; there is a riser where one's z1 differs from the next one's z0.
+        slabs: All walkable ground, including that beside the way.
     """
 
     way: Way
@@ -118,7 +118,7 @@ def lay_out(route: Route) -> Layout:
     """Lays out a route from the world's origin, at height 0, along +x.
 
     Raises:
-        ConfigError: A segment that cannot be built or walked, or that runs into another one; the message names field,
+        ConfigError: A segment that cannot be built or walked, or that intersects another one; the message names field,
             value and range.
     """
     check_segments(route)
@@ -145,7 +145,7 @@ def lay_out(route: Route) -> Layout:
 
 @dataclass(kw_only=True)
 class _Pen:
-    """Where the next piece begins, and what has been laid out so far."""
+    """Start of the next segment, and the layout so far."""
 
     x: float
     y: float
@@ -191,7 +191,7 @@ class _Pen:
         self._go(radius * abs(angle), math.copysign(1.0 / radius, angle))
 
     def crossing(self, length: float, aside: float, left: float, right: float) -> None:
-        """Lays a level slab over which the way moves `aside` to the left by two equal arcs."""
+        """Lays a level slab on which the way moves `aside` to the left by two equal arcs."""
         self._slab(
             Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z, z1=self.z,
                  terrain="level")
@@ -209,7 +209,7 @@ class _Pen:
     def _go(
         self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
     ) -> None:
-        """Moves on, and tells the way and its profile."""
+        """Advances, and appends to the way and its profile."""
         here = Piece(s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature)
         strip = Strip(s0=self.s, s1=self.s + length, z0=self.z, z1=self.z + rise, terrain=terrain,
                       cross_slope=cross_slope)  # fmt: skip
@@ -225,7 +225,7 @@ class _Pen:
         self.s, self.z = here.s1, strip.z1
 
     def _slab(self, slab: Slab) -> None:
-        """Adds a slab, joined to the last one where both are one level."""
+        """Adds a slab; merges it with the last one if both are on one level."""
         if self.slabs and slab.terrain == "level":
             last = self.slabs[-1]
             meets = math.dist(last.point(last.length, 0.0), slab.point(0.0, 0.0)) < 1e-9
@@ -251,7 +251,7 @@ def _lay(pen: _Pen, segment: Segment, half: float) -> None:
 
 
 def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
-    """Lays terrains side by side; the pen goes on at the end of the one that is walked."""
+    """Lays terrains side by side; the pen continues at the end of the walked one."""
     pens = [pen if i == group.walk else pen.beside((group.walk - i) * width) for i in range(len(group.lanes))]
     for lane_pen, lane in zip(pens, group.lanes):
         for segment in lane:
@@ -266,7 +266,7 @@ def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
 
 
 def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment | None, width: float) -> None:
-    """Lays a level that is as wide as the lanes beside it, with the way across it to the next lane to walk."""
+    """Lays a level as wide as the lanes beside it, with the way across it to the next walked lane."""
     sides = []
     aside = 0.0
     if isinstance(before, Lanes):
@@ -289,12 +289,12 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
 
 
 def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
-    """How far lanes reach to the left and right of a line that is `aside` to the right of the one walked."""
+    """Extent of the lanes to the left and right of a line that is `aside` to the right of the walked one."""
     return (group.walk + 0.5) * width + aside, (len(group.lanes) - group.walk - 0.5) * width - aside
 
 
 def _refuse_conflicts(slabs: Sequence[Slab], owners: Sequence[int], count: int) -> None:
-    """Refuses ground that lies on other ground at another height: a way cannot pass under or through it."""
+    """Rejects ground that overlaps other ground at another height: a way cannot pass under or through it."""
     for slab, owner in zip(slabs, owners):
         along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))
         across = np.linspace(0.02 - slab.right, slab.left - 0.02, max(2, math.ceil((slab.left + slab.right) / 0.25)))
@@ -312,7 +312,5 @@ def _refuse_conflicts(slabs: Sequence[Slab], owners: Sequence[int], count: int) 
                     "the start" if k < 0 else "the run-out" if k == count else f"segments[{k}]" for k in (late, early)
                 ]
                 x, y, _ = points[worst]
-                valid = (
-                    f"ground that lies nowhere on other ground at another height (here {abs(gap[worst]):.2f} m apart)"
-                )
+                valid = f"no overlap with other ground at another height (here {abs(gap[worst]):.2f} m apart)"
                 raise ConfigError("route", names[0], f"over {names[1]} at x = {x:.1f}, y = {y:.1f} m", valid)

@@ -1,4 +1,4 @@
-"""What can be built and walked, segment by segment."""
+"""Checks of what can be built and walked, segment by segment."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _TINY = 1e-9
 
 
 def check_segments(route: Route) -> None:
-    """Refuses what cannot be built or walked.
+    """Rejects routes that cannot be built or walked.
 
     Raises:
         ConfigError: The message names field, value and range.
@@ -44,7 +44,7 @@ def check_segments(route: Route) -> None:
     _demand("scenery", route.scenery, route.scenery in SCENERIES, ", ".join(SCENERIES))
     _demand("texture", route.texture, route.texture in TEXTURES, ", ".join(TEXTURES))
     dark, bright = LIGHT_RANGE
-    _demand("light", route.light, dark <= route.light <= bright, f"{dark}-{bright}, 1 as by day")
+    _demand("light", route.light, dark <= route.light <= bright, f"{dark}-{bright}, 1 is daylight")
     few = isinstance(route.bystanders, int) and 0 <= route.bystanders <= BYSTANDERS_MAX
     _demand("bystanders", route.bystanders, few, f"a whole number, 0-{BYSTANDERS_MAX}")
     for i, thing in enumerate(route.things):
@@ -77,7 +77,7 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
             case Ramp(angle_rad=angle, rise_m=rise):
                 in_range = 0 < angle <= RAMP_MAX_RAD + _TINY
                 _demand(f"{at}.angle_rad", angle, in_range, f"above 0 up to {RAMP_MAX_RAD:.4f} rad (20 deg)")
-                _demand(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` tells the direction)")
+                _demand(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` gives the direction)")
             case Stairs():
                 _check_stairs(segment, at)
                 landing = not any(isinstance(s, Stairs) for s in segments[i + 1 : i + 2])
@@ -90,7 +90,7 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                 _demand(f"{at}.radius_m", radius, radius == 0 or radius >= TURN_RADIUS_MIN_M, valid)
             case Lanes(lanes=lanes, walk=walk):
                 _demand(f"{at}.lanes", len(lanes), 2 <= len(lanes) <= LANES_MAX, f"2-{LANES_MAX} lanes")
-                _demand(f"{at}.walk", walk, 0 <= walk < len(lanes), f"0-{len(lanes) - 1}, the lanes that there are")
+                _demand(f"{at}.walk", walk, 0 <= walk < len(lanes), f"0-{len(lanes) - 1}, the existing lanes")
                 for k, lane in enumerate(lanes):
                     straight = bool(lane) and all(isinstance(s, Level | Stairs | Ramp) for s in lane)
                     _demand(f"{at}.lanes[{k}]", lane, straight, "level, stairs and ramps")

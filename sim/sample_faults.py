@@ -1,4 +1,4 @@
-"""Faults of any stream and of its numbers: samples that are lost, late, twice, frozen, not a number, clipped."""
+"""Faults of any stream and its values: lost, late, repeated, frozen, NaN and clipped samples."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ class Dropout(Fault):
 
     kind = "dropout"
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """Nothing."""
         return ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Freeze(Fault):
-    """The last value before the event comes again and again, with new stamps."""
+    """Repeats the last value before the event, with new stamps."""
 
     kind = "freeze"
 
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
     ) -> Iterator[Arrival]:
-        """As `Fault.through`; a stream that begins frozen holds its first value."""
+        """As `Fault.through`; a stream that begins frozen repeats its first value."""
         for arrival in stream:
             if at(events, arrival) is None:
                 memory["last"] = arrival.item
@@ -52,30 +52,30 @@ class Repeat(Fault):
 
     kind = "repeat"
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """The sample, and the sample."""
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample, twice."""
         return arrival, arrival
 
 
 @dataclass(frozen=True, kw_only=True)
 class Nan(Fault):
-    """Numbers that are none."""
+    """NaN values."""
 
     kind = "nan"
     fits = NUMBERS
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """The sample with NaN in place of every value."""
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with NaN for every value."""
         values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
         return (arrival.but(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Late(Fault):
-    """Samples that arrive late but in order; those taken after the event wait for them.
+    """Samples that arrive late but in order; those measured after the event wait for them.
 
     Attributes:
-        delay_s: How late.
+        delay_s: Delay.
     """
 
     kind = "late"
@@ -84,7 +84,7 @@ class Late(Fault):
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
     ) -> Iterator[Arrival]:
-        """As `Fault.through`: stamps stay, arrival times move."""
+        """As `Fault.through`: stamps do not change, arrival times do."""
         for arrival in stream:
             late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
             memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
@@ -93,14 +93,14 @@ class Late(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class OutOfOrder(Fault):
-    """Samples that overtake each other: of each two, the later arrives first."""
+    """Samples that arrive out of order: of every two, the later arrives first."""
 
     kind = "out_of_order"
 
     def through(
         self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
     ) -> Iterator[Arrival]:
-        """As `Fault.through`; what is overtaken arrives together with what overtook it."""
+        """As `Fault.through`; an overtaken sample arrives together with the one that overtook it."""
         for arrival in stream:
             overtaken = memory.pop("held", None)
             if overtaken is not None:
@@ -112,22 +112,22 @@ class OutOfOrder(Fault):
                 yield arrival
 
     def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
-        """A sample that nothing came to overtake."""
+        """A sample that was never overtaken."""
         return tuple(memory.values())
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClockJump(Fault):
-    """A sensor's clock that is off during the event; arrival times stay true.
+    """A sensor clock with an offset during the event; arrival times are unaffected.
 
     Attributes:
-        jump_s: By how much its stamps are ahead (or behind, negative).
+        jump_s: Offset of its stamps (negative: behind).
     """
 
     kind = "clock_jump"
     jump_s: Annotated[float, number(-3600, 3600)]
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with a shifted stamp."""
         return (arrival.but(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
 
@@ -137,7 +137,7 @@ class Saturation(Fault):
     """A range that is smaller than the part's.
 
     Attributes:
-        fraction: Where it clips, as a share of the part's full scale.
+        fraction: Clipping level, as a share of the part's full scale.
     """
 
     kind = "saturation"
@@ -148,7 +148,7 @@ class Saturation(Fault):
         """Whether the full scale of the part is known."""
         return sample in self.fits and bool(full_scales(part))
 
-    def spoiled(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with clipped values."""
         limits = {name: self.fraction * scale for name, scale in full_scales(event.part).items()}
         return (arrival.but(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
@@ -156,11 +156,11 @@ class Saturation(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class DeadCell(Fault):
-    """One cell of an insole that no longer tells its load.
+    """One cell of an insole that no longer measures its load.
 
     Attributes:
         cell: One of `CELLS`.
-        stuck: It stays at the value it had when the event began; else it reads 0.
+        stuck: Whether it keeps its value from the start of the event; otherwise it reads 0.
     """
 
     kind = "dead_cell"

@@ -1,6 +1,6 @@
-"""What the terrain looks like: textured surfaces, sky and sun.
+"""Appearance of the terrain: textured surfaces, sky and sun.
 
-All of it is for the eye only: nothing here collides. One mesh a material keeps drawing fast.
+All of it is purely visual: nothing here collides. One mesh per material keeps rendering fast.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
 _SIDE = "stone"
 _NOSING = "nosing"
 _COLOURS = {_NOSING: (0.93, 0.87, 0.68), "white_paint": (0.92, 0.92, 0.90), "black_paint": (0.02, 0.02, 0.02)}
-_SHADOW, _SHADE = "shadow", 0.25  # of concrete, and the light that is left there
+_SHADOW, _SHADE = "shadow", 0.25  # of concrete, and the remaining light
 _NOSING_M = 0.03
 _RISER_M = 0.019
-_SEED = 20260  # the look of the world is the same in every walk
+_SEED = 20260  # the world looks the same in every walk
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +45,10 @@ class Quad:
 
 
 def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
-    """Textured faces of what one stands on; treads and landings get a pale strip along the edge one could fall from."""
+    """Textured faces of walkable solids; treads and landings get a pale strip along edges with a drop."""
     quads: list[Quad] = []
     for i, solid in enumerate(solids):
-        # one face would shine through the other where tops lie in each other
+        # where tops coincide, one face would shine through the other
         painted = [corners(other)[4:] for other in solids[:i] if other.start == solid.start and other.end == solid.end]
         low, high = (_NOSING_M * _falls(solid, end, surface) for end in (-1.0, 1.0))
         quads += _sides(solid, _SIDE)
@@ -68,12 +68,12 @@ def paint_box(box: Box, material: str) -> list[Quad]:
 
 
 def paint_area(corners: Array, material: str) -> Quad:
-    """A level rectangle on the ground, painted by the world; (4, 3) corners, anticlockwise seen from above."""
+    """A level rectangle on the ground, textured in world coordinates; (4, 3) corners, anticlockwise from above."""
     return Quad(corners, corners[:, :2], material)
 
 
 def _falls(solid: Solid, end: float, surface: SolidSet) -> bool:
-    """Whether other ground lies a riser lower beyond the start (-1) or the end (1) of a top."""
+    """Whether there is ground one riser lower beyond the start (-1) or the end (1) of a top."""
     beyond = end * (solid.length / 2 + 0.01)
     x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
     height, which = surface.top_facet([x, y])
@@ -81,7 +81,7 @@ def _falls(solid: Solid, end: float, surface: SolidSet) -> bool:
 
 
 def _top(solid: Solid, start: float, end: float, material: str, painted: Sequence[Array] = ()) -> list[Quad]:
-    """Part of the top between two distances along the solid's length, but for what is painted already."""
+    """Part of the top between two distances along the solid's length, except for areas that are painted already."""
     cos, sin = math.cos(solid.yaw), math.sin(solid.yaw)
     axes = np.array([[cos, sin], [-sin, cos]])
     centre, half = np.array([solid.x, solid.y]), np.array([solid.length, solid.width]) / 2
@@ -92,7 +92,7 @@ def _top(solid: Solid, start: float, end: float, material: str, painted: Sequenc
         for quad in polygons.quads(piece):
             own = (quad - centre) @ axes.T
             z = (solid.start + solid.end) / 2 + own @ slope
-            # level ground is paved by the world, so that slabs side by side show one paving
+            # level ground has texture coordinates of the world, so that adjacent slabs show one paving
             paved = isinstance(solid, Box) and solid.terrain == "level"
             uv = quad if paved else (own + half) * np.hypot(1.0, slope)
             quads.append(Quad(np.column_stack([quad, z]), uv, material))
@@ -111,7 +111,7 @@ def _sides(solid: Solid, material: str) -> list[Quad]:
 
 
 def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
-    """Adds rectangles to the model's world, one mesh and geom a material, painted as `textures.FINISHES` has it."""
+    """Adds rectangles to the model's world, one mesh and geom per material, finished as in `textures.FINISHES`."""
     by_material = defaultdict(list)
     for quad in quads:
         by_material[quad.material].append(quad)
@@ -159,7 +159,7 @@ def _texture(name: str) -> Pixels:
 
 
 def add_ground(spec: mujoco.MjSpec, height: float, finish: str) -> None:
-    """Adds the plane all around, `ground`, which collides."""
+    """Adds the surrounding plane, `ground`, which collides."""
     lawn = _add_material(spec, "grass", finish)
     lawn.texuniform, lawn.texrepeat = True, (1 / PERIOD_M, 1 / PERIOD_M)  # a plane has no texture coordinates
     spec.worldbody.add_geom(
@@ -169,7 +169,7 @@ def add_ground(spec: mujoco.MjSpec, height: float, finish: str) -> None:
 
 
 def add_sky(spec: mujoco.MjSpec, light: float) -> None:
-    """Adds a sky gradient, a sun and soft light from all around; `light` 1 is a bright day."""
+    """Adds a sky gradient, a sun and ambient light; `light` 1 is a bright day."""
     spec.add_texture(
         name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=(0.42, 0.62, 0.86), rgb2=(0.90, 0.93, 0.95), width=32, height=192,
@@ -183,7 +183,7 @@ def add_sky(spec: mujoco.MjSpec, light: float) -> None:
             diffuse=tuple(light * c for c in colour),
             specular=(0.1 * shadow,) * 3, ambient=(0.0, 0.0, 0.0), castshadow=shadow,
         )  # fmt: skip
-    # The headlight only gives light from all around: if it came from the camera, the brightness of a surface
-    # would depend on who looks at it.
+    # The headlight gives ambient light only: if it came from the camera, the brightness of a surface would depend on
+    # the viewpoint.
     spec.visual.headlight.ambient = (0.46 * light, 0.47 * light, 0.50 * light)
     spec.visual.headlight.diffuse = spec.visual.headlight.specular = (0.0, 0.0, 0.0)

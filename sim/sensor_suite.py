@@ -1,4 +1,4 @@
-"""All sensors of a rig, read from the motion: one block a topic and chunk."""
+"""All sensors of a rig, read from the motion: one block per topic and chunk."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from stridetwin.sim.sensors.insole import InsoleModel
 from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
 from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.sensors.stamps import Stamps
-from stridetwin.sim.standard_rig import Outfit, WornSensor
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.standard_rig import MountedSensor, SensorRig
+from stridetwin.sim.straps import MountSlips
 from stridetwin.sim.terrain import Terrain
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
@@ -37,85 +37,87 @@ def instants(rate_hz: float, after_ns: int, until_ns: int) -> Instants:
 
 
 def step_ends(rate_hz: float, steps: int, t_ns: Instants) -> Instants:
-    """Ends of the steps of consecutive samples at (N,) whole sample times: `steps` a sample, one for the one at 0."""
+    """Ends of the steps of consecutive samples at (N,) whole sample times: `steps` per sample, one for the one at 0."""
     samples = np.round(t_ns * (rate_hz * 1e-9)).astype(np.int64)
     first = max(steps * (int(samples[0]) - 1) + 1, 0)
     return np.round(np.arange(first, steps * int(samples[-1]) + 1) * (1e9 / (rate_hz * steps))).astype(np.int64)
 
 
 class SensorSuite:
-    """Every sensor of the rig but the cameras.
+    """Every sensor of the rig except the cameras.
 
     Args:
-        outfit: The sensors as they really are.
+        sensor_rig: The sensors with their true calibration.
         terrain: Ground, for the sonars.
         crowd: Bystanders, for the sonars.
         seed: Seed of the walk.
-        straps: What holds the sensors.
+        mount_slips: Slip of the sensor mounts.
     """
 
-    def __init__(self, outfit: Outfit, terrain: Terrain, crowd: Crowd, seed: int, straps: Straps | None = None) -> None:
-        self._straps = straps or Straps()
-        self._models: list[tuple[WornSensor, Any, Stamps]] = []
-        for topic, sensor in outfit.sensors.items():
-            if not isinstance(sensor.told, CameraCalibration):
-                stamps = Stamps(sensor.clock, sensor.told.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
+    def __init__(
+        self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None
+    ) -> None:
+        self._mount_slips = mount_slips or MountSlips()
+        self._models: list[tuple[MountedSensor, Any, Stamps]] = []
+        for topic, sensor in sensor_rig.sensors.items():
+            if not isinstance(sensor.calibration, CameraCalibration):
+                stamps = Stamps(sensor.clock, sensor.calibration.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
                 self._models.append((sensor, _model(sensor, terrain, crowd, Noise.of_topic(seed, topic)), stamps))
 
     @property
     def rates(self) -> set[float]:
-        """Sample rates at which the whole body's motion is wanted, Hz."""
-        return {s.told.rate_hz for s, _, _ in self._models if not isinstance(s.told, ImuCalibration)}
+        """Sample rates at which the motion of the whole body is needed, Hz."""
+        return {s.calibration.rate_hz for s, _, _ in self._models if not isinstance(s.calibration, ImuCalibration)}
 
     @property
     def latency_s(self) -> float:
-        """How long after an instant the motion that an inertial sensor's filter tells of it goes on, at most, s."""
-        return max((m.delay_s for s, m, _ in self._models if isinstance(s.told, ImuCalibration)), default=0.0)
+        """Largest delay from an instant to the motion that an inertial sensor's filter needs for it, s."""
+        return max((m.delay_s for s, m, _ in self._models if isinstance(s.calibration, ImuCalibration)), default=0.0)
 
     def read(self, player: Player, motion: Motion, loads: Loads, after_ns: int, until_ns: int) -> Iterator[Block[Any]]:
-        """One block a topic, with the samples after `after_ns` and up to `until_ns`.
+        """One block per topic, with the samples after `after_ns` and up to `until_ns`.
 
         Args:
-            player: Of the walk, for inertial sensors.
-            motion: At the instants of all `rates`.
-            loads: At evenly spaced instants up to `until_ns`.
+            player: Player of the walk, for inertial sensors.
+            motion: Motion at the instants of all `rates`.
+            loads: Loads at evenly spaced instants up to `until_ns`.
             after_ns: True time.
             until_ns: True time.
         """
         for sensor, model, stamps in self._models:
-            t_ns = instants(sensor.told.rate_hz, after_ns, until_ns)
+            t_ns = instants(sensor.calibration.rate_hz, after_ns, until_ns)
             if not len(t_ns):
                 continue
-            if isinstance(sensor.told, ImuCalibration):
-                ends = step_ends(sensor.told.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
-                carrier = player.track(sensor.told.mount.body, ends)
-                block = model.read(self._straps.carried(sensor.told.topic, carrier), t_ns)
-            elif isinstance(sensor.told, OtherSensor):
-                body = sensor.told.mount.body  # an insole lies under the foot, whatever the shoe's upper does
-                carrier = motion.tracks[body] if sensor.told.kind == "insole" else motion.carrier(body)
-                carrier = self._straps.carried(sensor.told.topic, carrier[motion.rows(t_ns)])
-                block = _read(sensor.told, model, carrier, motion, loads, t_ns)
+            if isinstance(sensor.calibration, ImuCalibration):
+                ends = step_ends(sensor.calibration.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
+                carrier = player.track(sensor.calibration.mount.body, ends)
+                block = model.read(self._mount_slips.carried(sensor.calibration.topic, carrier), t_ns)
+            elif isinstance(sensor.calibration, OtherSensor):
+                body = sensor.calibration.mount.body  # an insole moves with the foot, not with the shoe's upper
+                carrier = motion.tracks[body] if sensor.calibration.kind == "insole" else motion.carrier(body)
+                carrier = self._mount_slips.carried(sensor.calibration.topic, carrier[motion.rows(t_ns)])
+                block = _read(sensor.calibration, model, carrier, motion, loads, t_ns)
             yield stamps.on(block)
 
 
-def _model(sensor: WornSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
-    told, part = sensor.told, sensor.part
-    match told, part:
+def _model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
+    calibration, part = sensor.calibration, sensor.part
+    match calibration, part:
         case ImuCalibration(), ImuPart():
-            return ImuModel(told, part, noise)
+            return ImuModel(calibration, part, noise)
         case OtherSensor(kind="range"), SonarPart():
-            return SonarModel(told, part, terrain, crowd, noise)
+            return SonarModel(calibration, part, terrain, crowd, noise)
         case OtherSensor(kind="insole"), ForceCellPart():
-            return InsoleModel(told, part, noise)
+            return InsoleModel(calibration, part, noise)
         case OtherSensor(kind="ahrs"), AhrsPart():
-            return AhrsModel(told, part, noise)
+            return AhrsModel(calibration, part, noise)
         case OtherSensor(kind="encoder"), EncoderPart():
-            return EncoderModel(told, part, noise)
+            return EncoderModel(calibration, part, noise)
         case OtherSensor(kind="interaction"), ForceCellPart():
-            return InteractionModel(told, part, noise)
+            return InteractionModel(calibration, part, noise)
         case OtherSensor(kind="actuator"), ActuatorPart():
-            return ActuatorModel(told, part, noise)
-    raise ValueError(f"no model for {told.topic} of {part.name}")
+            return ActuatorModel(calibration, part, noise)
+    raise ValueError(f"no model for {calibration.topic} of {part.name}")
 
 
 def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants) -> Block[Any]:
@@ -134,7 +136,7 @@ def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads
         case "encoder":
             return model.read(t_ns, motion.angle[f"exo_{place}_flexion_{side}"][rows])
         case "interaction":
-            return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # a push forward is felt behind
+            return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # forward push: sensed behind
         case _:
             hinge = f"exo_{place}_flexion_{side}"
             torque = np.interp(t_ns, loads.t_ns, loads.motors.get(hinge, np.zeros(len(loads.t_ns))))
@@ -142,5 +144,5 @@ def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads
 
 
 def _between(at_ns: Instants, values: Array, t_ns: Instants) -> Array:
-    """(N, 3) values at (N,) instants, on straight lines between those at known ones."""
+    """(N, 3) linear interpolation, at (N,) instants, of values at known ones."""
     return np.column_stack([np.interp(t_ns, at_ns, column) for column in values.T])

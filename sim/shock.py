@@ -1,10 +1,10 @@
-"""What the upper of a shoe does beyond the foot in it: rings when the foot strikes, and rocks a little in stance.
+"""Heel-strike vibration: motion of a shoe's upper relative to the foot, at impacts and during stance.
 
-The foot of a planned walk lands softly, and stands perfectly still. A real shoe does neither: its upper, on which the
-sensors sit, swings against the foot after the heel's strike and again when the ball slaps down, and rolls and twists by
-a degree while it carries. Here that is a small motion of the upper against the foot, twice differentiable in time, so
-that accelerometer, gyroscope and truth agree and nothing is left of it once the foot is off the ground. The table is
-fitted to recorded walks by `tools/fit_heel_strike.py`.
+The foot of a planned walk lands softly and does not move in stance. A real shoe does neither: its upper, which carries
+the sensors, vibrates relative to the foot after the heel strike and again when the ball slaps down, and it rolls and
+twists by a degree under load. Here this is a small motion of the upper relative to the foot, twice differentiable in
+time, so that accelerometer, gyroscope and ground truth agree, and it decays before the foot leaves the ground. The
+parameters are fitted to recorded walks by `tools/fit_heel_strike.py`.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShoeParameters:
-    """How a shoe's upper moves on its foot; axes of the foot: forward, left, up.
+    """Motion of a shoe's upper on its foot; axes of the foot: forward, left, up.
 
     Attributes:
         ring_hz: (K,) frequency of each mode that a strike excites.
-        ring_s: (K,) time in which it decays to 1/e.
+        ring_s: (K,) decay time of each mode to 1/e.
         ring_force: (K, 3) m/s², amplitude of the acceleration, at the reference speed of impact.
         ring_rate: (K, 3) rad/s, amplitude of the angular rate, likewise.
-        impact_mps: The reference: speed of the foot `BEFORE_S` before touch-down.
+        impact_mps: Reference speed of impact: speed of the foot `BEFORE_S` before touch-down.
         strike_sd: Standard deviation of the logarithm of a strike's strength.
-        slap: Strength of the ball's slap over that of the heel's strike.
+        slap: Strength of the ball's slap relative to that of the heel strike.
         rock_hz: (M,) frequencies of the motion in stance.
         rock_rate: (M, 3) rad/s, amplitude of its angular rate.
     """
@@ -66,9 +66,9 @@ feet, 56 strikes of one person."""
 
 
 def case_parameters(strike: float) -> ShoeParameters:
-    """What the strikes of both heels leave of themselves in a case on head or chest: a push, mostly up, that rings out.
+    """Vibration of a sensor case on head or chest after the strikes of both heels: a mostly vertical, decaying impulse.
 
-    Pictures do not show it: 10 m/s² at 12 Hz are 2 mm.
+    Images do not show it: 10 m/s² at 12 Hz are 2 mm.
 
     Args:
         strike: m/s², the largest acceleration up.
@@ -88,22 +88,22 @@ def case_parameters(strike: float) -> ShoeParameters:
 
 BEFORE_S = 0.02
 RISE_PERIODS = 0.4
-"""A mode swings up within this share of its period."""
+"""A mode builds up within this share of its period."""
 SUPPORT = 10.0
 """A mode is over after this many decay times."""
-_STRENGTH = (0.15, 2.0)  # softest and hardest strike over the reference
-_FADE_S = 0.10  # rocking begins and ends within this
-_ROCK_S = 0.9  # who stands on stands still after this
-_UP = 2  # of displacement (forward, left, up) and turn
-_BLOW_S = 0.007  # after the strike all modes push up together
-_JITTER_RAD = 0.5  # of a mode's phase from strike to strike: a foot strikes much like itself
+_STRENGTH = (0.15, 2.0)  # softest and hardest strike relative to the reference
+_FADE_S = 0.10  # fade-in and fade-out of rocking
+_ROCK_S = 0.9  # a longer stance is still after this time
+_UP = 2  # index in displacement (forward, left, up) and rotation
+_BLOW_S = 0.007  # this long after the strike all modes accelerate upward together
+_JITTER_RAD = 0.5  # of a mode's phase from strike to strike: the strikes of a foot are similar
 _SLAP_RAD = 0.02  # pitch of the sole against the ground at which the ball slaps down
-_GROUND = (0.060, 0.0, 0.0)  # m: what rocking turns about
+_GROUND = (0.060, 0.0, 0.0)  # m: pivot of rocking
 
 
 @numba.njit(cache=True)
-def ring(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
-    """A mode's oscillation after a strike, and its rate of change a second.
+def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
+    """A mode's oscillation after a strike, and its time derivative.
 
     s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1.
 
@@ -123,14 +123,14 @@ def ring(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Ar
 
 @numba.njit(cache=True)
 def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
-    """s(τ) exp(-τ/T), and its rate of change a second."""
+    """s(τ) exp(-τ/T), and its time derivative."""
     length = RISE_PERIODS / hz
     rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, np.exp(-tau / decay_s)
     return rise * decay, decay * (rising - rise / decay_s)
 
 
-class _Rings(NamedTuple):
-    """E strikes of a mode each: when, s; frequency, Hz; decay time, s; (E, 6) amplitudes, m and rad, and phases."""
+class _Vibrations(NamedTuple):
+    """E strikes of one mode each: time, s; frequency, Hz; decay time, s; (E, 6) amplitudes, m and rad, and phases."""
 
     begin: Array
     end: Array
@@ -141,7 +141,7 @@ class _Rings(NamedTuple):
 
 
 class _Rocks(NamedTuple):
-    """S stances: when, s; (S, M, 3) phases of the sines."""
+    """S stances: time, s; (S, M, 3) phases of the sines."""
 
     begin: Array
     end: Array
@@ -150,15 +150,15 @@ class _Rocks(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpperMotion:
-    """Motion of one shoe's upper against its foot.
+    """Motion of one shoe's upper relative to its foot.
 
     Attributes:
-        pivot: (3,) m in the foot's frame, what the upper turns about.
+        pivot: (3,) m in the foot's frame, pivot of the upper's rotation.
     """
 
     pivot: Array
     _parameters: ShoeParameters
-    _rings: _Rings
+    _rings: _Vibrations
     _rocks: _Rocks
 
     @classmethod
@@ -166,20 +166,20 @@ class UpperMotion:
         cls, steps: Sequence[Footstep], pitch: Callable[[Array], Array], speed: Callable[[Array], Array],
         pivot: Array, rng: np.random.Generator, parameters: ShoeParameters,
     ) -> Self:  # fmt: skip
-        """The motion that a walk makes.
+        """The motion of a walk.
 
         Args:
             steps: Footsteps of one foot.
-            pitch: (N,) s -> (N,) rad, pitch of its sole against the ground.
-            speed: (N,) s -> (N,) m/s, how fast it goes.
-            pivot: (3,) m in the foot's frame: where the sensors sit. What they were recorded to do, they do there.
-            rng: Source of what differs from strike to strike.
-            parameters: Of the shoe.
+            pitch: (N,) s -> (N,) rad, pitch of its sole relative to the ground.
+            speed: (N,) s -> (N,) m/s, speed of the foot.
+            pivot: (3,) m in the foot's frame: position of the sensors, where the parameters were recorded.
+            rng: Draws the variation from strike to strike.
+            parameters: Parameters of the shoe.
         """
         landed = [step for step in steps if np.isfinite(step.t_touch)]
         speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)
         shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.ring_hz), 6))
-        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.ring_hz * _BLOW_S  # the ground pushes up at first
+        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.ring_hz * _BLOW_S  # the ground first pushes up
         omega = 2 * np.pi * parameters.ring_hz[:, None]
         unit = np.concatenate([parameters.ring_force / omega**2, parameters.ring_rate / omega], axis=1)
         strikes, rocks = [], []
@@ -196,7 +196,7 @@ class UpperMotion:
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.ring_hz, parameters.ring_s))
         return cls(
             pivot=pivot, _parameters=parameters,
-            _rings=_Rings(
+            _rings=_Vibrations(
                 begin=begin, end=begin + SUPPORT * decay_s, hz=hz, decay_s=decay_s,
                 amplitude=np.reshape([a for _, a, _ in strikes], (-1, 6)),
                 phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
@@ -209,37 +209,40 @@ class UpperMotion:
         )  # fmt: skip
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Displacement (N, 3) m and turn (N, 3) rad, as a rotation vector, at (N,) increasing s, and both a second."""
+        """Displacement (N, 3) m and rotation vector (N, 3) rad, at (N,) increasing s, and the rates of both."""
         value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))
         _add_rocks(t, self._rocks, self._parameters.rock_hz, self._parameters.rock_rate, value[:, 3:], rate[:, 3:])
-        # who rocks turns about the ground, so the pivot shifts as well
+        # rocking rotates about the ground, so the pivot moves as well
         value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - _GROUND) for x in (value, rate))
-        _add_rings(t, self._rings, value, rate)
+        _add_vibrations(t, self._rings, value, rate)
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
 
     def carried(self, foot: Track) -> Track:
-        """Track of the upper, whose frame is the foot's own where nothing moves."""
+        """Track of the upper, whose frame coincides with the foot's at rest."""
         shift, turn, shifting, turning = self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64))
         return foot.displaced(self.pivot, shift, turn, shifting, turning)
 
 
 @numba.njit(cache=True)
-def _add_rings(t: Array, rings: _Rings, value: Array, rate: Array) -> None:
-    """Adds what rings at (N,) increasing s to (N, 6) displacement and turn, and to their rates."""
-    for e in range(len(rings.begin)):
-        omega = 2 * np.pi * rings.hz[e]
-        for i in range(np.searchsorted(t, rings.begin[e]), np.searchsorted(t, rings.end[e])):
-            tau = t[i] - rings.begin[e]
-            size, changing = _envelope(tau, rings.hz[e], rings.decay_s[e])
+def _add_vibrations(t: Array, vibrations: _Vibrations, value: Array, rate: Array) -> None:
+    """Adds the vibration at (N,) increasing s to (N, 6) displacement and rotation, and to their rates."""
+    for e in range(len(vibrations.begin)):
+        omega = 2 * np.pi * vibrations.hz[e]
+        for i in range(np.searchsorted(t, vibrations.begin[e]), np.searchsorted(t, vibrations.end[e])):
+            tau = t[i] - vibrations.begin[e]
+            size, changing = _envelope(tau, vibrations.hz[e], vibrations.decay_s[e])
             for k in range(6):
-                sine, cosine = np.sin(omega * tau + rings.phase[e, k]), np.cos(omega * tau + rings.phase[e, k])
-                value[i, k] += rings.amplitude[e, k] * size * sine
-                rate[i, k] += rings.amplitude[e, k] * (changing * sine + size * omega * cosine)
+                sine, cosine = (
+                    np.sin(omega * tau + vibrations.phase[e, k]),
+                    np.cos(omega * tau + vibrations.phase[e, k]),
+                )
+                value[i, k] += vibrations.amplitude[e, k] * size * sine
+                rate[i, k] += vibrations.amplitude[e, k] * (changing * sine + size * omega * cosine)
 
 
 @numba.njit(cache=True)
 def _add_rocks(t: Array, rocks: _Rocks, rock_hz: Array, rock_rate: Array, turn: Array, turning: Array) -> None:
-    """Adds what rocks at (N,) increasing s, sines of random phase under a smooth window, to (N, 3) turn and rate."""
+    """Adds the rocking at (N,) increasing s, sines of random phase in a window, to (N, 3) rotation and rate."""
     for e in range(len(rocks.begin)):
         for i in range(np.searchsorted(t, rocks.begin[e]), np.searchsorted(t, rocks.end[e])):
             tau = t[i] - rocks.begin[e]
@@ -256,7 +259,7 @@ def _add_rocks(t: Array, rocks: _Rocks, rock_hz: Array, rock_rate: Array, turn: 
 
 
 def _slap(step: Footstep, pitch: Callable[[Array], Array]) -> float:
-    """When the sole has come down on the ground, s."""
+    """Time at which the sole slaps down on the ground, s."""
     t = np.arange(step.t_touch, min(step.t_off, step.t_touch + 0.4), 0.002)
     down = np.abs(pitch(t)) < _SLAP_RAD
     return float(t[down.argmax()]) if down.any() else step.t_touch

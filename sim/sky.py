@@ -1,7 +1,7 @@
-"""The sky behind a sensor's picture, and the haze where the ground ends, from the elevation of what a pixel looks at.
+"""The sky in a sensor's image, and the haze at the edge of the ground, from the elevation of each pixel's ray.
 
-MuJoCo draws the sky first and all over the picture, and everything else on top of it, which costs as much as a third
-of a software-rendered frame. A sensor view leaves it out and paints it here where nothing else was drawn.
+MuJoCo first draws the sky over the whole image, and everything else on top of it, which costs a third of a
+software-rendered frame. A sensor view omits it and paints it here where nothing else was rendered.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from stridetwin.streams.samples import Array
 
 _LEVELS = 2048  # of the sine of the elevation
 _SIDES, _UP, _DOWN = (0, 1, 4, 5), 2, 3  # faces of MuJoCo's sky box
-_EDGE = math.sqrt(0.5)  # of the far plane's distance: where MuJoCo lets an endless plane end
+_EDGE = math.sqrt(0.5)  # of the far plane's distance: edge of MuJoCo's endless planes
 
 
 def endless_planes(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Geoms of a model that are planes without an end."""
+    """Geoms of a model that are endless planes."""
     return np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_size[:, 0] == 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sky:
-    """A sky that is alike all around.
+    """A sky without dependence on azimuth.
 
     Attributes:
         colours: (N, 3) uint8 RGB, evenly over the sine of the elevation from straight down to straight up.
-        ground: Height of the endless ground in the world, m; -inf where there is none, and no haze then.
-        edge: How far away it ends, m.
-        depth: Of the haze before that edge, as a share of its distance.
+        ground: Height of the endless ground in the world, m; -inf without one, and then there is no haze.
+        edge: Distance of its edge, m.
+        depth: Width of the haze in front of that edge, as a share of its distance.
         haze: (3,) RGB, 0-255.
     """
 
@@ -47,7 +47,7 @@ class Sky:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, far: float) -> Self | None:
-        """The sky box of a model, averaged round the horizon; None where there is none.
+        """The sky box of a model, averaged over azimuth; None without one.
 
         Args:
             model: Compiled model.
@@ -81,11 +81,11 @@ class Sky:
         T_world_camera: Array,
         intrinsics: tuple[float, float, float, float],
     ) -> None:
-        """Colours in place the pixels of a picture (H, W, 3) where nothing was drawn, and the far ground.
+        """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
 
         Args:
-            rgb: The picture.
-            depth: (H, W) along the optical axis, m; inf where nothing was drawn.
+            rgb: The image.
+            depth: (H, W) along the optical axis, m; inf where nothing was rendered.
             T_world_camera: (4, 4) pose of the optical frame.
             intrinsics: (fu, fv, pu, pv), pixels.
         """

@@ -1,7 +1,7 @@
-"""Upright solids with a flat or a sloping top, and exact questions about many of them at once.
+"""Upright solids with a flat or a sloping top, and exact geometric queries for many of them at once.
 
-Terrain is made of these: a `Box` for a level piece, a tread or a landing, a `Wedge` for a ramp. Each may be
-turned about the vertical. A `SolidSet` answers for N points or rays and all solids in one go.
+Terrain consists of these: a `Box` for a level segment, a tread or a landing, a `Wedge` for a ramp. Each may be
+rotated about the vertical. A `SolidSet` answers queries for N points or rays and all solids at once.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Box:
     Attributes:
         x: Centre of the footprint in the world, m.
         y: Centre of the footprint in the world, m.
-        yaw: Turn about the vertical, rad.
+        yaw: Rotation about the vertical, rad.
         length: Extent along its own x axis, m.
         width: Extent along its own y axis, m.
         bottom: Height of the underside, m.
@@ -116,7 +116,7 @@ class SolidSet:
         self.edges = self._find_edges()
 
     def top_facet(self, xy: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
-        """Height of the surface and which solid makes it.
+        """Height of the surface, and the solid that it belongs to.
 
         Args:
             xy: (..., 2) points in the world, m. A point on a border belongs to the higher side.
@@ -149,15 +149,15 @@ class SolidSet:
         return np.min(np.linalg.norm(points - nearest, axis=-1), axis=-1)
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-        """Where rays first meet a surface.
+        """Nearest intersections of rays with the surface.
 
         Args:
             origins: (N, 3) in the world, m.
             directions: (N, 3) in the world, any length but zero.
 
         Returns:
-            (N,) distance, m: inf where nothing is hit, 0 where the origin lies inside a solid; and (N, 3)
-            outward normal of the face that is hit, zero where there is none.
+            (N,) distance, m: inf for a miss, 0 for an origin inside a solid; and (N, 3) outward normal of the face
+            that is hit, zero for a miss.
         """
         o, d = np.broadcast_arrays(np.asarray(origins, dtype=float), np.asarray(directions, dtype=float))
         d = d / np.linalg.norm(d, axis=-1, keepdims=True)
@@ -182,9 +182,8 @@ class SolidSet:
     def _find_edges(self) -> Array:
         """Segments (E, 2, 2) where the surface jumps or bends.
 
-        Every border of a footprint is cut where other borders meet it; a piece is an edge where the planes on
-        its two sides differ. Two tops that run through each other inside both footprints do not occur in
-        terrain.
+        Every border of a footprint is cut at its intersections with other borders; a part is an edge if the planes on
+        its two sides differ. Tops that intersect each other inside both footprints do not occur in terrain.
         """
         a = self._plan.reshape(-1, 2)
         b = np.roll(self._plan, -1, axis=1).reshape(-1, 2)
@@ -200,7 +199,7 @@ class SolidSet:
         return segments[np.any(np.abs(left - right) > 1e-9, axis=-1)]
 
     def _plane_at(self, xy: Array, beside: Array) -> Array:
-        """Height at `xy` and gradient (N, 3) of the plane that is on top at `xy + beside`."""
+        """Height at `xy` and gradient (N, 3) of the topmost plane at `xy + beside`."""
         _, which = self.top_facet(xy + beside)
         gradient = np.einsum("na,nai->ni", self._slope[which], self._axes[which])
         gradient = np.where(which[:, None] >= 0, gradient, 0.0)
@@ -209,7 +208,7 @@ class SolidSet:
 
 
 def _crossings(p: Array, q: Array, a: Array, b: Array) -> Array:
-    """Shares of the way from p to q, inside it, where the segments (a, b) or their ends meet its line."""
+    """Positions from p to q, as shares in (0, 1), where the segments (a, b) or their ends meet the line."""
     run, other = q - p, b - a
     cross = run[0] * other[:, 1] - run[1] * other[:, 0]
     to = a - p

@@ -11,9 +11,9 @@ from stridetwin.streams.samples import Array
 
 @numba.njit(cache=True)
 def cast(origins: Array, directions: Array, normals: Array, offsets: Array, ground: float) -> tuple[Array, Array]:
-    """Where rays first meet a solid or the ground plane.
+    """Nearest intersections of rays with solids or the ground plane.
 
-    A convex solid is the cut of half-spaces n.p <= c: a ray is inside from its last entry to its first exit.
+    A convex solid is the intersection of half-spaces n.p <= c: a ray is inside from its last entry to its first exit.
 
     Args:
         origins: (N, 3) m.

@@ -1,6 +1,6 @@
-"""The standard rig: every sensor of the wearer, where it sits, and what its part's data sheet tells an estimator.
+"""The standard rig: every sensor of the wearer, its mount, and its nominal calibration from the data sheet.
 
-Random walks are not on data sheets: what is told lets a bias wander by its in-run instability in 100 s.
+Data sheets give no random walks: the nominal one lets a bias vary by its in-run instability in 100 s.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.actuation import modules
-from stridetwin.sim.calibration import told
+from stridetwin.sim.calibration import nominal_rig
 from stridetwin.sim.config import SIDES, TwinConfig
-from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Fitting, Seat, part_of
+from stridetwin.sim.fitting import KIND, STANDARD_BACK_AHRS, STANDARD_BACK_IMU, Clock, Seat, SensorConfig, part_of
 from stridetwin.sim.own_exo import OnLink
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
-from stridetwin.sim.parts.told import TOLD
+from stridetwin.sim.parts.told import NOMINAL
 from stridetwin.sim.rotation import from_euler
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -43,55 +43,57 @@ Calibration = ImuCalibration | CameraCalibration | OtherSensor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WornSensor:
-    """One sensor.
+class MountedSensor:
+    """A mounted sensor.
 
     Attributes:
-        group: That it belongs to.
-        told: What the rig tells about it.
-        part: What it really is.
-        fitting: What it has that the standard one has not.
+        group: Group of the sensor.
+        calibration: Nominal calibration.
+        part: True parameters.
+        sensor_config: Differences from the standard sensor.
     """
 
     group: str
-    told: Calibration
+    calibration: Calibration
     part: Part
-    fitting: Fitting
+    sensor_config: SensorConfig
 
     @property
     def clock(self) -> Clock:
-        """How its stamps run."""
-        return self.fitting.clock
+        """Its clock."""
+        return self.sensor_config.clock
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outfit:
-    """Everything that a walk carries.
+class SensorRig:
+    """All sensors of a walk.
 
     Attributes:
-        rig: Its calibration without any error.
-        sensors: What there really is, by topic.
+        rig: True calibration.
+        sensors: Sensors with their true parameters, by topic.
     """
 
     rig: Rig
-    sensors: dict[str, WornSensor]
+    sensors: dict[str, MountedSensor]
 
-    def told(self, seed: int) -> Rig:
-        """What estimators are told on the walk of a seed."""
-        return told(self.rig, ((t, self.sensors[t].fitting.calibration_sd) for t in self.rig.cameras), seed)
+    def nominal(self, seed: int) -> Rig:
+        """Nominal rig, which estimators get on the walk with this seed."""
+        return nominal_rig(
+            self.rig, ((t, self.sensors[t].sensor_config.calibration_sd) for t in self.rig.cameras), seed
+        )
 
 
 def standard_rig(config: TwinConfig) -> Rig:
-    """Calibration of the rig that a walk carries, without any error; arguments and errors as `outfit`."""
-    return outfit(config).rig
+    """True calibration of a walk's rig; arguments and errors as for `sensor_rig`."""
+    return sensor_rig(config).rig
 
 
-def outfit(config: TwinConfig) -> Outfit:
-    """The sensors that a walk carries.
+def sensor_rig(config: TwinConfig) -> SensorRig:
+    """The sensors of a walk.
 
     Args:
-        config: Which groups of sensors are on, of which parts, and where the RGB-D camera sits. Without exoskeleton the
-            groups that sit on it are left out.
+        config: Groups of sensors that are on, their parts, and the place of the RGB-D camera. Without exoskeleton, its
+            groups are omitted.
 
     Raises:
         ConfigError: An unknown group of sensors or an unknown place for the RGB-D camera.
@@ -102,35 +104,39 @@ def outfit(config: TwinConfig) -> Outfit:
     if config.rig_mount not in _RGBD_MOUNT:
         raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(_RGBD_MOUNT))
     on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
-    sensors = {s.told.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
-    told = [s.told for s in sensors.values()]
+    sensors = {s.calibration.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
+    calibrations = [s.calibration for s in sensors.values()]
     rig = Rig(
-        imus={s.topic: s for s in told if isinstance(s, ImuCalibration)},
-        cameras={s.topic: s for s in told if isinstance(s, CameraCalibration)},
+        imus={s.topic: s for s in calibrations if isinstance(s, ImuCalibration)},
+        cameras={s.topic: s for s in calibrations if isinstance(s, CameraCalibration)},
         boards={b.name: b for b in _boards(config)} if "foot_camera" in on else {},
-        others={s.topic: s for s in told if isinstance(s, OtherSensor)},
+        others={s.topic: s for s in calibrations if isinstance(s, OtherSensor)},
     )
-    return Outfit(rig=rig, sensors=sensors)
+    return SensorRig(rig=rig, sensors=sensors)
 
 
-def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, Fitting]:
-    """The part of a group as it is and as it is told, and the group's fitting.
+def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
+    """True part and nominal part of a group, and the group's configuration.
 
-    `standard` is the part where the scenario asks for none: by name, or as the rig file of an exoskeleton gives it.
+    `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
     """
-    fitting = config.fittings.get(group, Fitting())
+    sensor_config = config.fittings.get(group, SensorConfig())
     if isinstance(standard, Part):
-        given = config.fittings if fitting.part else {**config.fittings, group: replace(fitting, part=standard)}
-        return *part_of(given, group, config.ideal), fitting
-    return *part_of(config.fittings, group, config.ideal, standard), fitting
+        given = (
+            config.fittings if sensor_config.part else {**config.fittings, group: replace(sensor_config, part=standard)}
+        )
+        return *part_of(given, group, config.ideal), sensor_config
+    return *part_of(config.fittings, group, config.ideal, standard), sensor_config
 
 
-def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> WornSensor:
-    part, told, fitting = _fit(config, group, standard)
-    return WornSensor(group=group, told=_told_imu(topic, told, mount), part=part, fitting=fitting)
+def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
+    part, nominal, sensor_config = _fit(config, group, standard)
+    return MountedSensor(
+        group=group, calibration=_nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
+    )
 
 
-def _told_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
+def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
     gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
         topic=topic,
@@ -153,35 +159,35 @@ def _finite(range_: float) -> float:
 
 
 def foot_imu_place(config: TwinConfig, side: str) -> Array:
-    """(3,) m, where a shoe's IMU sits in the foot's frame, or would sit."""
-    forward, outward, up = config.fittings.get("foot_imu", Fitting()).position_m or _FOOT_IMU
+    """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
+    forward, outward, up = config.fittings.get("foot_imu", SensorConfig()).position_m or _FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
 
 def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
     """(3, 3) rotation of a shoe's IMU in the foot's frame."""
-    turned = config.fittings.get("foot_imu", Fitting()).rotation_rad
-    if turned is None:
+    rotation = config.fittings.get("foot_imu", SensorConfig()).rotation_rad
+    if rotation is None:
         return np.eye(3)
-    roll, pitch, yaw = turned
+    roll, pitch, yaw = rotation
     return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
 
 
-def _foot_imus(config: TwinConfig) -> Iterator[WornSensor]:
+def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
         pose = _pose(_foot_imu_turn(config, side), foot_imu_place(config, side))
         yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
 
 
-def _head_imu(config: TwinConfig) -> Iterator[WornSensor]:
+def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
     camera = _rgbd_mount(config)
     mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
     yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
 
 
-def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> WornSensor:
-    part, told, fitting = _fit(config, group)
-    imager: Imager = told.imager
+def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
+    part, nominal, sensor_config = _fit(config, group)
+    imager: Imager = nominal.imager
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
         topic=f"/{place}/color" if depth else f"/{place}/camera",
@@ -195,18 +201,18 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
         distortion=imager.distortion,
         depth_topic=f"/{place}/depth" if depth else "",
         imu_topic=f"/{place}/imu",
-        timeshift_cam_imu_s=_told_shift(config, imu_group) - _told_shift(config, group),
+        timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
     )
-    return WornSensor(group=group, told=calibration, part=part, fitting=fitting)
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
-def _told_shift(config: TwinConfig, group: str) -> float:
-    clock = config.fittings.get(group, Fitting()).clock
+def _nominal_shift(config: TwinConfig, group: str) -> float:
+    clock = config.fittings.get(group, SensorConfig()).clock
     return clock.shift_s if clock.told else 0.0
 
 
-def _foot_cameras(config: TwinConfig) -> Iterator[WornSensor]:
-    sits = config.fittings.get("foot_camera", Fitting()).mount or FOOT_CAMERA
+def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
+    sits = config.fittings.get("foot_camera", SensorConfig()).mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _on_shoe(sits, side)
         pose = _pose(_looking(forward, roll=sits.roll_rad * -_outward(side)), position)
@@ -215,28 +221,28 @@ def _foot_cameras(config: TwinConfig) -> Iterator[WornSensor]:
 
 
 def _on_shoe(sits: Seat, side: str) -> tuple[Array, Array]:
-    """(3,) place, m, and (3,) direction that it faces, in the foot's frame."""
+    """(3,) position, m, and (3,) viewing direction in the foot's frame."""
     forward, inward, up = sits.position_m
     towards, upward = sits.faces_rad
     return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
 
 
-def _rgbd(config: TwinConfig) -> Iterator[WornSensor]:
+def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
     mount = _rgbd_mount(config)
     yield _camera(config, "head_camera", "head_imu", config.rig_mount, mount, depth=True)
 
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     body, position = _RGBD_MOUNT[config.rig_mount]
-    fitting = config.fittings.get("head_camera", Fitting())
-    pitch = RGBD_PITCH_RAD if fitting.pitch_down_rad is None else fitting.pitch_down_rad
-    sits = fitting.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
+    sensor_config = config.fittings.get("head_camera", SensorConfig())
+    pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
+    sits = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
     turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
     return Mount(body=body, T_body_sensor=_pose(turn, sits.position_m))
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:
-    sits = config.fittings.get("foot_camera", Fitting()).board or FOOT_BOARD
+    sits = config.fittings.get("foot_camera", SensorConfig()).board or FOOT_BOARD
     for side in SIDES:
         position, out = _on_shoe(sits, side)
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
@@ -250,21 +256,21 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
         )
 
 
-def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> WornSensor:
-    part, told, fitting = _fit(config, group, more.pop("standard", None))
+def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
+    part, nominal, sensor_config = _fit(config, group, more.pop("standard", None))
     calibration = OtherSensor(
         topic=topic,
         kind=kind,
-        part=more.pop("named", told.description),
-        rate_hz=told.rate_hz,
+        part=more.pop("named", nominal.description),
+        rate_hz=nominal.rate_hz,
         mount=mount,
-        parameters=TOLD[kind](told) | more,
+        parameters=NOMINAL[kind](nominal) | more,
     )
-    return WornSensor(group=group, told=calibration, part=part, fitting=fitting)
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
-def _sonars(config: TwinConfig) -> Iterator[WornSensor]:
-    sits = config.fittings.get("sonar", Fitting()).mount
+def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
+    sits = config.fittings.get("sonar", SensorConfig()).mount
     for side in SIDES:
         out = _outward(side)
         inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
@@ -276,7 +282,7 @@ def _sonars(config: TwinConfig) -> Iterator[WornSensor]:
         )  # fmt: skip
 
 
-def _insoles(config: TwinConfig) -> Iterator[WornSensor]:
+def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
         out = _outward(side)
         # heel, lateral ball, medial ball, toe: x and y in the foot frame
@@ -284,7 +290,7 @@ def _insoles(config: TwinConfig) -> Iterator[WornSensor]:
         yield _other(config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells)
 
 
-def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
+def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
     own = config.exo.own if config.exo is not None else None
     for place, seat in own.ahrs.items() if own is not None else ():
         standard = STANDARD_BACK_AHRS if place == "back" else None
@@ -294,8 +300,8 @@ def _ahrs(config: TwinConfig) -> Iterator[WornSensor]:
         yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
 
 
-def _exo_imus(config: TwinConfig) -> Iterator[WornSensor]:
-    """What the inertial sensors inside the AHRSs measure by themselves; those added to an exoskeleton of the user's."""
+def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
     own = config.exo.own if config.exo is not None else None
     for place, (seat, part) in own.imus.items() if own is not None else ():
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", _on(seat), part)
@@ -304,17 +310,17 @@ def _exo_imus(config: TwinConfig) -> Iterator[WornSensor]:
         yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
 
 
-def _encoders(config: TwinConfig) -> Iterator[WornSensor]:
+def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
     own = config.exo.own if config.exo is not None else None
     if own is None:
-        turned = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
+        moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
     else:
-        turned = {name: own.turned_by(name) for name in own.encoders}
-    for name, body in turned.items():
+        moved = {name: own.body_moved_by(name) for name in own.encoders}
+    for name, body in moved.items():
         yield _other(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
 
 
-def _interactions(config: TwinConfig) -> Iterator[WornSensor]:
+def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
     own = config.exo.own if config.exo is not None else None
     for cuff in own.cuffs if own is not None else ():
         if cuff.force_cells:
@@ -327,13 +333,13 @@ def _interactions(config: TwinConfig) -> Iterator[WornSensor]:
         )  # fmt: skip
 
 
-def _actuators(config: TwinConfig) -> Iterator[WornSensor]:
+def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     mounted = {} if config.exo is None else modules(config.exo)
     own = config.exo.own if config.exo is not None else None
     if own is not None:
         for name, module in mounted.items():
             yield _other(
-                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.turned_by(name)),
+                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.body_moved_by(name)),
                 standard=own.motors[name], torque_max_nm=float(module.torque_max_nm),
                 speed_max_radps=float(module.speed_max_radps),
             )  # fmt: skip
@@ -382,12 +388,12 @@ def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:
 
 
 def _direction(left: float, up: float) -> Array:
-    """Unit vector turned from forward to the left and then up, rad."""
+    """Unit vector rotated from forward to the left and then up, rad."""
     return np.array([math.cos(up) * math.cos(left), math.cos(up) * math.sin(left), math.sin(up)])
 
 
 def _looking(forward: Array, roll: float = 0.0) -> Array:
-    """Rotation of an optical frame that looks along `forward`, upright and then rolled clockwise."""
+    """Rotation of an optical frame with viewing direction `forward`, upright and then rolled clockwise."""
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)

@@ -1,7 +1,7 @@
-"""Straps that slip: sensors that turn and shift on the body that carries them, as they walk.
+"""Mount slip: sensors that rotate and move on the body that carries them during a walk.
 
-What slips moves for real: inertial sensors feel the slip itself, cameras look elsewhere, and the truth of an IMU's
-frame says where it is. The calibration that a recording tells stays what it was.
+A slip is physical: inertial sensors measure it, cameras change their view, and the ground truth of an IMU's frame
+includes it. The nominal calibration in the recording does not change.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slip:
-    """A slip from one place to another, smooth up to the acceleration.
+    """A slip from one pose to another, smooth up to the acceleration.
 
     Attributes:
-        from_ns: When it begins.
-        until_ns: When it has ended; what slipped stays there.
+        from_ns: Start time.
+        until_ns: End time; the new pose is permanent.
         turn: (3,) rad, rotation vector in the body's axes.
-        shift: (3,) m, body's axes.
-        pivot: (3,) m in the body, about which it turns.
+        shift: (3,) m, translation in the body's axes.
+        pivot: (3,) m in the body, pivot of the rotation.
     """
 
     from_ns: int
@@ -42,7 +42,7 @@ class Slip:
     pivot: Array
 
     def carried(self, body: Track) -> Track:
-        """Track of a frame that was the body's, and slips on it."""
+        """Track of a frame that initially coincides with the body's and slips on it."""
         share, speed = self._share(body.t_ns)
         way = share[:, None], speed[:, None]
         (shift, shifting), (turn, turning) = ([x * whole for x in way] for whole in (self.shift, self.turn))
@@ -57,27 +57,27 @@ class Slip:
         return T
 
     def _share(self, t_ns: NDArray[np.int64]) -> tuple[Array, Array]:
-        """(N,) how much of it has happened, 0-1, and its rate, 1/s."""
+        """(N,) completed share, 0-1, and its rate, 1/s."""
         length = self.until_ns - self.from_ns
         s = (t_ns - self.from_ns) / length
         return ease(s), ease_rate(s) * 1e9 / length
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Straps:
-    """What holds the sensors.
+class MountSlips:
+    """Slips of the sensor mounts.
 
     Attributes:
-        slips: In the order in which they begin, by topic; a topic that is not there holds.
-        housings: Body of the model, and mount, of what can be seen to slip, by topic.
+        slips: Slips in order of their start, by topic; topics without slips are missing.
+        housings: Body of the model, and mount, of visible sensors with slips, by topic.
     """
 
     slips: Mapping[str, tuple[Slip, ...]] = field(default_factory=dict)
     housings: Mapping[str, tuple[str, Mount]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> Straps:
-        """The straps that planned faults make slip."""
+    def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> MountSlips:
+        """The slips of planned faults."""
         slips: dict[str, list[Slip]] = {}
         for fault, events in planned:
             if isinstance(fault, LooseStrap):
@@ -93,7 +93,7 @@ class Straps:
         )
 
     def carried(self, topic: str, body: Track) -> Track:
-        """Track of the frame in which a sensor's mount holds, given that of its body."""
+        """Track of the frame of a sensor's mount, given that of its body."""
         for slip in self.slips.get(topic, ()):
             body = slip.carried(body)
         return body
@@ -106,7 +106,7 @@ class Straps:
         return T
 
     def place(self, model: mujoco.MjModel, t_ns: int) -> None:
-        """Puts the housings in a model where they are at one time."""
+        """Moves the housings in a model to their poses at one time."""
         for topic, (name, mount) in self.housings.items():
             T, housing = self.T_body_frame(topic, t_ns) @ mount.T_body_sensor, model.body(name)
             housing.pos, housing.quat = T[:3, 3], quat_from_matrix(T[:3, :3])
@@ -133,7 +133,7 @@ def _by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
 
 
 def _mounts(rig: Rig) -> dict[str, tuple[str, Array]]:
-    """Body and position of every sensor; a depth picture goes with its camera."""
+    """Body and position of every sensor; a depth image has those of its camera."""
     sensors: Sequence[tuple[str, str, Array]] = [
         (topic, s.mount.body, s.mount.T_body_sensor[:3, 3])
         for group in (rig.imus, rig.cameras, rig.others)

@@ -1,6 +1,6 @@
-"""What stands around the way, clear of the walker: planters and pillars outdoors, walls and furniture in a room.
+"""Surroundings of the way, clear of the walker: planters and pillars outdoors, walls and furniture in a room.
 
-The walls of a corridor stand at the very borders of the way.
+The walls of a corridor are directly at the borders of the way.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _CLEARANCE_M = 0.35
 _SPACING_M = 2.2
 _ROOM_MARGIN_M = 3.0
 _ROOM_HEIGHT_M = 2.7
-_WALL_M, _BRICK_M = 0.12, 0.2  # thickness of a corridor's walls, and how long the pieces are of which they are built
+_WALL_M, _BRICK_M = 0.12, 0.2  # thickness of a corridor's walls, and length of their parts
 _SEED = 20260  # the world looks the same in every walk
 
 
@@ -35,7 +35,7 @@ class Landmark:
 
 @dataclass(frozen=True, kw_only=True)
 class _Frame:
-    """A place beside the way: its position and direction, and the height of the ground on the way there."""
+    """A pose beside the way: its position and direction, and the height of the ground on the way there."""
 
     x: float
     y: float
@@ -43,7 +43,7 @@ class _Frame:
     z: float
 
     def box(self, length: float, width: float, bottom: float, top: float, along: float = 0.0, left: float = 0.0) -> Box:
-        """A box here, or moved along and to the left of the direction."""
+        """A box here, or translated along the direction and to its left."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return Box(
             x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
@@ -54,7 +54,7 @@ class _Frame:
 def surroundings(
     scenery: str, layout: Layout, bottom_m: float, standing: Sequence[Landmark] = ()
 ) -> tuple[Landmark, ...]:
-    """What is `standing` there, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
+    """Things in `standing`, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
     kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
         "outdoor": _outdoor, "room": _room, "corridor": _corridor
     }  # fmt: skip
@@ -67,7 +67,7 @@ def surroundings(
 
 
 def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
-    """The floor of a room around everything that is laid out, at its lowest height; nothing outdoors."""
+    """The floor of a room around the whole layout, at its lowest height; nothing outdoors."""
     if scenery != "room":
         return ()
     low, high = _extent(layout)
@@ -86,7 +86,7 @@ def _extent(layout: Layout) -> tuple[Array, Array]:
 
 
 def _clear(box: Box, layout: Layout, others: list[Landmark], clearance: float) -> bool:
-    """Whether a box keeps a distance to all ground one could walk on, and stands in no other group's place."""
+    """Whether a box keeps a distance to all walkable ground, and does not overlap another group."""
     along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
     across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
     u, v = np.meshgrid(along, across)
@@ -121,7 +121,7 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     half = layout.slabs[0].left + _CLEARANCE_M
     for side in (-1.0, 1.0):
         for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
-            if side < 0:  # the side that films are shot from: nothing that hides the walker
+            if side < 0:  # the side of the film camera: nothing that occludes the walker
                 yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
             elif i % 3 == 0:
                 yield _pillar(rng, _beside(layout, s, side, half), bottom, side)
@@ -173,7 +173,7 @@ def _planter(
 
 
 def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
-    """Walls along both sides of all that is straight, as far round its ends as there is room, and across both ends."""
+    """Walls along both sides of all straight parts, around their ends if there is space, and across both ends."""
     pieces, profile = layout.way.pieces, layout.profile
     half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
     built: list[Landmark] = []
@@ -204,7 +204,7 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 
 
 def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
-    """Four walls with shelves and posters along them, tables and chests in between, wherever the way leaves room."""
+    """Four walls with shelves and posters along them, and tables and chests in between, wherever there is space."""
     rng = np.random.default_rng(_SEED)
     low, high = _extent(layout)
     middle, (length, width) = (low + high) / 2, high - low
@@ -230,7 +230,7 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 
 
 def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -> list[Landmark]:
-    """A sheet on a wall, where no shelf hides it."""
+    """A sheet on a wall, where no shelf occludes it."""
     bottom = wall.z + rng.uniform(1.0, 1.5)
     sheet = wall.box(
         rng.uniform(0.4, 0.7), 0.02, bottom, bottom + rng.uniform(0.4, 0.9), along=along, left=0.015 - away / 2

@@ -1,6 +1,6 @@
-"""Terrain of a route: exact boxes and wedges, and what the ground is like anywhere on them.
+"""Terrain of a route: exact boxes and wedges, and the properties of the ground anywhere on them.
 
-The walk starts at the world's origin along +x. A level lead-in lies behind the walker and a run-out beyond the last
+The walk starts at the world's origin along +x. There is a level lead-in behind the walker and a run-out beyond the last
 segment; a ground plane lies just below the lowest point all around.
 """
 
@@ -33,7 +33,7 @@ class Terrain:
     Attributes:
         layout: The route in the world.
         ground_m: Height of the plane all around.
-        route: What was laid out, with its scenery, texture and light.
+        route: The route, with its scenery, texture and light.
     """
 
     layout: Layout
@@ -66,21 +66,21 @@ class Terrain:
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
-        """One solid a slab and the floor of a room, standing on the ground plane."""
+        """One solid per slab and the floor of a room, on the ground plane."""
         slabs = (*self.layout.slabs, *floor(self.route.scenery, self.layout))
         return tuple(_solid(slab, self.ground_m - _FOOT_OF_SLABS_M) for slab in slabs)
 
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
-        """What stands beside the way and at its end, out of the walker's reach."""
+        """Objects beside the way and at its end, out of the walker's reach."""
         standing = things.standing(self.route.things, self.layout)
         return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M, standing)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the terrain to a model.
 
-        Collision geoms are `terrain_<i>`, one a solid, and the plane `ground`; what is seen
-        are meshes `scenery_<material>` that do not collide. A sky and a sun come with it.
+        Collision geoms are `terrain_<i>`, one per solid, and the plane `ground`; the visible geoms are meshes
+        `scenery_<material>` that do not collide. A sky and a sun are added, too.
         """
         for i, solid in enumerate(self.solids):
             _add_collision(spec, f"terrain_{i}", solid)
@@ -90,7 +90,7 @@ class Terrain:
         for area in things.painted(self.route.things, self.layout, self.route.width_m):
             quads.append(paint_area(area.corners, area.material))
         add_quads(spec, quads, self.route.texture)
-        # Last, so that little of it is drawn where something stands before it.
+        # Last, so that little of it is rendered where something occludes it.
         add_ground(spec, self.ground_m, self.route.texture)
         add_sky(spec, self.route.light)
 
@@ -127,12 +127,12 @@ class Terrain:
             directions: (N, 3) in the world, any length but zero.
 
         Returns:
-            (N,) m; inf where nothing is hit, 0 where the origin lies inside a solid.
+            (N,) m; inf for a miss, 0 for an origin inside a solid.
         """
         return self.ray_hit(origins, directions)[0]
 
     def ray_hit(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-        """As `ray_cast`, and the (N, 3) outward normal of the face that is hit (zero where there is none)."""
+        """As `ray_cast`, and the (N, 3) outward normal of the face that is hit (zero for a miss)."""
         return self._obstacles.ray_cast(origins, directions)
 
 
@@ -147,7 +147,7 @@ def _solid(slab: Slab, bottom: float) -> Solid:
 
 
 def _add_collision(spec: mujoco.MjSpec, name: str, solid: Solid) -> None:
-    """Adds the exact shape of a solid, unseen (group 3)."""
+    """Adds the exact shape of a solid, invisible (group 3)."""
     if isinstance(solid, Box):
         spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_BOX, group=3,

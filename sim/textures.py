@@ -1,6 +1,6 @@
-"""Procedural textures that tile seamlessly: rich in corners for visual odometry, and pleasant to look at.
+"""Procedural textures that tile seamlessly: rich in corners for visual odometry, and realistic to look at.
 
-Each function paints a square of `SIZE` pixels that stands for a square of `PERIOD_M` metres.
+Each function paints a square of `SIZE` pixels that represents a square of `PERIOD_M` metres.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def concrete(rng: np.random.Generator) -> Pixels:
 
 
 def wood(rng: np.random.Generator) -> Pixels:
-    """Oak planks 0.125 m wide, along the columns of the picture, with grain and knots."""
+    """Oak planks 0.125 m wide, along the columns of the image, with grain and knots."""
     end, plank, joint = _slabs(columns=2, rows=16, joint_m=0.004, shift=0.5)
     tone = 0.50 + 0.07 * rng.standard_normal((16, 2))[plank, end]
     tone += 0.07 * _noise(rng, 0.9, stretch=(0.06, 1.0)) + 0.02 * _noise(rng, 0.5)
@@ -88,13 +88,13 @@ _WHITE = (236, 236, 232)
 
 
 def _plain(pixels: Pixels) -> Pixels:
-    """The same colour with hardly anything on it."""
+    """The same colour with hardly any texture."""
     mean = pixels.mean(axis=(0, 1))
     return (mean + _PLAIN_CONTRAST * (pixels - mean)).astype(np.uint8)
 
 
 def _white(pixels: Pixels) -> Pixels:
-    """Bare white: nothing to hold on to but edges and shading."""
+    """Bare white: no features but edges and shading."""
     return np.broadcast_to(np.array(_WHITE, np.uint8), pixels.shape).copy()
 
 
@@ -114,7 +114,7 @@ def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] 
 def _slabs(
     columns: int, rows: int, joint_m: float, shift: float = 0.0
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Column and row of the slab under each pixel, and where joints lie; odd rows are shifted."""
+    """Column and row of the slab under each pixel, and the joints; odd rows are offset."""
     v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
     down = v * rows
     row = np.floor(down).astype(int)
@@ -130,7 +130,7 @@ def _to_border(value: Array) -> Array:
 
 
 def _pebbles(rng: np.random.Generator, count: int, radius: tuple[float, float], contrast: float) -> Array:
-    """Scattered discs, lighter or darker; their sharp borders are what corner detectors hold on to."""
+    """Scattered discs, lighter or darker; their sharp borders are features for corner detectors."""
     image = np.zeros((SIZE, SIZE))
     centre = rng.integers(0, SIZE, (count, 2))
     size = rng.uniform(*radius, count)

@@ -1,4 +1,4 @@
-"""What lies on the way or stands beside it and is no ground to walk on: paint, shadows, tables, walls."""
+"""Objects on or beside the way that are not walkable ground: paint, shadows, tables, walls."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from stridetwin.streams.samples import Array
 LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "table": 0.70, "wall": 0.15}
 _TABLE_WIDTH_M, _TABLE_M, _BOARD_M, _LEG_M = 1.40, 0.72, 0.04, 0.06
 _WALL_WIDTH_M, _WALL_M = 3.0, 2.5
-_LIFT_M = 0.001  # of paint, so that the ground does not shine through
-_BODY_M = 0.40  # from the middle of the way, and beyond where the walker stops
+_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
+_BODY_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +31,7 @@ class Painted:
 
 
 def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Painted]:
-    """What lies flat on the way, as wide as it: a marking is half white, half black."""
+    """Flat objects on the way, as wide as it: a marking is half white, half black."""
     found = []
     for thing in things:
         middle, end = thing.at_m + LENGTHS_M[thing.kind] / 2, thing.at_m + LENGTHS_M[thing.kind]
@@ -51,7 +51,7 @@ def _area(thing: Thing, start: float, end: float, layout: Layout, width_m: float
 
 
 def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
-    """What stands: tables on two sides, and walls."""
+    """Upright objects: tables on two sides, and walls."""
     found: list[Landmark] = []
     for thing in things:
         if thing.kind == "wall":
@@ -67,7 +67,7 @@ def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
 
 
 def _box(thing: Thing, layout: Layout, width: float, bottom: float, top: float, aside: float = 0.0) -> Box:
-    """A box across the way on its ground, which reaches from one height over it to another."""
+    """A box across the way on its ground, from one height above it to another."""
     length = LENGTHS_M[thing.kind]
     s, z = thing.at_m + length / 2, _strip(layout, thing.at_m).z0
     x, y = layout.way.point(s, thing.left_m + aside).tolist()
@@ -79,10 +79,10 @@ def _strip(layout: Layout, s: float) -> Strip:
 
 
 def check_things(things: Sequence[Thing], layout: Layout) -> None:
-    """Refuses what does not lie or stand on one level, and what stands in the walker's way.
+    """Rejects objects that are not on one level, and those that obstruct the walker.
 
     Raises:
-        ConfigError: The message names the thing, where it is, and what is valid.
+        ConfigError: The message names the object, its place, and what is valid.
     """
     first, last = layout.profile[0].s0, layout.profile[-1].s1
     walked = layout.way.point(np.arange(0.0, last - RUN_OUT_M, 0.05))
@@ -99,7 +99,7 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
 
 
 def _distance(box: Box, xy: Array) -> Array:
-    """(N,) m of (N, 2) points from a box in plan."""
+    """(N,) m, distance of (N, 2) points from a box in plan view."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     along, left = ((xy - [box.x, box.y]) @ np.array([[cos, -sin], [sin, cos]])).T
     out = np.maximum(np.abs(np.stack([along, left])) - np.array([[box.length], [box.width]]) / 2, 0.0)

@@ -1,4 +1,4 @@
-"""Motion of one frame through time, and of whatever is bolted to it."""
+"""Motion of one frame over time, and of frames fixed to it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.quaternions import composed, conjugate, exp, quaternion, rotated, store
+from stridetwin.sim.quaternions import exp, inverse, multiply, quaternion, rotate, store
 from stridetwin.sim.rotation import quat_from_matrix
-from stridetwin.sim.triples import cross, minus, plus, put, times, triple
+from stridetwin.sim.triples import cross, minus, plus, put, times, vec3
 from stridetwin.streams.samples import Array
 
 _Columns = tuple[Array, Array, Array, Array]
@@ -51,7 +51,7 @@ class Track:
         )
 
     def then(self, after: Track) -> Track:
-        """This track and, after its last instant, another one."""
+        """This track followed by a later one."""
         return Track(
             t_ns=np.concatenate([self.t_ns, after.t_ns]),
             p_body_in_world=np.concatenate([self.p_body_in_world, after.p_body_in_world]),
@@ -75,15 +75,15 @@ class Track:
         return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3]))
 
     def displaced(self, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array) -> Track:
-        """Track of a frame that was this one, and moves a little against it: turns about a pivot, and shifts.
+        """Track of a frame with a small motion relative to this one: rotation about a pivot, and translation.
 
         Args:
             pivot: (3,) m, this frame's axes.
-            shift: (N, 3) m, this frame's axes.
+            shift: (N, 3) m, translation in this frame's axes.
             turn: (N, 3) rad, rotation vector.
             shifting: (N, 3) m/s, rate of `shift`.
-            turning: (N, 3) rad/s, rate of `turn`; where it is not along it, `turn` has to stay below some tenths of a
-                radian.
+            turning: (N, 3) rad/s, rate of `turn`; unless it is parallel to `turn`, `turn` has to stay below some tenths
+                of a radian.
         """
         return self._as(_displaced(*self._columns, pivot, shift, turn, shifting, turning))
 
@@ -106,14 +106,14 @@ class Track:
 @numba.njit(cache=True)
 def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
     p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
-    arm, mount = triple(lever), quaternion(q_body_sensor)
-    back = conjugate(mount)
+    arm, mount = vec3(lever), quaternion(q_body_sensor)
+    back = inverse(mount)
     for i in range(len(p)):
-        attitude, rate = quaternion(q[i]), triple(w[i])
-        put(plus(triple(p[i]), rotated(attitude, arm)), p_out[i])
-        store(composed(attitude, mount), q_out[i])
-        put(plus(triple(v[i]), rotated(attitude, cross(rate, arm))), v_out[i])
-        put(rotated(back, rate), w_out[i])
+        attitude, rate = quaternion(q[i]), vec3(w[i])
+        put(plus(vec3(p[i]), rotate(attitude, arm)), p_out[i])
+        store(multiply(attitude, mount), q_out[i])
+        put(plus(vec3(v[i]), rotate(attitude, cross(rate, arm))), v_out[i])
+        put(rotate(back, rate), w_out[i])
     return p_out, q_out, v_out, w_out
 
 
@@ -122,18 +122,18 @@ def _displaced(
     p: Array, q: Array, v: Array, w: Array, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array
 ) -> _Columns:
     p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
-    centre = triple(pivot)
+    centre = vec3(pivot)
     for i in range(len(p)):
-        attitude, rate, phi, changing = quaternion(q[i]), triple(w[i]), triple(turn[i]), triple(turning[i])
+        attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(turn[i]), vec3(turning[i])
         own = exp(phi)
-        arm = rotated(own, centre)
+        arm = rotate(own, centre)
         # right Jacobian of SO(3) to second order, in the displaced frame's axes
         once = cross(phi, changing)
         relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
-        origin = minus(plus(centre, triple(shift[i])), arm)
-        moving = minus(plus(cross(rate, origin), triple(shifting[i])), rotated(own, cross(relative, centre)))
-        put(plus(triple(p[i]), rotated(attitude, origin)), p_out[i])
-        store(composed(attitude, own), q_out[i])
-        put(plus(triple(v[i]), rotated(attitude, moving)), v_out[i])
-        put(plus(rotated(conjugate(own), rate), relative), w_out[i])
+        origin = minus(plus(centre, vec3(shift[i])), arm)
+        moving = minus(plus(cross(rate, origin), vec3(shifting[i])), rotate(own, cross(relative, centre)))
+        put(plus(vec3(p[i]), rotate(attitude, origin)), p_out[i])
+        store(multiply(attitude, own), q_out[i])
+        put(plus(vec3(v[i]), rotate(attitude, moving)), v_out[i])
+        put(plus(rotate(inverse(own), rate), relative), w_out[i])
     return p_out, q_out, v_out, w_out

@@ -1,4 +1,4 @@
-"""The twin's truth as streams under `/truth`; it never reaches an estimator."""
+"""Ground truth of the twin as streams under `/truth`; it never reaches an estimator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.playback import Loads, Motion, Walk
 from stridetwin.sim.rotation import quat_from_matrix
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.straps import MountSlips
 from stridetwin.sim.track import Track
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, FootPhase, Footprint, Joints, Odometry, Point, Sample, Wrench
@@ -23,15 +23,15 @@ _FLAT_RAD = 0.01
 
 
 def truth(
-    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, straps: Straps
+    walk: Walk, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
 ) -> Iterator[Block[Any] | Sample]:
-    """Truth at the instants of `loads` and the footprints after `after_ns` and not after `until_ns`."""
+    """Truth at the instants of `loads`, and the footprints after `after_ns` up to `until_ns`."""
     t_ns = loads.t_ns
     rows = motion.rows(t_ns)
     for body in ("pelvis", "foot_l", "foot_r"):
         yield _odometry(f"/truth/{body}/odometry", motion.tracks[body][rows])
     for topic, imu in rig.imus.items():
-        carrier = straps.carried(topic, motion.carrier(imu.mount.body)[rows])
+        carrier = mount_slips.carried(topic, motion.carrier(imu.mount.body)[rows])
         yield _odometry(f"/truth{topic}/odometry", carrier.mounted(imu.mount.T_body_sensor))
     names = walk.coordinates.names[6:]
     yield Block(
@@ -63,7 +63,7 @@ def truth(
 
 
 def of_bystanders(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odometry]]:
-    """Where each bystander is at (N,) instants: the middle of the hips, x ahead."""
+    """Pose of each bystander at (N,) instants: the middle of the hips, x forward."""
     for i, person in enumerate(crowd.people):
         yield _odometry(f"/truth/bystander_{i}/odometry", person.track(t_ns))
 
@@ -98,7 +98,7 @@ def _footprints(walk: Walk, after_ns: int, until_ns: int) -> Iterator[Footprint]
     steps = sorted((s for own in walk.steps.values() for s in own), key=lambda s: s.t_touch)
     standing = [s for s in steps if not np.isfinite(s.t_touch)]
     for step in steps:
-        # the standing feet are reported first of all, one nanosecond apart: stamps increase within a topic
+        # the initial stance feet are reported first, one nanosecond apart: stamps increase within a topic
         t_ns = standing.index(step) if step in standing else round(step.t_touch * 1e9)
         if after_ns < t_ns <= until_ns:
             yield Footprint(

@@ -1,4 +1,4 @@
-"""The twin: a wearer who walks a route, and everything that the rig senses on the way."""
+"""The twin: a wearer who walks a route, and the samples of all sensors of the rig."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
 from stridetwin.sim.crowd_bodies import add_bystanders
 from stridetwin.sim.crowd_bodies import pose as pose_crowd
-from stridetwin.sim.dynamics.drive import Law
+from stridetwin.sim.dynamics.drive import ControlLaw
 from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import Simulation
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
 from stridetwin.sim.fault_plan import plan_faults
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.gait.exo_fit import check_legs
 from stridetwin.sim.gait.reference import Reference, reference
 from stridetwin.sim.playback import Playback
@@ -34,8 +34,8 @@ from stridetwin.sim.render import FilmCamera
 from stridetwin.sim.rig_bodies import add_rig
 from stridetwin.sim.sensor_suite import SensorSuite, instants
 from stridetwin.sim.shock import SHOE, UpperMotion, case_parameters
-from stridetwin.sim.standard_rig import foot_imu_place, outfit
-from stridetwin.sim.straps import Straps
+from stridetwin.sim.standard_rig import foot_imu_place, sensor_rig
+from stridetwin.sim.straps import MountSlips
 from stridetwin.sim.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
@@ -54,10 +54,10 @@ class Twin:
         seed: Seed of the walk: steps and sensor noise.
 
     Attributes:
-        config: As given.
-        seed: As given.
-        outfit: The sensors as they really are.
-        rig: The sensors as estimators are told of them.
+        config: Configuration.
+        seed: Seed.
+        sensor_rig: The sensors with their true calibration.
+        rig: Nominal rig for estimators.
         terrain: Ground.
         model: Compiled MuJoCo model.
         crowd: Bystanders.
@@ -76,16 +76,16 @@ class Twin:
         if config.exo is not None and config.exo.drive != "idle" and config.physics != "dynamic":
             raise ConfigError(config.name, "exo.drive", config.exo.drive, "idle, or physics dynamic")
         self.config, self.seed = config, seed
-        self.outfit = outfit(config)
-        self.rig: Rig = self.outfit.told(seed)
+        self.sensor_rig = sensor_rig(config)
+        self.rig: Rig = self.sensor_rig.nominal(seed)
         self.terrain = Terrain.from_route(config.route)
         spec = mujoco.MjSpec()
         self.terrain.add_to(spec)
         self.size = add_wearer(spec, config.person, config.exo)
-        add_rig(spec, self.outfit.rig)
+        add_rig(spec, self.sensor_rig.rig)
         add_soles(spec, self.size)
         add_bystanders(spec, config.route.bystanders)
-        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # on in the forward simulation alone
+        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT  # enabled in the forward simulation only
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # 4.0.0: its sparse factorisation is wrong for Newton
         self.model: mujoco.MjModel = compile_model(spec)
         check_legs(self.model, self.size)
@@ -99,18 +99,18 @@ class Twin:
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(3,)))
         return bystanders(self.config.route.bystanders, self.terrain, plan.grid, s, plan.splines(plan.grid)[:, :2], rng)
 
-    def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, Fitting]) -> Twin:
-        """The same walk, neither planned nor simulated again, with other sensors at the same places.
+    def refitted(self, sensors: tuple[str, ...], fittings: Mapping[str, SensorConfig]) -> Twin:
+        """The same walk with other sensors at the same places, without planning or simulating it again.
 
         Args:
             sensors: Groups of this twin's sensors.
-            fittings: As in `TwinConfig`; those that place an IMU elsewhere do not count.
+            fittings: As in `TwinConfig`; those that move an IMU have no effect.
         """
-        _ = self.walk  # made before the copy, so that both share it
+        _ = self.walk  # computed before the copy, so that both share it
         other = copy(self)
         other.config = replace(self.config, sensors=sensors, fittings=fittings)
-        other.outfit = outfit(other.config)
-        other.rig = other.outfit.told(self.seed)
+        other.sensor_rig = sensor_rig(other.config)
+        other.rig = other.sensor_rig.nominal(self.seed)
         return other
 
     @property
@@ -120,7 +120,7 @@ class Twin:
 
     @cached_property
     def walk(self) -> Reference | SimulatedWalk:
-        """What the wearer does: the plan itself, or what becomes of it with real contacts."""
+        """The wearer's motion: the plan itself, or its forward simulation with contacts."""
         if self.config.physics == "kinematic":
             return self.reference
         simulation = self.simulation()
@@ -128,28 +128,28 @@ class Twin:
             simulation.step()
         return simulation.walk()
 
-    def simulation(self, law: Law | None = None) -> Simulation:
-        """The walk with real contacts, still to be made step by step.
+    def simulation(self, law: ControlLaw | None = None) -> Simulation:
+        """A new forward simulation of the walk, to be stepped.
 
         Args:
-            law: Drives the exoskeleton in place of what the scenario says.
+            law: Control law that replaces the scenario's drive of the exoskeleton.
         """
         noise = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1,)))
         dynamics = self.config.dynamics or Dynamics()
         return Simulation(self.model, self.reference, self.size, dynamics, self.config.exo, noise, law)
 
     @cached_property
-    def straps(self) -> Straps:
-        """What holds the sensors, and when it slips."""
-        return Straps.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.outfit.rig)
+    def mount_slips(self) -> MountSlips:
+        """Slips of the sensor mounts."""
+        return MountSlips.of(plan_faults(self.config.faults, self.rig, self.seed, self.duration_s), self.sensor_rig.rig)
 
     @property
     def fell_at(self) -> float | None:
-        """When a simulated walker fell, s; the walk ends there."""
+        """Time at which a simulated walker fell, s; the walk ends there."""
         return self.walk.fell_at if isinstance(self.walk, SimulatedWalk) else None
 
     def player(self) -> Playback | Replay:
-        """Plays the walk."""
+        """Player of the walk."""
         return self._player(self._uppers)
 
     def _player(self, uppers: Mapping[str, UpperMotion]) -> Playback | Replay:
@@ -159,25 +159,25 @@ class Twin:
 
     @cached_property
     def _uppers(self) -> dict[str, UpperMotion]:
-        """What the shoes' uppers and the case above do, by name of the body; nothing where the sensors are ideal."""
+        """Motion of the shoes' uppers and of the head or chest case, by name of the body; empty for ideal sensors."""
         if self.config.ideal:
             return {}
         return {**(self._shoes() if self.config.shock else {}), **self._case()}
 
     def _case(self) -> dict[str, UpperMotion]:
-        """How the strikes of the heels shake the case with camera and IMU."""
-        worn = self.outfit.sensors.get(f"/{self.config.rig_mount}/imu")
-        if worn is None or not worn.fitting.strike:
+        """Vibration of the case with camera and IMU after heel strikes."""
+        worn = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")
+        if worn is None or not worn.sensor_config.strike:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(4,)))
         shaken = UpperMotion.of(
-            steps, np.ones_like, np.ones_like, np.zeros(3), rng, case_parameters(worn.fitting.strike)
+            steps, np.ones_like, np.ones_like, np.zeros(3), rng, case_parameters(worn.sensor_config.strike)
         )  # fmt: skip
-        return {worn.told.mount.body: shaken}
+        return {worn.calibration.mount.body: shaken}
 
     def _shoes(self) -> dict[str, UpperMotion]:
-        """What the shoes' uppers do."""
+        """Motion of the shoes' uppers."""
         bare, uppers = self._player({}), {}
         for i, side in enumerate(SIDES):
             foot = f"foot_{side}"
@@ -193,18 +193,18 @@ class Twin:
         return uppers
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
-        """Everything that is sensed and true, chunk by chunk of `CHUNK_S`; pictures one by one after the rest.
+        """All samples and ground truth, in chunks of `CHUNK_S`; images one by one after the rest.
 
-        Straps that slip have slipped here; the other faults act on what comes out (`sim.faults`).
+        Mount slips are included; the other faults act on this output (`sim.faults`).
         """
         playback = self.player()
-        suite = SensorSuite(self.outfit, self.terrain, self.crowd, self.seed, self.straps)
+        suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.mount_slips)
         end_ns = int(self.duration_s * 1e9)
         cameras = list(self.rig.cameras.values())
         rates = suite.rates | {c.rate_hz for c in cameras} | {truth.RATE_HZ}
-        with CameraProcesses(self.model, self.outfit, self.crowd, self.seed, self.straps) as rendering:
+        with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips) as rendering:
             after_ns = -1
-            pictures: Iterator[Sample] = iter(())
+            images: Iterator[Sample] = iter(())
             while after_ns < end_ns:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
                 t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in rates]))
@@ -212,32 +212,34 @@ class Twin:
                 if len(truth_ns):
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
-                    asked = rendering.ask(motion, after_ns, until_ns)  # before the last ones are waited for
-                    for picture in pictures:
-                        yield [picture]
-                    pictures = asked
+                    asked = rendering.ask(motion, after_ns, until_ns)  # before waiting for the last ones
+                    for image in images:
+                        yield [image]
+                    images = asked
                     yield [
                         *suite.read(playback, motion, loads, after_ns, until_ns),
-                        *truth.truth(self.walk, self.outfit.rig, motion, loads, after_ns, until_ns, self.straps),
+                        *truth.truth(
+                            self.walk, self.sensor_rig.rig, motion, loads, after_ns, until_ns, self.mount_slips
+                        ),
                         *truth.of_bystanders(self.crowd, truth_ns),
                     ]
                 after_ns = until_ns
-            for picture in pictures:
-                yield [picture]
+            for image in images:
+                yield [image]
 
     def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Third-person film: time in s and an RGB picture (height, width, 3) for every frame."""
+        """Third-person film: time in s and an RGB image (height, width, 3) for every frame."""
         data = mujoco.MjData(self.model)
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
         q, _ = self.walk.moving(times)
-        # the camera follows the walker as if on rails: it neither sways nor turns with the pelvis
+        # the camera follows the walker on a smooth path: it neither sways nor turns with the pelvis
         rail = gaussian_filter1d(self.walk.splines(times)[:, :4], _FILM_SMOOTHING_S * fps, axis=0, mode="nearest")
         x, y, _, heading = rail.T
         with FilmCamera(self.model, width, height) as camera:
             for i, (t, pose) in enumerate(zip(times.tolist(), q)):
                 data.qpos = pose
                 pose_crowd(self.model, data, self.crowd, t)
-                self.straps.place(self.model, round(t * 1e9))
+                self.mount_slips.place(self.model, round(t * 1e9))
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from stridetwin.streams.samples import Array
 
-_PROJECTION_M = 0.02  # spacing of the points that are tried
+_PROJECTION_M = 0.02  # spacing of the candidate points
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,11 +19,11 @@ class Piece:
     """A line or an arc of the way.
 
     Attributes:
-        s0: Arc length where it begins, m.
-        s1: Arc length where it ends, m.
-        x: Where it begins in the world, m.
-        y: Where it begins in the world, m.
-        heading: Direction at its beginning, rad; not wrapped, so that it is continuous along the way.
+        s0: Arc length of its start, m.
+        s1: Arc length of its end, m.
+        x: Start in the world, m.
+        y: Start in the world, m.
+        heading: Direction at its start, rad; unwrapped, so that it is continuous along the way.
         curvature: 1/m, left positive; 0 for a line.
     """
 
@@ -37,10 +37,10 @@ class Piece:
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """Pieces in order; before the first and after the last the way goes straight on.
+    """Segments in order; before the first and after the last the way continues straight.
 
     Attributes:
-        pieces: Each begins where the one before ends.
+        pieces: Segments; each begins where the previous one ends.
     """
 
     pieces: tuple[Piece, ...]
@@ -50,7 +50,7 @@ class Way:
         return np.array([(p.s0, p.s1, p.x, p.y, p.heading, p.curvature) for p in self.pieces]).T
 
     def _locate(self, s: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        """Point (..., 2), heading (...) and curvature (...) at arc lengths, and by how far s lies beyond the way."""
+        """Point (..., 2), heading (...) and curvature (...) at arc lengths, and the distance of s beyond the way."""
         s = np.asarray(s, dtype=float)
         s0, s1, x, y, heading, curvature = self._columns
         i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
@@ -80,12 +80,12 @@ class Way:
     def project(self, path: ArrayLike, reach_m: float = 0.6, begin: float = 0.0) -> Array:
         """Arc lengths of the points of the way that are nearest to a path.
 
-        The path is followed from where it begins: so it is clear which part of the way counts where two parts meet.
+        The path is followed from its start, which resolves ambiguities where two parts of the way meet.
 
         Args:
             path: (N, 2) m in the world, in order of time.
-            reach_m: How far along the way a sample may lie from the one before it.
-            begin: Arc length near which the first one lies, m.
+            reach_m: Largest distance along the way between consecutive samples.
+            begin: Arc length near the first sample, m.
 
         Returns:
             (N,) m.
@@ -106,7 +106,7 @@ class Way:
 
 
 def joined(pieces: Sequence[Piece]) -> Way:
-    """A way of pieces, with neighbouring lines of one direction made one."""
+    """A way of segments; neighbouring lines of one direction are merged."""
     found: list[Piece] = []
     for piece in pieces:
         last = found[-1] if found else None

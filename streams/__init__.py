@@ -1,1 +1,1 @@
-"""The contract: samples, the rig and its calibration, recordings, tables and trajectories."""
+"""Shared interface: samples, the rig and its calibration, recordings, tables and trajectories."""

@@ -1,4 +1,4 @@
-"""Files of others, taken into memory up to a size that such a file has: a hostile one costs no more than others do."""
+"""Size limits for untrusted files: a malicious file costs no more time and memory than a valid one."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from numpy.typing import NDArray
 from stridetwin.streams.errors import ConfigError
 
 LARGEST_TEXT = 256 << 20
-"""Bytes of a table or a list in text: 2 h of an IMU at 200 Hz take a sixth of it."""
+"""Largest text table or list, bytes: 2 h of an IMU at 200 Hz take a sixth of it."""
 MOST_LINES = 2_000_000
-"""Of a table or a list in text: 2.7 h at 200 Hz."""
+"""Most lines of a text table or list: 2.7 h at 200 Hz."""
 LONGEST_LINE = 2048
-"""Characters of such a line."""
+"""Longest line of a text table or list, characters."""
 LARGEST_SETTING = 1 << 20
-"""Bytes of a calibration, scenario or other YAML file."""
-LARGEST_PICTURE = 64 << 20
-"""Bytes of a picture's file."""
+"""Largest calibration, scenario or other YAML file, bytes."""
+LARGEST_IMAGE = 64 << 20
+"""Largest image file, bytes."""
 MOST_PIXELS = 1 << 24
-"""Of a stored picture, 4096 × 4096: what a message of a few bytes could unpack to is bounded by it."""
+"""Most pixels of a stored image, 4096 × 4096: bounds the size to which a message of a few bytes could unpack."""
 MOST_SCANS = 100
-"""Of a JPEG; a progressive one has about ten, and each costs a pass over all pixels."""
+"""Most scans of a JPEG; a progressive one has about ten, and each costs a pass over all pixels."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _MOST_MARKS = 10_000
-"""Of a JPEG before its size; one of metadata alone has a few hundred."""
+"""Most segments of a JPEG before its size; one with metadata alone has a few hundred."""
 _JPEG_SCAN = b"\xff\xda"
 _JPEG_BARE = frozenset([0x01, *range(0xD0, 0xD9)])
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """A whole file, if it is small enough.
+    """Reads a whole file of limited size.
 
     Raises:
-        ConfigError: It has more than `most` bytes.
-        OSError: It cannot be read.
+        ConfigError: The file has more than `most` bytes.
+        OSError: The file cannot be read.
     """
     with path.open("rb") as file:
         size = path.stat().st_size
@@ -52,25 +52,25 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_text(path: Path, most: int, encoding: str = "utf-8") -> str:
-    """A whole text file with every line end as a line feed, if it is small enough.
+    """Reads a whole text file of limited size; every line end becomes a line feed.
 
     Raises:
-        ConfigError: It has more than `most` bytes.
-        OSError: It cannot be read.
-        UnicodeDecodeError: It is no text.
+        ConfigError: The file has more than `most` bytes.
+        OSError: The file cannot be read.
+        UnicodeDecodeError: The file is not text.
     """
     text = read_bytes(path, most).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
-    """The lines of a table or a list in text, without their ends, one at a time.
+    """The lines of a text table or list, without line ends, one at a time.
 
     Raises:
-        ConfigError: The file is larger than `LARGEST_TEXT`, or has more than `MOST_LINES`, or one that is longer
-            than `LONGEST_LINE`.
-        OSError: It cannot be read.
-        UnicodeDecodeError: It is no text.
+        ConfigError: The file is larger than `LARGEST_TEXT`, has more than `MOST_LINES`, or has a line longer than
+            `LONGEST_LINE`.
+        OSError: The file cannot be read.
+        UnicodeDecodeError: The file is not text.
     """
     with path.open(encoding=encoding) as file:
         if (size := path.stat().st_size) > LARGEST_TEXT:
@@ -86,11 +86,11 @@ def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
             yield line.rstrip("\n")
 
 
-def picture_size(data: bytes) -> tuple[int, int]:
-    """Width and height that a JPEG or PNG claims, without unpacking it.
+def image_size(data: bytes) -> tuple[int, int]:
+    """Width and height in the header of a JPEG or PNG, without unpacking it.
 
     Raises:
-        ValueError: It is neither.
+        ValueError: The data is neither.
     """
     if data.startswith(_PNG) and data[12:16] == b"IHDR" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
@@ -104,27 +104,27 @@ def picture_size(data: bytes) -> tuple[int, int]:
             height, width = struct.unpack_from(">HH", data, at + 5)
             return width, height
         at += 2 if marker in _JPEG_BARE else 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    raise ValueError("a picture that is neither JPEG nor PNG")
+    raise ValueError("an image that is neither JPEG nor PNG")
 
 
 def check_pixels(width: int, height: int, most: int = MOST_PIXELS) -> None:
-    """Refuses a picture of a size that none has.
+    """Rejects images that are too large.
 
     Raises:
-        ValueError: It has.
+        ValueError: The image has more than `most` pixels.
     """
     if not 0 < width * height <= most:
-        raise ValueError(f"a picture of {width} × {height} is not valid; valid: up to {most} pixels")
+        raise ValueError(f"an image of {width} × {height} is not valid; valid: up to {most} pixels")
 
 
-def decode_picture(data: bytes) -> NDArray[Any] | None:
-    """The pixels of a JPEG or PNG as OpenCV decodes them, None where it is damaged.
+def decode_image(data: bytes) -> NDArray[Any] | None:
+    """Decodes a JPEG or PNG with OpenCV; None for damaged data.
 
     Raises:
-        ValueError: It is neither, claims more than `MOST_PIXELS`, or has more than `MOST_SCANS`.
+        ValueError: The data is neither, declares more than `MOST_PIXELS`, or has more than `MOST_SCANS` scans.
     """
-    check_pixels(*picture_size(data))
-    # A scan's data never holds these two bytes: whatever a decoder makes of the file, it finds no more scans than that.
+    check_pixels(*image_size(data))
+    # The data of a scan never contains these two bytes, so no decoder finds more scans than this.
     if not data.startswith(_PNG) and (scans := data.count(_JPEG_SCAN)) > MOST_SCANS:
         raise ValueError(f"a JPEG of {scans} scans is not valid; valid: up to {MOST_SCANS}")
     try:

@@ -1,10 +1,9 @@
 """CDR messages as fixed-layout records.
 
 A ROS 2 message whose strings and sequences keep their lengths has its numbers at fixed offsets. `layout_of`
-finds those offsets by walking one serialised message, and hands them out as a numpy structured dtype; from
-then on thousands of messages are encoded or decoded by assigning or reading columns. CDR as ROS 2 uses it:
-OMG CORBA 3.0, chapter 9.3 (each primitive is aligned to its size, counted from behind the 4-byte
-encapsulation header).
+finds those offsets in one pass over a serialised message, and returns them as a numpy structured dtype. With it,
+thousands of messages are encoded or decoded by assigning or reading columns. CDR as ROS 2 uses it: OMG CORBA 3.0,
+chapter 9.3 (each primitive is aligned to its size, counted from the end of the 4-byte encapsulation header).
 """
 
 from __future__ import annotations
@@ -30,15 +29,14 @@ _CODES = {
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the numbers of one kind of message lie.
+    """Memory layout of the numbers in one kind of message.
 
     Attributes:
         dtype: Structured type of a whole message; a field per number, array or vector, named by its dotted
             path (`header.stamp.sec`, `angular_velocity`). A nested message of float64s only is one vector.
-        lengths: (offset, value) of every string and sequence length; messages that agree in them share the
-            layout.
-        strings: Value of every string by its dotted path (a list where the field is a sequence of strings).
-        head: Encapsulation header, which holds the byte order.
+        lengths: (offset, value) of every string and sequence length; messages with equal lengths share the layout.
+        strings: Value of every string by its dotted path (a list for a sequence of strings).
+        head: Encapsulation header, which contains the byte order.
     """
 
     dtype: np.dtype[Any]
@@ -47,7 +45,7 @@ class Layout:
     head: bytes
 
     def fits(self, messages: NDArray[np.void]) -> bool:
-        """Whether all of `messages`, (N,) raw items of our item size, have this layout."""
+        """Whether all of `messages`, (N,) raw items of this item size, have this layout."""
         word = np.dtype("<u4" if self.head[1] else ">u4")
         marks = [(0, np.dtype("<u4"), int.from_bytes(self.head, "little"))]
         marks += [(at, word, value) for at, value in self.lengths]
@@ -64,7 +62,7 @@ class Layout:
 
 
 class _Walk:
-    """One pass over a serialised message, noting where everything lies."""
+    """One pass over a serialised message that records the offset of everything."""
 
     def __init__(self, payload: bytes, store: Typestore) -> None:
         if len(payload) < ENCAPSULATION or payload[0] != 0 or payload[1] not in (0, 1):
@@ -137,7 +135,7 @@ def layout_of(payload: bytes, typename: str, store: Typestore) -> Layout:
     Args:
         payload: The message with its encapsulation header.
         typename: Such as `sensor_msgs/msg/Imu`.
-        store: Knows the type.
+        store: Contains the type.
 
     Raises:
         ValueError: The bytes are not a message of this type.
@@ -145,7 +143,7 @@ def layout_of(payload: bytes, typename: str, store: Typestore) -> Layout:
     walk = _Walk(payload, store)
     try:
         walk.message("", typename)
-    except (struct.error, UnicodeDecodeError, KeyError) as error:  # KeyError: a type that nobody defines
+    except (struct.error, UnicodeDecodeError, KeyError) as error:  # KeyError: an undefined type
         raise ValueError(f"not a {typename}: {error}") from error
     if not walk.at <= len(payload) < walk.at + 4:
         raise ValueError(f"a {typename} of {len(payload)} bytes where {walk.at} were expected")

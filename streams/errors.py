@@ -1,4 +1,4 @@
-"""The errors of the project: one root, and a message that says what was wrong and what is allowed."""
+"""The errors of the project: one root class, and messages that name the invalid value and what is valid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ConfigError(StrideTwinError):
         source: File (or object) that holds the value.
         field: Dotted path of the field inside it, or "" for the whole.
         value: The offending value.
-        valid: What would have been valid, in words.
+        valid: Description of valid values.
     """
 
     def __init__(self, source: object, field: str, value: object, valid: str) -> None:
@@ -29,7 +29,7 @@ class ConfigError(StrideTwinError):
         super().__init__(f"{where}: {_shown(value)} is not valid; valid: {valid}")
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
-        """Between processes it travels by what it was made of; an exception would by its message alone."""
+        """Pickles the constructor's arguments; by default an exception pickles its message alone."""
         return type(self), (self.source, self.field, self.value, self.valid)
 
 
@@ -56,13 +56,13 @@ class ConfigFileError(ConfigError):
 def _shown(value: object) -> str:
     try:
         words = repr(value)
-    except ValueError:  # an integer of more digits than Python writes
+    except ValueError:  # an integer with more digits than Python prints
         return "an integer of thousands of digits"
     return words if len(words) <= _LONGEST_SHOWN else f"{words[:_LONGEST_SHOWN]}..."
 
 
 def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Collection[str] = ()) -> None:
-    """Raises ConfigError at the first value that is not a finite number > 0, or ≥ 0 where its name may be zero."""
+    """Raises ConfigError for the first value that is not a finite number > 0 (≥ 0 for names in `may_be_zero`)."""
     for name, value in values.items():
         zero = name in may_be_zero
         if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
@@ -70,4 +70,4 @@ def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Coll
 
 
 class RecordingError(StrideTwinError):
-    """A recording that cannot be read, or that would silently spoil an estimate."""
+    """A recording that cannot be read, or that would silently corrupt an estimate."""

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic file writes: a file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _PARTIAL = ".partial"
 
 
 def partial_path(path: Path) -> Path:
-    """Hidden name beside `path` under which it is written until it is whole.
+    """Hidden name beside `path` for the incomplete file.
 
     Raises:
-        ConfigError: A file cannot have this name, or a folder has it.
+        ConfigError: The name is invalid for a file, or is that of a folder.
     """
     if not path.name or path.is_dir():
         raise ConfigError("file to write", "", str(path), "the name of a file, where there is no folder")
@@ -24,7 +24,7 @@ def partial_path(path: Path) -> Path:
 
 
 def asked_name(name: str) -> str:
-    """The name of a file as it was asked for, where `name` may be that under which it is written."""
+    """The requested name of a file, given either that name or its partial name."""
     path = Path(name)
     if path.name.startswith(".") and path.name.endswith(_PARTIAL):
         return str(path.with_name(path.name[1 : -len(_PARTIAL)]))

@@ -1,4 +1,4 @@
-"""Another tool's files as a recording: small streams in memory, pictures read when they are asked for."""
+"""Another tool's files as a recording: small streams in memory, images read on request."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ LATEST_NS = 2**31 * 1_000_000_000
 
 
 class Notes:
-    """What is wrong with a source, and what had to be assumed.
+    """Problems of a source, and assumptions about it.
 
     Args:
         path: The source.
-        lenient: Keep problems in mind instead of refusing the source at the first.
+        lenient: Collect problems instead of rejecting the source at the first one.
 
     Attributes:
-        problems: What would spoil an estimate, when lenient.
-        warnings: What had to be assumed, or looks odd.
+        problems: Problems that would corrupt an estimate, when lenient.
+        warnings: Assumptions and unusual values.
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
@@ -39,7 +39,7 @@ class Notes:
         self.warnings: list[str] = []
 
     def problem(self, problem: Problem) -> None:
-        """Refuses the source, or (when lenient) keeps the problem in mind, once.
+        """Rejects the source, or (when lenient) records the problem, once.
 
         Raises:
             RecordingError: Not lenient.
@@ -50,25 +50,25 @@ class Notes:
             self.problems.append(problem)
 
     def invalid(self, error: StrideTwinError) -> None:
-        """The same for a value in a file, which names itself."""
+        """Likewise for an invalid value in a file; the error itself names the file."""
         if not self.lenient:
             raise error
         self.problem(Problem("", None, str(error)))
 
     def warn(self, words: str) -> None:
-        """Keeps an assumption in mind, once."""
+        """Records an assumption, once."""
         if words not in self.warnings:
             self.warnings.append(words)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pictures:
-    """A stream of pictures that are read when they are asked for.
+class ImageStream:
+    """A stream of images that are read on request.
 
     Attributes:
         kind: Image or Depth.
         t_ns: (N,) stamps.
-        load: Picture i under a topic's name; raises a StrideTwinError or a ValueError if it is damaged.
+        load: Loads image i under a topic's name; raises a StrideTwinError or a ValueError if it is damaged.
     """
 
     kind: type[Image] | type[Depth]
@@ -78,21 +78,21 @@ class Pictures:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Source:
-    """What an importer hands over: streams under the source's own names.
+    """Result of an importer: streams under the source's own names.
 
     Attributes:
         kind: Kind of the source, such as `euroc`.
-        blocks: Small streams by name; stamps as the source has them.
-        pictures: Picture streams by name.
-        rig: What the source says about its sensors, by the same names.
+        blocks: Small streams by name, with the source's stamps.
+        images: Image streams by name.
+        rig: The source's calibration, by the same names.
         unread: Type of every stream that is not read.
-        names: Our topic for the names that are not ours.
-        assumed: What the rig of a stream assumes, in words; told unless a better calibration replaces it.
+        names: Our topic for each foreign name.
+        assumed: Assumptions in a stream's calibration, in words; reported unless a better calibration replaces it.
     """
 
     kind: str
     blocks: dict[str, Block[Any]]
-    pictures: dict[str, Pictures]
+    images: dict[str, ImageStream]
     rig: Rig
     unread: dict[str, str] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
@@ -100,15 +100,15 @@ class Source:
 
 
 class ImportedContents:
-    """The streams of a source, checked as those of a recording are; the `Contents` of a `Recording`.
+    """The streams of a source, checked like those of a recording; the `Contents` of a `Recording`.
 
     Args:
         blocks: Small streams by topic.
-        pictures: Picture streams by topic.
+        images: Image streams by topic.
         rig: Calibration.
-        metadata: Texts that go along.
+        metadata: Additional texts.
         unread: Type of every stream that is not read.
-        notes: Where problems go.
+        notes: Collects problems.
 
     Raises:
         RecordingError: Stamps that do not increase or numbers that are not finite, unless lenient.
@@ -117,7 +117,7 @@ class ImportedContents:
     def __init__(
         self,
         blocks: dict[str, Block[Any]],
-        pictures: dict[str, Pictures],
+        images: dict[str, ImageStream],
         rig: Rig,
         metadata: dict[str, str],
         unread: dict[str, str],
@@ -128,52 +128,52 @@ class ImportedContents:
         self.problems, self.warnings = notes.problems, notes.warnings
         self._notes = notes
         self._blocks = {t: kept for t, b in blocks.items() if len(kept := self._sound(t, b))}
-        self._pictures = {t: seen for t, p in pictures.items() if len((seen := self._in_order(t, p)).t_ns)}
+        self._images = {t: seen for t, p in images.items() if len((seen := self._in_order(t, p)).t_ns)}
         self.topics = {t: _info(b.kind, b.t_ns) for t, b in self._blocks.items()}
-        self.topics |= {t: _info(p.kind, p.t_ns) for t, p in self._pictures.items()}
+        self.topics |= {t: _info(p.kind, p.t_ns) for t, p in self._images.items()}
         if not self.topics:
-            raise RecordingError(f"{notes.path}: no sample in it that can be read")
+            raise RecordingError(f"{notes.path}: no readable sample")
         for problem in rate_problems(rig, self.topics):
             notes.problem(problem)
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
-        """Samples of the topics in time order, pictures last at equal stamps."""
-        ordered = sorted(topics, key=lambda t: (t in self._pictures, t))
+        """Samples of the topics in time order, images last at equal stamps."""
+        ordered = sorted(topics, key=lambda t: (t in self._images, t))
         streams = [self._stream(topic, order) for order, topic in enumerate(ordered)]
         return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
 
     def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic that carries no pictures."""
+        """All samples of a topic without images."""
         return self._blocks[topic]
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
-        """Those of the asked pictures that there are, by number."""
-        count = len(self._pictures[topic].t_ns)
-        found = {i: self._picture(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
-        return {i: picture for i, picture in found.items() if picture is not None}
+        """The requested images that exist, by number."""
+        count = len(self._images[topic].t_ns)
+        found = {i: self._image(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
+        return {i: image for i, image in found.items() if image is not None}
 
-    def picture_times(self, topic: str) -> NDArray[np.int64] | None:
-        """(N,) ns, None where a topic carries no pictures."""
-        return self._pictures[topic].t_ns if topic in self._pictures else None
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
+        """(N,) ns, None for a topic without images."""
+        return self._images[topic].t_ns if topic in self._images else None
 
     def _stream(self, topic: str, order: int) -> Iterator[tuple[int, int, Sample]]:
-        """A topic's samples behind their stamps and the topic's place among equal ones."""
+        """A topic's samples after their stamps and the topic's rank among equal stamps."""
         if topic in self._blocks:
             for sample in self._blocks[topic]:
                 yield sample.t_ns, order, sample
         else:
-            for i in range(len(self._pictures[topic].t_ns)):
-                if (picture := self._picture(topic, i)) is not None:
-                    yield picture.t_ns, order, picture
+            for i in range(len(self._images[topic].t_ns)):
+                if (image := self._image(topic, i)) is not None:
+                    yield image.t_ns, order, image
 
-    def _picture(self, topic: str, i: int) -> Image | Depth | None:
-        pictures = self._pictures[topic]
+    def _image(self, topic: str, i: int) -> Image | Depth | None:
+        images = self._images[topic]
         try:
-            return pictures.load(topic, i)
+            return images.load(topic, i)
         except StrideTwinError as error:
             self._notes.invalid(error)
         except ValueError as error:
-            self._notes.problem(Problem(topic, int(pictures.t_ns[i]), str(error)))
+            self._notes.problem(Problem(topic, int(images.t_ns[i]), str(error)))
         return None
 
     def _sound(self, topic: str, block: Block[Any]) -> Block[Any]:
@@ -184,13 +184,13 @@ class ImportedContents:
             self._notes.problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
         return selected(block, keep & sound)
 
-    def _in_order(self, topic: str, pictures: Pictures) -> Pictures:
-        keep = self._rising(topic, pictures.t_ns)
+    def _in_order(self, topic: str, images: ImageStream) -> ImageStream:
+        keep = self._rising(topic, images.t_ns)
         if keep.all():
-            return pictures
+            return images
         at = np.flatnonzero(keep)
-        load = pictures.load
-        return Pictures(kind=pictures.kind, t_ns=pictures.t_ns[at], load=lambda name, i: load(name, int(at[i])))
+        load = images.load
+        return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 
     def _rising(self, topic: str, t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
         on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
@@ -203,7 +203,7 @@ class ImportedContents:
         if late.any():
             at = int(np.argmax(late))
             before = int(t_ns[:at][on_clock[:at]].max())
-            what = f"the stamp of row {at + 1} does not lie after the one before, {before * 1e-9:.6f} s"
+            what = f"the stamp of row {at + 1} is not after the previous one, {before * 1e-9:.6f} s"
             self._notes.problem(Problem(topic, int(t_ns[at]), what, int(late.sum())))
         return np.asarray(on_clock & rising)
 
@@ -213,5 +213,5 @@ def _info(kind: type[Sample], t_ns: NDArray[np.int64]) -> TopicInfo:
 
 
 def unreadable(path: Path, error: Exception) -> StrideTwinError:
-    """The error that a file cannot be read, in one line."""
+    """The error for a file that cannot be read, in one line."""
     return StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}")

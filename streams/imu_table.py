@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.plausible import IMU_RATES_HZ, rate_doubts, unit_doubts
+from stridetwin.streams.plausible import IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.samples import Array, Block, Imu
 from stridetwin.streams.tum import LATEST_S
 
@@ -25,18 +25,18 @@ _NAMES = {"accel": ("accel_{}", "a{}", "acc_{}"), "gyro": ("gyro_{}", "g{}", "w{
 
 
 def read_imu_table(path: str | Path, topic: str = "/foot/imu") -> Block[Imu]:
-    """Reads `t` (s), `accel` (m/s²) and `gyro` (rad/s) from a table, and checks that they can be that.
+    """Reads `t` (s), `accel` (m/s²) and `gyro` (rad/s) from a table, and checks that they are plausible.
 
     Args:
         path: `.npz` with `t` (N,), `accel` (N, 3) and `gyro` (N, 3), or `.csv` with a header and the columns
             `t`, `accel_x` ... (or `ax` ...) and `gyro_x` ... (or `gx` ...).
-        topic: Topic that the samples get.
+        topic: Topic of the samples.
 
     Returns:
-        One sample a row. Times are rounded to ns.
+        One sample per row. Times are rounded to ns.
 
     Raises:
-        StrideTwinError: The table cannot be read or is not valid; names file, column, row and value.
+        StrideTwinError: The table cannot be read or is invalid; names file, column, row and value.
     """
     path = Path(path)
     if path.suffix == ".npz":
@@ -48,7 +48,7 @@ def read_imu_table(path: str | Path, topic: str = "/foot/imu") -> Block[Imu]:
     _check_numbers(path, t, accel, gyro)
     _check_times(path, t)
     t_ns = np.rint(t * 1e9).astype(np.int64)
-    for doubt in (*rate_doubts(t_ns, IMU_RATES_HZ), *unit_doubts(t_ns, accel, gyro)):
+    for doubt in (*implausible_rates(t_ns, IMU_RATES_HZ), *implausible_units(t_ns, accel, gyro)):
         raise ConfigError(path, doubt.field, doubt.value, doubt.valid)
     return Block(
         topic=topic,
@@ -66,7 +66,7 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
             there = table.files
     except StrideTwinError:
         raise
-    except Exception as error:  # what damaged ZIP files raise is of many unrelated kinds
+    except Exception as error:  # damaged ZIP files raise many unrelated exceptions
         words = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
         raise StrideTwinError(f"{path}: cannot be read: {words[:200]}") from error
     for name, shape in (("t", "(N,)"), ("accel", "(N, 3)"), ("gyro", "(N, 3)")):
@@ -80,11 +80,11 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
 
 
 def _check_packing(path: Path) -> None:
-    """Refuses arrays that unpack to more than numbers of sensors do.
+    """Rejects arrays that unpack to more bytes than sensor data.
 
     Raises:
-        ConfigError: They do.
-        zipfile.BadZipFile: The file is no ZIP file.
+        ConfigError: An array is too large.
+        zipfile.BadZipFile: The file is not a ZIP file.
     """
     with zipfile.ZipFile(path) as packed:
         for member in packed.infolist():
@@ -122,7 +122,7 @@ def _read_csv(path: Path) -> tuple[Array, Array, Array]:
 
 
 def _columns(path: Path, header: list[str]) -> list[int]:
-    """Where `t`, the accelerations and the rates stand."""
+    """Indices of `t`, the accelerations and the rates."""
     where = [_column(path, header, ("t",))]
     for quantity in ("accel", "gyro"):
         where += [_column(path, header, [n.format(axis) for n in _NAMES[quantity]]) for axis in _AXES]
@@ -153,7 +153,7 @@ def _check_times(path: Path, t: Array) -> None:
     if np.any(step < 1e-9):
         row = int(np.argmax(step < 1e-9)) + 1
         raise ConfigError(
-            path, f"t, row {row + 1}", float(t[row]), f"a time after that of the row before, {t[row - 1]:g} s"
+            path, f"t, row {row + 1}", float(t[row]), f"a time after that of the previous row, {t[row - 1]:g} s"
         )
     if t[0] < 0:
         raise ConfigError(path, "t, row 1", float(t[0]), "a time from 0 s on")

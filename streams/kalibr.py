@@ -1,10 +1,10 @@
 """The rig as one Kalibr YAML file.
 
 `cam0`, `cam1`, ... and `imu0`, `imu1`, ... follow Kalibr
-(https://github.com/ethz-asl/kalibr/wiki/yaml-formats), so that its tools and everything built on them read
-the file. What Kalibr has no word for (mounts, parts, boards, other sensors) stands beside them under the key
-`stridetwin`. A plain Kalibr calibration is read too: its body is then `imu0`, the IMU's own frame, and its
-camera rates are 0, not declared.
+(https://github.com/ethz-asl/kalibr/wiki/yaml-formats), so that its tools and everything built on them can read
+the file. Values without a Kalibr key (mounts, parts, boards, other sensors) are under the key `stridetwin`. A plain
+Kalibr calibration can be read, too: its body is then `imu0`, the IMU's own frame, and its camera rates are 0,
+undeclared.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _NOISE = (
     "accelerometer_noise_density",
     "accelerometer_random_walk",
 )
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the compiled one, where there is one
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the compiled one, if available
 _BEYOND_NOISE = ("gyroscope_bias_sd", "accelerometer_bias_sd", "gyroscope_range", "accelerometer_range")
 
 
@@ -97,7 +97,7 @@ def rig_to_yaml(rig: Rig) -> str:
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
-    """Writes a rig as a YAML file, whole or not at all."""
+    """Writes a rig as a YAML file, atomically."""
     with whole_file(path) as temporary:
         temporary.write_text(rig_to_yaml(rig), encoding="utf-8")
 
@@ -107,11 +107,10 @@ def rig_from_yaml(text: str, source: str) -> Rig:
 
     Args:
         text: The YAML.
-        source: What errors call it.
+        source: Name of the text in errors.
 
     Raises:
-        StrideTwinError: The text is no YAML, or a value in it is not valid; names the key path and what is
-            valid.
+        StrideTwinError: The text is not YAML, or a value in it is invalid; names the key path and what is valid.
     """
     return _rig(parse_node(text, source))
 
@@ -120,8 +119,7 @@ def read_rig(path: str | Path, *more: str | Path) -> Rig:
     """A rig from a YAML file, or from Kalibr's two: camera chain and IMU.
 
     Raises:
-        StrideTwinError: A file cannot be read, or a value in it is not valid; names file, key path and what
-            is valid.
+        StrideTwinError: A file cannot be read, or a value in it is invalid; names file, key path and what is valid.
     """
     roots = [read_node(p) for p in (path, *more)]
     if len(roots) == 1:
@@ -150,15 +148,15 @@ def _rig(root: Node) -> Rig:
     previous: Array | None = None
     for name in cams:
         section = root.at(name)
-        told = _told_T_cam_imu(section, previous)
+        given = _given_T_cam_imu(section, previous)
         own = ours.at(name) if has_ours else None
-        cameras.append(_camera(section, own, told, rig, inertial[0].topic if inertial else ""))
-        previous = told
+        cameras.append(_camera(section, own, given, rig, inertial[0].topic if inertial else ""))
+        previous = given
     return Rig(imus=rig.imus, cameras=_by_topic(root, cameras), boards=rig.boards, others=rig.others)
 
 
 def _sections(root: Node) -> Node:
-    """The root, with Kalibr's flat imu.yaml put under `imu0`."""
+    """The root; Kalibr's flat imu.yaml is moved under `imu0`."""
     return Node(root.source, "", {"imu0": root.value}) if "update_rate" in root else root
 
 
@@ -171,7 +169,7 @@ def _by_topic(root: Node, items: list[Any]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for item in items:
         if item.topic in table:
-            raise ConfigError(root.source, "rostopic", item.topic, "a topic that no other sensor of its sort has")
+            raise ConfigError(root.source, "rostopic", item.topic, "a topic that no other sensor of its kind has")
         table[item.topic] = item
     return table
 
@@ -222,23 +220,23 @@ def _camera(node: Node, ours: Node | None, T_cam_imu: Array | None, rig: Rig, fi
 
 
 def _camera_mount(node: Node, mount: Node, T_cam_imu: Array | None, imu: ImuCalibration | None) -> Mount:
-    """A camera's mount, which Kalibr's T_cam_imu gives too: they must agree, or the mount leave it out."""
+    """A camera's mount, checked against Kalibr's T_cam_imu: they must agree, or the mount must be omitted."""
     if T_cam_imu is None or imu is None:
         return _read_mount(mount)
     derived = imu.mount.T_body_sensor @ _inverse(T_cam_imu)
     if "T_body_sensor" not in mount:
         mount.only(["body"])
         return Mount(body=mount.at("body").text(), T_body_sensor=derived)
-    told = _read_mount(mount)
-    if told.body != imu.mount.body or not np.allclose(told.T_body_sensor, derived, atol=1e-6):
+    given = _read_mount(mount)
+    if given.body != imu.mount.body or not np.allclose(given.T_body_sensor, derived, atol=1e-6):
         raise node.at("T_cam_imu").error(
-            f"what {mount.path}.T_body_sensor and the mount of {imu.topic} say together; "
-            "leave the former out to let T_cam_imu decide"
+            f"the transform from {mount.path}.T_body_sensor and the mount of {imu.topic}; "
+            "omit the former to use T_cam_imu"
         )
-    return told
+    return given
 
 
-def _told_T_cam_imu(node: Node, previous: Array | None) -> Array | None:
+def _given_T_cam_imu(node: Node, previous: Array | None) -> Array | None:
     if "T_cam_imu" in node:
         return node.at("T_cam_imu").transform()
     if "T_cn_cnm1" in node and previous is not None:

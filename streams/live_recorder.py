@@ -17,7 +17,7 @@ from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.mcap_writer import McapWriter, message_rows
 from stridetwin.streams.recorder import METADATA_NAME, RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, Rig
-from stridetwin.streams.ros_pictures import CAMERA_INFO, PICTURES, camera_info_message
+from stridetwin.streams.ros_pictures import CAMERA_INFO, IMAGES, camera_info_message
 from stridetwin.streams.ros_types import definition
 from stridetwin.streams.topic_reader import READABLE
 from stridetwin.streams.wire import Message
@@ -84,7 +84,7 @@ class LiveRecorder:
             t_ns: Stamp of its sample.
         """
         camera = self._cameras.get(message.topic)
-        lane = _PICTURE_LANE if message.typename in PICTURES else 0
+        lane = _PICTURE_LANE if message.typename in IMAGES else 0
         if camera and t_ns >= self._next_info.get(message.topic, 0):
             self._next_info[message.topic] = t_ns + _INFO_PERIOD_NS
             info = camera_info_message(camera, message.topic, t_ns)

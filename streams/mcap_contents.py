@@ -1,4 +1,4 @@
-"""The samples of one MCAP file, streamed chunk by chunk: any file with standard ROS 2 messages, not only ours."""
+"""The samples of one MCAP file, streamed chunk by chunk: any file with standard ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from stridetwin.streams.topic_reader import TopicReader, concatenated, finite, i
 
 
 class McapContents:
-    """What `Recording` reads from an MCAP file.
+    """Contents of a `Recording` from an MCAP file.
 
     Args:
         path: The file.
-        lenient: Keep problems in mind instead of refusing the file at the first.
+        lenient: Collect problems instead of rejecting the file at the first one.
 
     Raises:
-        RecordingError: The file cannot be read, or (unless `lenient`) would spoil an estimate.
+        RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
@@ -40,8 +40,8 @@ class McapContents:
         self.schema_version = self._index.schema_version
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
-        """Samples of the topics in time order, pictures last at equal stamps."""
-        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self._index.readers[t].is_picture, t)))}
+        """Samples of the topics in time order, images last at equal stamps."""
+        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self._index.readers[t].is_image, t)))}
         parts = [
             (min(c.parts[t].first for t in here), i, here, c)
             for i, c in enumerate(self._index.chunks)
@@ -56,7 +56,7 @@ class McapContents:
         yield from _until(heap, None)
 
     def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic that carries no pictures."""
+        """All samples of a topic without images."""
         reader = self._index.readers[topic]
         blocks = [
             self._kept_block(reader, messages, chunk.parts[topic])
@@ -67,22 +67,22 @@ class McapContents:
         return concatenated(blocks)
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
-        """Those of the asked pictures that there are, by number."""
+        """The requested images that exist, by number."""
         found: dict[int, Image | Depth] = {}
         start = 0
         for chunk in self._index.chunks:
             count = chunk.parts[topic].count if topic in chunk.parts else 0
             here = sorted({i for i in indices if start <= i < start + count})
             if here:
-                kept = self._kept_pictures(topic, self._messages(chunk, [topic])[topic], chunk.parts[topic])
+                kept = self._kept_images(topic, self._messages(chunk, [topic])[topic], chunk.parts[topic])
                 chosen = kept.some(np.array(here) - start)
-                found |= dict(zip(here, self._pictures(topic, chosen)))
+                found |= dict(zip(here, self._images(topic, chosen)))
             start += count
         return found
 
-    def picture_times(self, topic: str) -> NDArray[np.int64] | None:
-        """(N,) ns, None where a topic carries no pictures."""
-        return np.concatenate(self._index.picture_times[topic]) if self._index.readers[topic].is_picture else None
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
+        """(N,) ns, None for a topic without images."""
+        return np.concatenate(self._index.image_times[topic]) if self._index.readers[topic].is_image else None
 
     def _messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
         _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
@@ -94,8 +94,8 @@ class McapContents:
     def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
         for topic, messages in self._messages(chunk, topics).items():
             reader = self._index.readers[topic]
-            if reader.is_picture:
-                yield topic, self._pictures(topic, self._kept_pictures(topic, messages, chunk.parts[topic]))
+            if reader.is_image:
+                yield topic, self._images(topic, self._kept_images(topic, messages, chunk.parts[topic]))
             else:
                 yield topic, iter(self._kept_block(reader, messages, chunk.parts[topic]))
 
@@ -104,22 +104,22 @@ class McapContents:
         keep = increasing(block.t_ns, part.before)
         return selected(block, keep if reader.topic.startswith("/truth/") else keep & finite(block))
 
-    def _kept_pictures(self, topic: str, messages: Messages, part: Part) -> Messages:
+    def _kept_images(self, topic: str, messages: Messages, part: Part) -> Messages:
         t = self._index.readers[topic].times(messages)
         keep = increasing(t, part.before)
         return replace(messages, log_time=t).some(np.flatnonzero(keep))
 
-    def _pictures(self, topic: str, kept: Messages) -> Iterator[Image | Depth]:
-        """Decodes pictures one at a time, when they are asked for."""
+    def _images(self, topic: str, kept: Messages) -> Iterator[Image | Depth]:
+        """Decodes images one at a time, on request."""
         for i, t in enumerate(kept.log_time.tolist()):
             try:
-                yield self._index.readers[topic].picture(kept.payload(i), t)
+                yield self._index.readers[topic].image(kept.payload(i), t)
             except ValueError as error:
                 self._index.note(Problem(topic, t, str(error)))
 
 
 def _until(heap: list[tuple[int, int, int, Sample, Iterator[Sample]]], end_ns: int | None) -> Iterator[Sample]:
-    """Takes the samples before `end_ns` off a heap of (stamp, order, chunk, sample, samples that follow)."""
+    """Pops the samples before `end_ns` off a heap of (stamp, order, chunk, sample, following samples)."""
     while heap and (end_ns is None or heap[0][0] < end_ns):
         _, order, chunk, sample, following = heap[0]
         yield sample

@@ -1,7 +1,7 @@
-"""MCAP files written in bulk: equal-sized messages become a chunk's records without a loop over them.
+"""Bulk writer of MCAP files: equal-sized messages become a chunk's records without a Python loop.
 
-The format is that of https://mcap.dev/spec; the `mcap` library's record classes write everything but the
-messages themselves and their indexes.
+The format is that of https://mcap.dev/spec; the record classes of the `mcap` library write everything but the messages
+and their indexes.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ _RECORD_HEAD = np.dtype(
 
 
 def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
-    """N message records that all hold `payload`.
+    """N message records with copies of `payload`.
 
     Args:
         channel: Channel they belong to.
-        payload: Serialised message, the template.
+        payload: Serialised message, used as template.
         layout: Structured type of the payload.
         t_ns: (N,) log and publish times.
 
     Returns:
-        (N,) records of one contiguous buffer, and the (N,) payloads inside them as a view to be filled in.
+        (N,) records of one contiguous buffer, and a view of the (N,) payloads inside them, to be filled in.
     """
     row = np.dtype(
         {
@@ -61,7 +61,7 @@ def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDAr
 
 
 class _OpenChunk:
-    """A chunk that still takes messages."""
+    """A chunk that still accepts messages."""
 
     def __init__(self) -> None:
         self.parts: list[memoryview] = []
@@ -85,10 +85,10 @@ class _OpenChunk:
 class McapWriter:
     """Appends channels, messages, attachments and metadata to one MCAP file, chunk by chunk.
 
-    Messages go into lanes (pictures into one, the rest into another): a chunk holds one lane's messages only, so
-    that a reader of the small streams never touches the bulk. Chunks are compressed (zstd) and carry a CRC; the
-    whole data section and the summary carry theirs. Every finished chunk is handed to the operating system at once,
-    so that a killed process loses only the open chunks; so are attachments and metadata.
+    Messages go into lanes (images into one, the rest into another). A chunk has messages of one lane only, so that a
+    reader of the small streams does not read the bulk. Chunks are compressed (zstd) and have a CRC, and so have the
+    whole data section and the summary. Every finished chunk is passed to the operating system at once, so that a killed
+    process loses only the open chunks; so are attachments and metadata.
     """
 
     def __init__(self, path: Path, library: str) -> None:
@@ -119,7 +119,7 @@ class McapWriter:
         return channel.id
 
     def messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
-        """Appends records made by `message_rows` to a lane, splitting them over chunks as they fill up."""
+        """Appends records made by `message_rows` to a lane, and splits them over chunks as they fill up."""
         channel = int(rows["head"]["channel"][0])
         data = memoryview(rows.view(np.uint8).data)
         times = rows["head"]["log"]

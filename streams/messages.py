@@ -1,4 +1,4 @@
-"""One sample as one ROS 2 message and back, one at a time, as they come live."""
+"""Conversion of single samples to ROS 2 messages and back, for live streams."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.bounded import check_pixels, picture_size
+from stridetwin.streams.bounded import check_pixels, image_size
 from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.ros_pictures import (
     COMPRESSED,
     DEPTH_ENCODINGS,
-    PICTURES,
+    IMAGES,
     RAW,
     depth_message,
     image_message,
-    read_picture,
+    read_image_message,
 )
 from stridetwin.streams.ros_samples import SMALL, Small, block_of, fill, frame_id, small_for, stamps
 from stridetwin.streams.ros_types import deserialise, serialise, typestore
@@ -29,16 +29,16 @@ from stridetwin.streams.topic_reader import READABLE
 from stridetwin.streams.wire import Message
 
 MOST_PIXELS = 1920 * 1200
-"""Of a picture: what a message of a few kilobytes could unpack to is bounded by it."""
+"""Most pixels of an image: bounds the size to which a message of a few kilobytes could unpack."""
 
 
 class Encoder:
     """Samples to messages.
 
     Args:
-        rig: Its noise and ranges travel with the messages, as they do in recordings.
-        depth_encoding: `16UC1` (mm, as the RealSense driver) or `32FC1` (m, lossless).
-        jpeg_quality: 0 to 100; None sends every pixel as it is.
+        rig: Its noise and ranges are part of the messages, as in recordings.
+        depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
+        jpeg_quality: 0 to 100; None sends lossless images.
     """
 
     def __init__(self, rig: Rig, *, depth_encoding: str = "16UC1", jpeg_quality: int | None = 90) -> None:
@@ -71,12 +71,12 @@ class Encoder:
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What the first message of a topic has told.
+    """Properties of a topic, from its first message.
 
     Attributes:
-        layout: Where its numbers lie; messages that agree in `marks` share it.
-        marks: Offset and bytes of what makes the layout.
-        small: How it becomes a sample.
+        layout: Layout of its numbers; messages with equal `marks` share it.
+        marks: Offset and bytes of the values that determine the layout.
+        small: Conversion to a sample.
     """
 
     layout: Layout
@@ -93,11 +93,11 @@ class Decoder:
     """Messages of one topic to samples.
 
     Args:
-        topic: Name of the stream.
+        topic: Topic.
         typename: ROS 2 type of its messages.
 
     Raises:
-        ValueError: The type is none that is read.
+        ValueError: The type is not supported.
     """
 
     def __init__(self, topic: str, typename: str) -> None:
@@ -107,13 +107,13 @@ class Decoder:
         self._known: _Known | None = None
 
     def sample(self, message: Message) -> Sample | None:
-        """The sample in a message of the topic; None where one of its numbers is not finite.
+        """The sample in a message of the topic; None if one of its numbers is not finite.
 
         Raises:
-            ValueError: The bytes are no such message, or one that would unpack to more than `MOST_PIXELS`.
+            ValueError: The bytes are not such a message, or the image has more than `MOST_PIXELS`.
         """
-        if self.typename in PICTURES:
-            return self._picture(message)
+        if self.typename in IMAGES:
+            return self._image(message)
         known = self._known
         if known is None or not known.fits(message.payload):
             self._known = known = self._learn(message.payload)
@@ -121,7 +121,7 @@ class Decoder:
         try:
             columns = known.small.read(rows)
         except (IndexError, KeyError) as error:
-            raise ValueError(f"{self.topic}: a {self.typename} with a value that means nothing: {error}") from error
+            raise ValueError(f"{self.topic}: a {self.typename} with an invalid value: {error}") from error
         t_ns = int(stamps(rows, np.array([message.t_ns]))[0])
         values = {name: column[0] for name, column in columns.items()}
         for value in values.values():
@@ -140,21 +140,21 @@ class Decoder:
         marks = ((0, layout.head), *((at, struct.pack(word, value)) for at, value in layout.lengths))
         return _Known(layout, marks, small)
 
-    def _picture(self, message: Message) -> Image | Depth:
+    def _image(self, message: Message) -> Image | Depth:
         try:
-            told = deserialise(typestore(), message.payload, self.typename)
+            decoded = deserialise(typestore(), message.payload, self.typename)
             if self.typename == COMPRESSED:
-                is_depth = "compressedDepth" in told.format
-                width, height = picture_size(bytes(told.data[12:] if is_depth else told.data))
+                is_depth = "compressedDepth" in decoded.format
+                width, height = image_size(bytes(decoded.data[12:] if is_depth else decoded.data))
             else:
-                width, height = told.width, told.height
+                width, height = decoded.width, decoded.height
             check_pixels(width, height, MOST_PIXELS)
-            stamp = told.header.stamp
+            stamp = decoded.header.stamp
             t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or message.t_ns
-            return read_picture(message.payload, self.typename, typestore(), self.topic, t_ns)
+            return read_image_message(message.payload, self.typename, typestore(), self.topic, t_ns)
         except ValueError as error:
             raise ValueError(f"{self.topic}: {error}") from error
-        except Exception as error:  # decoders that trust their input raise many kinds
+        except Exception as error:  # decoders that do not validate their input raise many kinds
             raise ValueError(f"{self.topic}: no {self.typename}: {' '.join(str(error).split())[:120]}") from error
 
 

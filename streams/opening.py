@@ -1,4 +1,4 @@
-"""Any source as a recording: what kind it is, by its content, and what its streams are called here."""
+"""Opens any source as a recording: detects its kind by content, and maps its streams to our topics."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from stridetwin.streams.formats.bag import Bag, read_bag
 from stridetwin.streams.formats.bag_mcap import McapBag
 from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.calibrations import completed
-from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, streams_of, told_what_is_left
-from stridetwin.streams.formats.ours import is_ours, read_told
+from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
+from stridetwin.streams.formats.ours import is_ours, read_calibration
 from stridetwin.streams.imported import ImportedContents, Notes, Source, unreadable
 from stridetwin.streams.imu_table import read_imu_table
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.mcap_writer import MAGIC
-from stridetwin.streams.plausible import IMU_RATES_HZ, PICTURE_RATES_HZ, rate_doubts, unit_doubts
+from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
 from stridetwin.streams.recorder import RIG_NAME
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.recording_index import Problem
@@ -35,22 +35,22 @@ KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 TABLE_TOPIC = "/foot_l/imu"
 _BAGS = ("mcap", "rosbag1", "rosbag2")
 _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
-_REGISTERED = re.compile(r"aligned|registered")  # as drivers call depth pictures that are
+_REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
 _SQLITE = b"SQLite format 3\0"
-_EVENTS = (Footprint, Point)  # come only now and then
-_SHORT = 0.05  # of the longest stream may be missing from another without a word
-_FEWEST = 10  # samples before a rate or a unit can be judged
+_EVENTS = (Footprint, Point)  # irregular events
+_SHORT = 0.05  # of the longest stream may be missing from another without a warning
+_FEWEST = 10  # samples needed to check a rate or a unit
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """How to read a source that is not our own.
+    """Options for reading a foreign source.
 
     Attributes:
-        kind: One of `KINDS`; None goes by the content.
-        names: Topic to give to a stream, by its name in the source or the name it would get.
+        kind: One of `KINDS`; None detects it from the content.
+        names: Topic of a stream, by its name in the source or its default topic.
         rig: Kalibr YAML whose calibrations replace those of the source.
-        depth_scale: Units of the depth pictures of a folder in a metre; None is what the layout says.
+        depth_scale: Units of a folder's depth images per metre; None for the layout's.
     """
 
     kind: str | None = None
@@ -60,10 +60,10 @@ class ImportOptions:
 
 
 def recognise(path: Path) -> str:
-    """Kind of a source, by its content.
+    """Kind of a source, detected from its content.
 
     Raises:
-        StrideTwinError: It is not there or none of `KINDS`.
+        StrideTwinError: The source does not exist or is none of `KINDS`.
     """
     try:
         if path.is_dir():
@@ -93,15 +93,15 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
 
     Args:
         path: Recording, bag, dataset folder or IMU table.
-        lenient: Read what can be read; what was wrong stands in `problems`.
-        options: How to read what is not ours.
+        lenient: Read everything that is readable; problems are listed in `problems`.
+        options: Options for a foreign source.
 
     Returns:
-        The recording; what had to be assumed stands in its `warnings`.
+        The recording; assumptions are listed in its `warnings`.
 
     Raises:
-        StrideTwinError: It cannot be read or (unless lenient) would spoil an estimate; names file, field, value
-            and what is valid.
+        StrideTwinError: The source cannot be read or (unless lenient) would corrupt an estimate; names file,
+            field, value and what is valid.
     """
     path, options = Path(path), options or ImportOptions()
     if options.kind is not None and options.kind not in KINDS:
@@ -115,7 +115,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     metadata = {"imported_from": kind, "source": path.name}
     try:
         if own is not None:
-            rig, metadata = read_told(own, notes)  # first: a newer release's is refused
+            rig, metadata = read_calibration(own, notes)  # first, because recordings of newer releases are rejected
         source = _read(path, kind, options, notes)
     except OSError as error:
         raise unreadable(Path(error.filename or path), error) from error
@@ -124,15 +124,15 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     topics = _topics(source, options.names)
     streams = streams_of(source, topics, numbered=kind not in _BAGS)
     registered = _registered(source, topics)
-    source = _renamed(source, topics, bodies_are_told=own is not None)
+    source = _renamed(source, topics, bodies_are_known=own is not None)
     better = _better_rig(path, source.rig, options, streams, notes)
-    rig = completed(_merged(source.rig, better), source.blocks, source.pictures, notes, registered)
+    rig = completed(_merged(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, words in source.assumed.items():
         if topic in rig.cameras and topic not in better.cameras:
             notes.warn(f"{topic}: {words}")
-    if own is None:  # ours are read as they are without options, where nobody asks for this
+    if own is None:  # our own recordings are not checked when read without options
         _check_plausible(source, notes)
-    contents = ImportedContents(source.blocks, source.pictures, rig, metadata, source.unread, notes)
+    contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
     if own is None:
         _check_overlap(contents, notes)
     return Recording(path, lenient, contents)
@@ -153,7 +153,7 @@ def _folder_kind(path: Path) -> str:
 def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
     if kind == "table":
         block = read_imu_table(path, topic=TABLE_TOPIC)
-        return Source(kind=kind, blocks={TABLE_TOPIC: block}, pictures={}, rig=Rig())
+        return Source(kind=kind, blocks={TABLE_TOPIC: block}, images={}, rig=Rig())
     if kind == "euroc":
         return euroc.read_euroc(path, notes)
     if kind == "tum":
@@ -164,9 +164,9 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
 
 
 def _own_file(path: Path, is_plain: bool) -> Path | None:
-    """The one MCAP file of ours that a path is or holds, None where it is anything else.
+    """The path of our own MCAP file, which may be in a folder; None for anything else.
 
-    Where nothing else is told of it, a damaged one counts, too: `Recording` says best what is wrong.
+    A damaged file counts, too, if nothing else is known about it: `Recording` gives the best error message.
     """
     files = _files_of_bag(path) if path.is_dir() else [path]
     return files[0] if len(files) == 1 and files[0].suffix != ".db3" and is_ours(files[0], is_plain) else None
@@ -190,31 +190,31 @@ def _bag(path: Path, kind: str, notes: Notes) -> Bag:
 
 
 def _files_of_bag(path: Path) -> list[Path]:
-    """The files of a ROS 2 bag in the order of its metadata; those there are, where it has none."""
+    """The files of a ROS 2 bag in the order of its metadata, or all files if it has no metadata."""
     metadata = path / "metadata.yaml"
     if not metadata.is_file():
         return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
     try:
-        told = read_yaml(metadata)["rosbag2_bagfile_information"]
-        names = [str(n) for n in told["relative_file_paths"]]
-        compressed = str(told.get("compression_mode") or "none").lower() != "none"
+        info = read_yaml(metadata)["rosbag2_bagfile_information"]
+        names = [str(n) for n in info["relative_file_paths"]]
+        compressed = str(info.get("compression_mode") or "none").lower() != "none"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         words = " ".join(str(error).split())
         raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {words[:120]}") from error
     if compressed:
         raise ConfigError(
-            metadata, "compression_mode", told["compression_mode"], "none: unpack it first (ros2 bag convert)"
+            metadata, "compression_mode", info["compression_mode"], "none: unpack it first (ros2 bag convert)"
         )
     files = [path / Path(n).name for n in names]
     for file in files:
         if not file.is_file():
-            raise ConfigError(metadata, "relative_file_paths", file.name, "files that are there")
+            raise ConfigError(metadata, "relative_file_paths", file.name, "existing files")
     return files
 
 
 def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
-    """Our topic of every stream of a source, by its name there."""
-    there = [*source.blocks, *source.pictures]
+    """Our topic of every stream of a source, by its name in the source."""
+    there = [*source.blocks, *source.images]
     defaults = {name: source.names.get(name, name) for name in there}
     for old, new in given.items():
         if old not in defaults and old not in defaults.values():
@@ -229,24 +229,24 @@ def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
     return topics
 
 
-def _renamed(source: Source, topics: Mapping[str, str], bodies_are_told: bool) -> Source:
+def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
     """The source under our topics."""
     blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
-    pictures = {topics[n]: p for n, p in source.pictures.items()}
+    images = {topics[n]: p for n, p in source.images.items()}
     assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
-    rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_told)
-    return replace(source, blocks=blocks, pictures=pictures, rig=rig, assumed=assumed)
+    rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
+    return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
 
 
 def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
-    """Our topics of the depth streams that are registered to colour by layout, name or intrinsics."""
+    """Our topics of the depth streams that are registered to colour, by layout, name or intrinsics."""
     cameras = source.rig.cameras
-    colour = [cameras[n] for n, p in source.pictures.items() if p.kind is Image and n in cameras]
+    colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
     found: set[str] = set()
-    for name, pictures in source.pictures.items():
+    for name, images in source.images.items():
         by_name = source.kind in _REGISTERED_KINDS or bool(_REGISTERED.search(name.lower()))
         own = cameras.get(name)
-        if pictures.kind is Depth and (
+        if images.kind is Depth and (
             by_name or (own is not None and any(np.allclose(own.intrinsics, c.intrinsics) for c in colour))
         ):
             found.add(topics[name])
@@ -254,18 +254,18 @@ def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
 
 
 def _better_rig(path: Path, source: Rig, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
-    """Calibrations that go before those of the source: of `--rig`, and of a `rig.yaml` in the folder."""
+    """Calibrations with precedence over those of the source: from `--rig`, and from a `rig.yaml` in the folder."""
     better = Rig()
     if (beside := path / RIG_NAME).is_file():
         try:
-            # it tells of the source: its topics are the source's, also where others were given
+            # it describes the source: its topics are the source's, even if others were given
             better, _ = given_rig(read_rig(beside), source, streams, as_read=False)
         except StrideTwinError as error:
             notes.invalid(error)
     if options.rig is not None:
-        told = read_rig(options.rig)
-        given, left = given_rig(told, _merged(source, better), streams)
-        told_what_is_left(options.rig, told, left, streams, notes)
+        own_rig = read_rig(options.rig)
+        given, left = given_rig(own_rig, _merged(source, better), streams)
+        report_unmatched(options.rig, own_rig, left, streams, notes)
         better = _merged(better, given)
     return better
 
@@ -280,14 +280,14 @@ def _merged(rig: Rig, better: Rig) -> Rig:
 
 
 def _check_plausible(source: Source, notes: Notes) -> None:
-    """Units and rates that cannot be are refused: they would silently spoil an estimate."""
+    """Rejects implausible units and rates, which would silently corrupt an estimate."""
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
             _check_inertial(topic, block, notes)
-    for topic, pictures in source.pictures.items():
-        rising = pictures.t_ns[increasing(pictures.t_ns, -1)]
+    for topic, images in source.images.items():
+        rising = images.t_ns[increasing(images.t_ns, -1)]
         if len(rising) >= _FEWEST:
-            for doubt in rate_doubts(rising, PICTURE_RATES_HZ):
+            for doubt in implausible_rates(rising, IMAGE_RATES_HZ):
                 notes.problem(Problem(topic, int(rising[0]), str(doubt)))
 
 
@@ -298,16 +298,16 @@ def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
         return
     columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
     for doubt in (
-        *rate_doubts(t_ns, IMU_RATES_HZ),
-        *unit_doubts(t_ns, columns["specific_force"], columns.get("angular_rate")),
+        *implausible_rates(t_ns, IMU_RATES_HZ),
+        *implausible_units(t_ns, columns["specific_force"], columns.get("angular_rate")),
     ):
         notes.problem(Problem(topic, int(t_ns[0]), str(doubt)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
-    """Streams of one recording run on one clock, all the time.
+    """Checks that all streams of a recording share one clock over its whole duration.
 
-    Where two never meet, one of them has another epoch or unit; where one is short, part of it may be missing.
+    If two streams do not overlap, one has another epoch or unit; if one is short, part of it may be missing.
     """
     longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
     span = longest[1].last_ns - longest[1].first_ns

@@ -1,4 +1,4 @@
-"""Whether numbers can be what they are said to be: units, rates and gravity give a wrong file away."""
+"""Plausibility checks: units, rates and gravity reveal an invalid file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
 IMU_RATES_HZ = (20.0, 5000.0)
-PICTURE_RATES_HZ = (0.2, 1000.0)
+IMAGE_RATES_HZ = (0.2, 1000.0)
 _REST_SPREAD = 0.15
 _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
 _MOVING_SPREAD = (0.5, 2.0)
@@ -25,13 +25,13 @@ _HINTS = (
 
 
 @dataclass(frozen=True)
-class Doubt:
-    """A quantity that cannot be what it is said to be.
+class Implausible:
+    """An implausible quantity.
 
     Attributes:
         field: The quantity.
-        value: What it looks like.
-        valid: What it would have to look like.
+        value: Its value.
+        valid: Plausible values.
     """
 
     field: str
@@ -43,35 +43,35 @@ class Doubt:
 
 
 def median_rate(t_ns: NDArray[np.int64]) -> float:
-    """Rate in Hz by the median step of (N,) increasing stamps; 0 for less than two."""
+    """Rate in Hz from the median step of (N,) increasing stamps; 0 for fewer than two."""
     return 1e9 / float(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0.0
 
 
 def mean_rate(t_ns: NDArray[np.int64]) -> float:
-    """Rate in Hz from the first to the last of (N,) increasing stamps; 0 for less than two."""
+    """Rate in Hz from the first to the last of (N,) increasing stamps; 0 for fewer than two."""
     span = int(t_ns[-1] - t_ns[0]) if len(t_ns) > 1 else 0
     return (len(t_ns) - 1) * 1e9 / span if span > 0 else 0.0
 
 
-def rate_doubts(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) -> Iterator[Doubt]:
-    """Doubts about a rate, which wrong units of time put far away."""
+def implausible_rates(t_ns: NDArray[np.int64], valid_hz: tuple[float, float]) -> Iterator[Implausible]:
+    """Implausible rates, as wrong units of time cause."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
         hint = "; is t in milliseconds or nanoseconds?" if rate < low else ""
-        yield Doubt("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
+        yield Implausible("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
 
 
 def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float, bool]:
-    """Median magnitude, m/s², of specific force where a sensor rests, and whether it ever does.
+    """Median magnitude, m/s², of specific force at rest, and whether the sensor is ever at rest.
 
-    It rests through windows of 0.25 s in which the magnitude hardly changes; a foot does in every stance, a walking
-    head never, and then the magnitude is that of all samples.
+    It is at rest in windows of 0.25 s in which the magnitude hardly changes: a foot is in every stance, a walking head
+    never. Without rest the median is that of all samples.
 
     Args:
         t_ns: (N,) increasing stamps, N ≥ 2.
         specific_force: (N, 3) m/s².
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # damaged numbers may have any size, and then show no gravity
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged numbers may have any size
         force = np.linalg.norm(specific_force, axis=1)
         size = min(len(force), max(_FEWEST_AT_REST, round(_REST_S * median_rate(t_ns))))
         windows = force[: len(force) // size * size].reshape(-1, size)
@@ -79,15 +79,17 @@ def force_at_rest(t_ns: NDArray[np.int64], specific_force: Array) -> tuple[float
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 
 
-def unit_doubts(t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None) -> Iterator[Doubt]:
-    """Doubts about the units of an IMU's (N, 3) columns: gravity must show, and no gyro measures any rate."""
+def implausible_units(
+    t_ns: NDArray[np.int64], specific_force: Array, angular_rate: Array | None
+) -> Iterator[Implausible]:
+    """Implausible units of an IMU's (N, 3) columns: gravity must be visible, and rates are limited."""
     force, rests = force_at_rest(t_ns, specific_force)
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * NOMINAL_GRAVITY_MPS2 < force < high * NOMINAL_GRAVITY_MPS2:
         hint = next((words for (low, high), words in _HINTS if low <= force < high), "")
         where = " at rest" if rests else ""
-        yield Doubt("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
+        yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
     if angular_rate is not None:
         fastest = float(np.percentile(np.abs(angular_rate), 99.9))
         if fastest > _FASTEST:
-            yield Doubt("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")
+            yield Implausible("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")

@@ -1,4 +1,4 @@
-"""Writing a recording: blocks and samples in, one MCAP file with ROS 2 messages out."""
+"""Writer of recordings: blocks and samples in, one MCAP file with ROS 2 messages out."""
 
 from __future__ import annotations
 
@@ -39,23 +39,22 @@ METADATA_NAME = "stridetwin"
 RIG_NAME = "rig.yaml"
 _INFO_PERIOD_NS = 1_000_000_000
 _ENCODERS = 2
-_PICTURE_LANE = 1
-_PICTURES_IN_FLIGHT = 8
+_IMAGE_LANE = 1
+_IMAGES_IN_FLIGHT = 8
 _LATEST_NS = 2**31 * 1_000_000_000
 
 
 class RecordingWriter:
     """Writes one recording; a context manager.
 
-    The file grows under a hidden name beside `path` and takes its place only when it is complete; after an
-    error or a kill the hidden file stays, readable up to its last whole chunk. The same input gives the same
-    bytes.
+    The file grows under a hidden name beside `path`, and is renamed only when it is complete. After an error or a kill
+    the hidden file remains, readable up to its last complete chunk. The same input gives the same bytes.
 
     Args:
-        path: Recording to make, `.mcap`.
-        rig: What the wearer carries; stored inside as Kalibr YAML.
+        path: Output file, `.mcap`.
+        rig: Rig of the wearer; stored inside as Kalibr YAML.
         metadata: Stored inside as text (seed, versions, ...).
-        depth_encoding: `16UC1` (mm, as the RealSense driver) or `32FC1` (m, lossless).
+        depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
         jpeg_quality: 0 to 100; None keeps every pixel (PNG, larger and slower).
     """
 
@@ -78,17 +77,17 @@ class RecordingWriter:
         self._channels: dict[str, int] = {}
         self._templates: dict[str, tuple[bytes, Layout, Mapping[str, Any]]] = {}
         self._next_info: dict[str, int] = {}
-        self._cameras = _by_picture_topic(rig)
+        self._cameras = _by_image_topic(rig)
         self._queue: deque[tuple[str, Future[bytes], int]] = deque()
         self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
         self._pool = ThreadPoolExecutor(_ENCODERS)
-        told = rig_to_yaml(rig).encode()
+        rig_yaml = rig_to_yaml(rig).encode()
         try:
             self._file = McapWriter(partial_path(self.path), "stridetwin")
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
         self._file.metadata(schema_version.RECORD, schema_version.written())
-        self._file.attachment(RIG_NAME, "application/yaml", told)
+        self._file.attachment(RIG_NAME, "application/yaml", rig_yaml)
         self._file.metadata(METADATA_NAME, dict(metadata or {}))
 
     def __enter__(self) -> Self:
@@ -111,23 +110,23 @@ class RecordingWriter:
         """Appends a sample, or a block of samples of one topic.
 
         Args:
-            item: What to append.
-            log_ns: When each sample arrived, (N,) ns. Stamps may then be any, as those of faulty sensors are; by
+            item: Item to append.
+            log_ns: Arrival time of each sample, (N,) ns. Stamps may then be arbitrary, as those of faulty sensors; by
                 default samples arrive at their stamps.
 
         Raises:
-            RecordingError: A stamp (or arrival) of the topic does not lie after the one before, or the topic changes
-                its kind.
+            RecordingError: A stamp (or arrival) of the topic is not after the previous one, or the topic changes its
+                kind.
         """
         if isinstance(item, (Image, Depth)):
             stamps = np.array([item.t_ns], np.int64)
-            self._write_picture(item, int(self._checked(item.topic, type(item), stamps, log_ns)[0]))
+            self._write_image(item, int(self._checked(item.topic, type(item), stamps, log_ns)[0]))
         elif isinstance(item, Sample):
             self.write(block_of([item]), log_ns)
         elif item.kind in (Image, Depth):
             times = [None] * len(item) if log_ns is None else np.atleast_1d(np.asarray(log_ns)).tolist()
-            for picture, time in zip(item, times, strict=True):
-                self.write(picture, time)
+            for image, time in zip(item, times, strict=True):
+                self.write(image, time)
         elif len(item):
             logged = self._checked(item.topic, item.kind, item.t_ns, log_ns)
             self._drain(0)
@@ -136,7 +135,7 @@ class RecordingWriter:
     def _checked(
         self, topic: str, kind: type[Sample], stamps: NDArray[np.int64], log_ns: ArrayLike | None
     ) -> NDArray[np.int64]:
-        """The times at which samples arrived."""
+        """Arrival times of the samples, checked."""
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
             raise RecordingError(f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there")
@@ -171,7 +170,7 @@ class RecordingWriter:
         fill(payloads, small, block)
         self._file.messages(rows)
 
-    def _write_picture(self, sample: Image | Depth, log_ns: int) -> None:
+    def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
         camera = self._cameras.get(sample.topic)
         if camera and sample.t_ns >= self._next_info.get(sample.topic, 0):
             self._next_info[sample.topic] = sample.t_ns + _INFO_PERIOD_NS
@@ -182,10 +181,10 @@ class RecordingWriter:
             self._submit(sample.topic, COMPRESSED, encode, log_ns)
         else:
             self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
-        self._drain(_PICTURES_IN_FLIGHT)
+        self._drain(_IMAGES_IN_FLIGHT)
 
     def _known_data(self, sample: Image) -> NDArray[np.uint8] | None:
-        """Encoded pixels that nobody can write to: many pictures of a topic, with nothing in view, share them."""
+        """Encoded pixels of a read-only array: many images of a topic, with nothing in view, share it."""
         if sample.pixels.flags.writeable:
             return None
         pixels, data = self._shared.get(sample.topic, (None, None))
@@ -199,15 +198,15 @@ class RecordingWriter:
         self._queue.append((topic, self._pool.submit(encode), log_ns))
 
     def _drain(self, leave: int) -> None:
-        """Appends encoded pictures in the order in which they came, until `leave` are left in the queue."""
+        """Appends encoded images in order, until `leave` are left in the queue."""
         while len(self._queue) > leave:
             topic, encoded, log_ns = self._queue.popleft()
             payload = encoded.result()
             layout = np.dtype(f"V{len(payload)}")
             rows, _ = message_rows(self._channels[topic], payload, layout, np.array([log_ns], np.int64))
-            self._file.messages(rows, lane=_PICTURE_LANE)
+            self._file.messages(rows, lane=_IMAGE_LANE)
 
 
-def _by_picture_topic(rig: Rig) -> dict[str, CameraCalibration]:
+def _by_image_topic(rig: Rig) -> dict[str, CameraCalibration]:
     cameras = dict(rig.cameras)
     return cameras | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}

@@ -1,7 +1,7 @@
-"""Reading a recording: what it holds, its samples in time order, and what would spoil an estimate.
+"""Reader of recordings: their contents, samples in time order, and problems that would corrupt an estimate.
 
-Opening a recording reads it once and refuses whatever would silently spoil an estimate; after that, samples
-stream from it. `Recording` opens MCAP files; `streams.opening.open_any` opens other tools' files as one.
+Opening a recording reads it once and rejects problems that would silently corrupt an estimate; after that, samples are
+streamed from it. `Recording` opens MCAP files; `streams.opening.open_any` opens other tools' files as one.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ __all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
 
 
 class Contents(Protocol):
-    """Where a recording's samples come from: an MCAP file, or the files of another tool.
+    """Source of a recording's samples: an MCAP file, or the files of another tool.
 
     Attributes:
-        topics: What is held, by topic.
+        topics: Contents by topic.
         metadata: Texts stored with it.
-        problems: What would spoil an estimate.
-        warnings: What had to be assumed.
+        problems: Problems that would corrupt an estimate.
+        warnings: Assumptions.
         unread: Type of the messages of every topic that is not read.
         rig: The calibration, None if there is none.
     """
@@ -43,36 +43,36 @@ class Contents(Protocol):
     rig: Rig | None
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
-        """Samples of the topics in time order, pictures last at equal stamps."""
+        """Samples of the topics in time order, images last at equal stamps."""
 
     def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic that carries no pictures."""
+        """All samples of a topic without images."""
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
-        """Those of the asked pictures that there are, by number."""
+        """The requested images that exist, by number."""
 
-    def picture_times(self, topic: str) -> NDArray[np.int64] | None:
-        """(N,) ns, None where a topic carries no pictures."""
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
+        """(N,) ns, None for a topic without images."""
 
 
 class Recording:
     """One recording, opened and checked.
 
     Args:
-        path: MCAP file (or what `contents` was read from).
-        lenient: Read what can be read: a cut-off file up to its last whole chunk, without the bad samples and
-            the damaged chunks. What was wrong stands in `problems`.
-        contents: What it holds, if `path` is no MCAP file.
+        path: MCAP file (or the source of `contents`).
+        lenient: Read everything that is readable: a truncated file up to its last complete chunk, without invalid
+            samples and damaged chunks. The problems are listed in `problems`.
+        contents: Contents, if `path` is not an MCAP file.
 
     Attributes:
-        topics: What the recording holds, by topic.
+        topics: Contents by topic.
         metadata: Texts stored with it.
-        problems: What would spoil an estimate; empty unless `lenient`.
-        warnings: What an import had to assume; empty for our own recordings.
+        problems: Problems that would corrupt an estimate; empty unless `lenient`.
+        warnings: Assumptions of an import; empty for our own recordings.
         unread: Type of the messages of every topic that is not read.
 
     Raises:
-        RecordingError: It cannot be read, or (unless `lenient`) something in it would spoil an estimate.
+        RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
     """
 
     def __init__(self, path: str | Path, lenient: bool = False, contents: Contents | None = None) -> None:
@@ -92,7 +92,7 @@ class Recording:
 
     @property
     def schema_version(self) -> str:
-        """Version of what an MCAP recording of ours holds (`streams.schema_version`); "" of other tools' files."""
+        """Schema version of our own MCAP recordings (`streams.schema_version`); "" for other tools' files."""
         return self._contents.schema_version if isinstance(self._contents, McapContents) else ""
 
     @property
@@ -100,7 +100,7 @@ class Recording:
         """The calibration stored with it.
 
         Raises:
-            RecordingError: There is none.
+            RecordingError: The recording has none.
         """
         if self._contents.rig is None:
             raise RecordingError(f"{self.path}: no calibration inside; valid: an attachment {RIG_NAME} (Kalibr YAML)")
@@ -119,14 +119,13 @@ class Recording:
         return (max(t.last_ns for t in self.topics.values()) - min(t.first_ns for t in self.topics.values())) * 1e-9
 
     def samples(self, topics: Iterable[str] | None = None) -> Iterator[Sample]:
-        """The samples of some topics (all by default) in time order, read bit by bit.
+        """The samples of some topics (all by default) in time order, streamed.
 
-        At equal stamps pictures come last, so that an IMU sample that closes an interval precedes the picture
-        taken then; otherwise topics follow each other by name.
+        At equal stamps images come last, so that an IMU sample at the end of an interval precedes the image taken then;
+        otherwise topics are sorted by name.
 
         Raises:
-            RecordingError: There is no such topic; the message lists those there are. Or a picture is
-                damaged.
+            RecordingError: Unknown topic; the message lists the known ones. Or an image is damaged.
         """
         wanted = list(self.topics) if topics is None else list(dict.fromkeys(topics))
         for topic in wanted:
@@ -134,44 +133,44 @@ class Recording:
         return self._contents.samples(wanted)
 
     def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic as one block; not for pictures.
+        """All samples of a topic as one block; not for images.
 
         Raises:
-            RecordingError: There is no such topic, or it carries pictures.
+            RecordingError: Unknown topic, or it carries images.
         """
         self._require(topic)
-        if self._contents.picture_times(topic) is not None:
-            raise RecordingError(f"{self.path}: {topic} carries pictures; valid: samples() or images()")
+        if self._contents.image_times(topic) is not None:
+            raise RecordingError(f"{self.path}: {topic} carries images; valid: samples() or images()")
         return self._contents.block(topic)
 
     def images(
         self, topic: str, indices: Sequence[int] | None = None, t_ns: Sequence[int] | None = None
     ) -> list[Image | Depth]:
-        """A few pictures of a topic, by their number or as the nearest to the given times (all by default).
+        """Some images of a topic, by number or nearest to the given times (all by default).
 
         Raises:
-            RecordingError: There is no such topic or picture, or it carries no pictures.
+            RecordingError: Unknown topic or image, or the topic carries no images.
         """
-        times = self.picture_times(topic)
+        times = self.image_times(topic)
         if t_ns is not None:
             indices = [int(np.argmin(np.abs(times - t))) for t in t_ns]
         wanted = range(len(times)) if indices is None else indices
         found = self._contents.images(topic, wanted)
         missing = [i for i in wanted if i not in found]
         if missing:
-            raise RecordingError(f"{self.path}: {topic} has no picture {missing[0]}; valid: 0 to {len(times) - 1}")
+            raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}; valid: 0 to {len(times) - 1}")
         return [found[i] for i in wanted]
 
-    def picture_times(self, topic: str) -> NDArray[np.int64]:
-        """(N,) ns, stamps of a topic's pictures.
+    def image_times(self, topic: str) -> NDArray[np.int64]:
+        """(N,) ns, stamps of a topic's images.
 
         Raises:
-            RecordingError: There is no such topic, or it carries no pictures.
+            RecordingError: Unknown topic, or it carries no images.
         """
         self._require(topic)
-        times = self._contents.picture_times(topic)
+        times = self._contents.image_times(topic)
         if times is None:
-            raise RecordingError(f"{self.path}: {topic} carries no pictures; valid: block()")
+            raise RecordingError(f"{self.path}: {topic} carries no images; valid: block()")
         return times
 
     def _require(self, topic: str) -> None:

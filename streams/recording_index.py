@@ -1,4 +1,4 @@
-"""What a recording holds and what is wrong with it, found by reading the file once, front to back."""
+"""Index of a recording's contents and problems, from one pass over the file."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from stridetwin.streams.topic_reader import READABLE, TopicReader, finite, incre
 
 RATE_TOLERANCE = 0.2
 _RATE_SAMPLES = 10
-LENIENT = "; to read it all the same: Recording(..., lenient=True), on the command line --lenient"
+LENIENT = "; to read it anyway: Recording(..., lenient=True), on the command line --lenient"
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """What a topic holds.
+    """Summary of a topic.
 
     Attributes:
         kind: Type of its samples.
@@ -46,19 +46,19 @@ class TopicInfo:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate; 0 for less than two samples."""
+        """Mean rate; 0 for fewer than two samples."""
         return (self.count - 1) * 1e9 / (self.last_ns - self.first_ns) if self.count > 1 else 0.0
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Something that would spoil an estimate.
+    """A problem that would corrupt an estimate.
 
     Attributes:
-        topic: Where, or "" for the file as a whole.
-        t_ns: When it is first met, None for the file as a whole.
-        what: In words.
-        count: How many samples it concerns.
+        topic: Topic, or "" for the file as a whole.
+        t_ns: Time of its first occurrence, None for the file as a whole.
+        what: Description.
+        count: Number of affected samples.
     """
 
     topic: str
@@ -74,7 +74,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Part:
-    """What one chunk holds of one topic: samples kept, first and last stamp, last stamp before it."""
+    """One topic in one chunk: samples kept, first and last stamp, last stamp before the chunk."""
 
     count: int
     first: int
@@ -84,14 +84,14 @@ class Part:
 
 @dataclass(frozen=True)
 class ChunkInfo:
-    """Where a chunk lies in the file, and what it holds by topic."""
+    """Position of a chunk in the file, and its contents by topic."""
 
     offset: int
     parts: dict[str, Part]
 
 
 def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[Problem]:
-    """Topics whose rate is far from the one that the rig declares."""
+    """Topics whose rate differs much from the one that the rig declares."""
     if rig is None:
         return
     declared = {t: imu.rate_hz for t, imu in rig.imus.items()}
@@ -110,22 +110,22 @@ class RecordingIndex:
 
     Args:
         path: The file.
-        lenient: Keep problems in mind instead of refusing the file at the first.
+        lenient: Collect problems instead of rejecting the file at the first one.
 
     Attributes:
-        topics: What is read of each topic.
+        topics: Summary of each topic that is read.
         metadata: Texts stored in the file.
-        problems: What would spoil an estimate.
+        problems: Problems that would corrupt an estimate.
         unread: Message type of every topic that is not read.
-        schema_version: As the file tells it.
+        schema_version: Schema version of the file.
         rig: The calibration, if the file has one.
         channels: Topic of every channel.
         readers: Decoder of every topic.
-        chunks: Where the samples lie.
-        picture_times: (N,) ns a chunk, for every topic of pictures.
+        chunks: Positions of the samples.
+        image_times: (N,) ns per chunk, for every image topic.
 
     Raises:
-        RecordingError: The file cannot be read, or (unless `lenient`) would spoil an estimate.
+        RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
@@ -134,12 +134,12 @@ class RecordingIndex:
         self.metadata: dict[str, str] = {}
         self.problems: list[Problem] = []
         self.unread: dict[str, str] = {}
-        self.schema_version = schema_version.UNTOLD
+        self.schema_version = schema_version.NO_VERSION
         self.rig: Rig | None = None
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
-        self.picture_times: dict[str, list[NDArray[np.int64]]] = {}
+        self.image_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
         self._scan()
@@ -165,7 +165,7 @@ class RecordingIndex:
 
     def _until(self) -> str:
         last = max((t.last_ns for t in self.topics.values()), default=None)
-        return "no sample lies before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
+        return "there is no sample before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
 
     def _top_record(self, opcode: int, offset: int, body: bytes) -> None:
         if opcode == Opcode.CHUNK:
@@ -195,7 +195,7 @@ class RecordingIndex:
             try:
                 self.rig = rig_from_yaml(attachment.data.decode(), RIG_NAME)
             except (UnicodeDecodeError, StrideTwinError) as error:
-                raise DamagedError(f"its calibration is not valid: {error}") from error
+                raise DamagedError(f"invalid calibration: {error}") from error
 
     def _register(self, record: Any) -> None:
         if isinstance(record, records.Schema):
@@ -233,7 +233,7 @@ class RecordingIndex:
         known = self.topics.get(topic)
         before = known.last_ns if known else -1
         try:
-            block = None if reader.is_picture else reader.block(messages)
+            block = None if reader.is_image else reader.block(messages)
             t = reader.times(messages) if block is None else block.t_ns
         except ValueError as error:
             self.note(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
@@ -242,7 +242,7 @@ class RecordingIndex:
         if not rising.all():
             i = int(np.argmin(rising))
             earlier = max(before, int(t[:i].max(initial=before)))
-            what = f"the stamp does not lie after the one before, {earlier * 1e-9:.6f} s"
+            what = f"the stamp is not after the previous one, {earlier * 1e-9:.6f} s"
             self.note(Problem(topic, int(t[i]), what, int((~rising).sum())))
         keep = rising
         if block is not None and not topic.startswith("/truth/"):
@@ -254,14 +254,14 @@ class RecordingIndex:
         if not len(kept) or reader.kind is None:
             return None
         if block is None:
-            self.picture_times.setdefault(topic, []).append(kept)
+            self.image_times.setdefault(topic, []).append(kept)
         part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
         return part
 
     def note(self, problem: Problem) -> None:
-        """Refuses the recording, or (when lenient) keeps the problem in mind."""
+        """Rejects the recording, or (when lenient) records the problem."""
         if not self.lenient:
             raise RecordingError(f"{self.path}: {problem}{LENIENT}")
         self.problems.append(problem)

@@ -1,8 +1,8 @@
-"""The rig: which sensors the wearer carries, where they sit and what they are told to be.
+"""The rig: the wearer's sensors, their mounts and their nominal calibration.
 
-One `Rig` describes everything that an estimator may know about the hardware: mounts, intrinsics, noise densities and
-rates. It is read and written as one Kalibr-style YAML file (`streams.kalibr`). What an estimator is told may differ
-from what the twin really has.
+A `Rig` contains everything that an estimator may know about the hardware: mounts, intrinsics, noise densities and
+rates. It is read and written as one Kalibr-style YAML file (`streams.kalibr`). The nominal calibration may differ from
+the true one of the twin.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """Where something sits.
+    """Pose of a sensor or board on a body.
 
     Attributes:
         body: Name of the body that carries it: pelvis, torso, head, thigh_l, shank_l, foot_l, exo_back, ...
@@ -36,18 +36,18 @@ class ImuCalibration:
     """Inertial sensor: noise as continuous-time densities (Kalibr's convention).
 
     Attributes:
-        topic: Stream it feeds.
+        topic: Topic of its samples.
         part: Name of the part.
         rate_hz: Sample rate.
-        mount: Where it sits.
+        mount: Pose on the body.
         gyroscope_noise_density: rad/s/√Hz.
         gyroscope_random_walk: rad/s²/√Hz.
         accelerometer_noise_density: m/s²/√Hz.
         accelerometer_random_walk: m/s³/√Hz.
         gyroscope_bias_sd: Turn-on bias, rad/s.
         accelerometer_bias_sd: Turn-on bias, m/s².
-        gyroscope_range: Largest rate it can tell, rad/s; 0 = not known.
-        accelerometer_range: Largest specific force it can tell, m/s²; 0 = not known.
+        gyroscope_range: Largest measurable rate, rad/s; 0 = unknown.
+        accelerometer_range: Largest measurable specific force, m/s²; 0 = unknown.
     """
 
     topic: str
@@ -69,16 +69,16 @@ class CameraCalibration:
     """Camera, pinhole with distortion.
 
     Attributes:
-        topic: Stream of its pictures.
+        topic: Topic of its images.
         part: Name of the part.
         rate_hz: Frame rate.
-        mount: Where it sits (optical frame).
+        mount: Pose on the body (optical frame).
         width: Pixels.
         height: Pixels.
         intrinsics: (fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0), as in OpenCV.
         distortion_model: `radtan` (k1, k2, p1, p2) or `equidistant`.
         distortion: (4,) coefficients.
-        depth_topic: Stream of the depth picture registered to it, or "".
+        depth_topic: Topic of the depth images registered to it, or "".
         imu_topic: Topic of the IMU that Kalibr's `T_cam_imu` refers to, or "".
         timeshift_cam_imu_s: t_imu = t_cam + shift.
     """
@@ -105,7 +105,7 @@ class CameraCalibration:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Board:
-    """Checkerboard that a camera looks at: its square at the least x and y is dark, a white margin surrounds it.
+    """Checkerboard that a camera observes: its square at the least x and y is dark, with a white margin around it.
 
     Attributes:
         name: Such as `foot_l`.
@@ -126,12 +126,12 @@ class OtherSensor:
     """A sensor without a Kalibr section: sonar, insole, AHRS, encoder, interaction cells, actuator.
 
     Attributes:
-        topic: Stream it feeds.
+        topic: Topic of its samples.
         kind: range, insole, ahrs, encoder, interaction or actuator.
         part: Name of the part.
         rate_hz: Sample rate.
-        mount: Where it sits.
-        parameters: What else an estimator is told (noise, cell positions, resolution), numbers or lists of numbers.
+        mount: Pose on the body.
+        parameters: Other nominal parameters (noise, cell positions, resolution), numbers or lists of numbers.
     """
 
     topic: str
@@ -142,10 +142,10 @@ class OtherSensor:
     parameters: Mapping[str, float | list[float] | list[list[float]]] = field(default_factory=dict)
 
     def number(self, name: str) -> float:
-        """One parameter that is a number.
+        """A numeric parameter.
 
         Raises:
-            StrideTwinError: The sensor has no such number; the message lists those it has.
+            StrideTwinError: The sensor has no such number; the message lists the existing ones.
         """
         value = self.parameters.get(name)
         if not isinstance(value, int | float):
@@ -167,7 +167,7 @@ class Rig:
         """Calibration of one IMU.
 
         Raises:
-            StrideTwinError: The rig has no such IMU; the message lists those it has.
+            StrideTwinError: The rig has no such IMU; the message lists the existing ones.
         """
         if topic not in self.imus:
             raise StrideTwinError(f"the rig has no IMU {topic!r}; it has {', '.join(sorted(self.imus)) or 'none'}")

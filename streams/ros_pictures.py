@@ -1,4 +1,4 @@
-"""Pictures and camera calibrations as ROS 2 messages."""
+"""Images and camera calibrations as ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys.store import Typestore
 
-from stridetwin.streams.bounded import check_pixels, decode_picture
+from stridetwin.streams.bounded import check_pixels, decode_image
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.ros_samples import frame_id
 from stridetwin.streams.ros_types import deserialise, serialise
@@ -18,7 +18,7 @@ from stridetwin.streams.samples import Depth, Image
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 RAW = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-PICTURES = (COMPRESSED, RAW)
+IMAGES = (COMPRESSED, RAW)
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 _PIXELS = {
     "mono8": ("u1", 1), "8UC1": ("u1", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3),
@@ -32,7 +32,7 @@ def _header(topic: str, t_ns: int) -> dict[str, Any]:
 
 
 def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
-    """A picture's pixels as a JPEG of some quality, or (None) as a PNG, which keeps every one."""
+    """An image's pixels as a JPEG of the given quality, or (None) as a lossless PNG."""
     pixels = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), np.uint8)
     if quality is None:
         _, data = cv2.imencode(".png", pixels)
@@ -42,16 +42,16 @@ def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uin
 
 
 def image_message(sample: Image, quality: int | None, data: NDArray[np.uint8] | None = None) -> bytes:
-    """A picture in a CompressedImage, with the `image_data` that is known of it."""
+    """An image in a CompressedImage, with its `image_data` if already known."""
     data = image_data(sample.pixels, quality) if data is None else data
     form = "png" if quality is None else "jpeg"
     return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": form, "data": data})
 
 
 def depth_message(sample: Depth, encoding: str) -> bytes:
-    """A depth picture as an Image: 16UC1 in mm as the RealSense driver, or 32FC1 in m; 0 = none."""
+    """A depth image as an Image: 16UC1 in mm as in the RealSense driver, or 32FC1 in m; 0 = none."""
     if encoding == "16UC1":
-        # Rounds to 16 bits at once; what is no number gives 0.
+        # Rounds to 16 bits in one step; NaN gives 0.
         mm = np.asarray(cv2.multiply(sample.depth, 1000.0, dtype=cv2.CV_16U))  # type: ignore[call-overload]
         pixels: NDArray[Any] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
     else:
@@ -68,7 +68,7 @@ def depth_message(sample: Depth, encoding: str) -> bytes:
 
 
 def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
-    """A camera's intrinsics, under the names that ROS has for them, for the picture stream `topic`."""
+    """A camera's intrinsics, under ROS's names, for the image topic `topic`."""
     fu, fv, pu, pv = camera.intrinsics
     is_radtan = camera.distortion_model == "radtan"
     values = {
@@ -83,11 +83,11 @@ def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> byt
     return serialise(CAMERA_INFO, _header(topic, t_ns) | values)
 
 
-def picture_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
-    """Whether a topic whose first message is `payload` carries colour (or grey) or depth.
+def image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
+    """Whether a topic with the first message `payload` carries colour (or grey) or depth.
 
     Raises:
-        ValueError: The encoding is none that we read.
+        ValueError: The encoding is not supported.
     """
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED:
@@ -95,19 +95,19 @@ def picture_kind(payload: bytes, typename: str, store: Typestore) -> type[Image]
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
 
-def read_picture(payload: bytes, typename: str, store: Typestore, topic: str, t_ns: int) -> Image | Depth:
+def read_image_message(payload: bytes, typename: str, store: Typestore, topic: str, t_ns: int) -> Image | Depth:
     """The sample in a CompressedImage or Image message.
 
     Raises:
-        ValueError: The encoding is none that we read, or the data is damaged.
+        ValueError: The encoding is not supported, or the data is damaged.
     """
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED and "compressedDepth" in message.format:
         return Depth(topic=topic, t_ns=t_ns, depth=_compressed_depth(message))
     if typename == COMPRESSED:
-        pixels = decode_picture(bytes(message.data))
+        pixels = decode_image(bytes(message.data))
         if pixels is None or pixels.dtype != np.uint8:
-            raise ValueError(f"a picture of format {message.format!r} that cannot be decoded to 8 bits")
+            raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 8 bits")
         return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
     if message.encoding not in _PIXELS:
         raise ValueError(f"encoding {message.encoding!r} is not read; valid: {', '.join(_PIXELS)}")
@@ -132,14 +132,14 @@ def _metres(mm: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _compressed_depth(message: Any) -> NDArray[np.float32]:
-    """Depth as ROS' compressed_depth_image_transport has it: 12 bytes of parameters, then a PNG of 16 bits.
+    """Depth in the format of ROS' compressed_depth_image_transport: 12 bytes of parameters, then a PNG of 16 bits.
 
-    For `32FC1` the PNG holds an inverse depth, a / z + b with a and b in the parameters.
+    For `32FC1` the PNG contains an inverse depth, a / z + b with a and b in the parameters.
     """
     data = np.asarray(message.data, np.uint8)
-    raw = decode_picture(bytes(data[12:])) if len(data) > 12 else None
+    raw = decode_image(bytes(data[12:])) if len(data) > 12 else None
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
-        raise ValueError(f"a picture of format {message.format!r} that cannot be decoded to 16 bits")
+        raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 16 bits")
     if not message.format.startswith("32FC1"):
         return _metres(raw)
     a, b = data[4:12].view("<f4")
@@ -149,6 +149,6 @@ def _compressed_depth(message: Any) -> NDArray[np.float32]:
 
 
 def rgb_from_bgr(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A picture as OpenCV reads it, in three channels of RGB."""
+    """An image as read by OpenCV, converted to three channels of RGB."""
     code = cv2.COLOR_BGRA2RGB if bgr.shape[2] == 4 else cv2.COLOR_BGR2RGB
     return np.asarray(cv2.cvtColor(bgr, code))

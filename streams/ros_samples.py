@@ -1,8 +1,7 @@
-"""Small samples as ROS 2 messages: which type stands for which sample, and how the numbers change hands.
+"""Small samples as ROS 2 messages: mapping of types and conversion of values.
 
-Standard types wherever one exists, so that any robotics tool opens a recording as it is. What differs between
-ROS and us is converted here and nowhere else: quaternions are x, y, z, w there, and an odometry's twist is
-given in the child frame.
+Standard types wherever one exists, so that any robotics tool opens a recording without plugins. All differences between
+ROS and us are converted here: quaternions are x, y, z, w in ROS, and an odometry's twist is given in the child frame.
 """
 
 from __future__ import annotations
@@ -49,12 +48,12 @@ _ABSENT = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # sensor_msgs/Imu: "no such 
 
 @dataclass(frozen=True)
 class Small:
-    """How one kind of small sample travels.
+    """Mapping of one kind of small sample to a message type.
 
     Attributes:
         kind: The sample's type.
         typename: The message's type.
-        fixed: (topic, rig, constants) to the values that all messages of the topic share, by dotted path.
+        fixed: (topic, rig, constants) to the values that are equal in all messages of the topic, by dotted path.
         write: Columns to message fields, by dotted path.
         read: Message rows to columns.
         constants: Strings of a message to the block's constants.
@@ -68,7 +67,7 @@ class Small:
     constants: Callable[[Layout], dict[str, Any]] = lambda _: {}
 
     def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, Layout]:
-        """One serialised message of a topic, and where its numbers lie."""
+        """One serialised message of a topic, and the layout of its numbers."""
         payload = serialise(self.typename, self.fixed(topic, rig, constants))
         return payload, layout_of(payload, self.typename, typestore())
 
@@ -82,7 +81,7 @@ def fill(rows: Rows, small: Small, block: Block[Any]) -> None:
 
 
 def stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N,) ns: the header's stamps, or the log times where there is no header or a driver left it empty."""
+    """(N,) ns: the header's stamps, or the log times if there is no header or it is empty."""
     if "header.stamp.sec" not in (rows.dtype.names or ()):
         return log_time
     t = rows["header.stamp.sec"].astype(np.int64) * 1_000_000_000 + rows["header.stamp.nanosec"]
@@ -104,7 +103,7 @@ def block_of(samples: Sequence[Sample]) -> Block[Any]:
 
 
 def frame_id(topic: str) -> str:
-    """Frame that a sensor's messages name: the topic without its leading slash."""
+    """Frame id of a sensor's messages: the topic without its leading slash."""
     return topic.removeprefix("/")
 
 
@@ -158,14 +157,14 @@ def _ahrs_fixed(topic: str, *_: object) -> dict[str, Any]:
 
 
 def _range_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
-    told = rig.others[topic].parameters if topic in rig.others else {}
+    parameters = rig.others[topic].parameters if topic in rig.others else {}
     named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
-    return {"header.frame_id": frame_id(topic), **{k: told.get(v, 0.0) for k, v in named.items()}}
+    return {"header.frame_id": frame_id(topic), **{k: parameters.get(v, 0.0) for k, v in named.items()}}
 
 
 def _range_read(rows: Rows) -> dict[str, NDArray[Any]]:
     distance = _f8(rows["range"])
-    return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf is a reading out of range
+    return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
 def _encoder_fixed(topic: str, *_: object) -> dict[str, Any]:
@@ -173,7 +172,7 @@ def _encoder_fixed(topic: str, *_: object) -> dict[str, Any]:
 
 
 def joint_name(topic: str) -> str:
-    """Joint that a topic speaks of: `knee_l` of `/exo/knee_l/encoder`."""
+    """Joint of a topic: `knee_l` of `/exo/knee_l/encoder`."""
     parts = topic.strip("/").split("/")
     return parts[-2] if len(parts) > 1 else parts[0]
 
@@ -245,7 +244,7 @@ def _footprint_read(rows: Rows) -> dict[str, NDArray[Any]]:
 
 
 def _renamed(kind: type[Sample], typename: str, fixed: Callable[..., dict[str, Any]], **paths: str) -> Small:
-    """A sample whose fields are message fields under another name."""
+    """A sample whose fields are message fields with another name."""
     return Small(
         kind,
         typename,
@@ -333,7 +332,7 @@ _BY_TYPE = {small.typename: small for small in SMALL.values()}
 
 
 def small_for(typename: str, first: Rows) -> Small:
-    """What the first message (one row) of a topic, whoever wrote it, says the topic is.
+    """Sample type of a topic, from its first message (one row) by any writer.
 
     An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a
     joint state of one joint and nothing but its position is an encoder.

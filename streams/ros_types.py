@@ -21,7 +21,7 @@ OWN_TYPES = ("Insole", "Interaction", "Actuator", "Footprint")
 
 @cache
 def typestore() -> Typestore:
-    """The types that we write: ROS 2 Jazzy's and those of `streams/msgs`."""
+    """The types that are written: ROS 2 Jazzy's and those of `streams/msgs`."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in OWN_TYPES:
         text = files(__package__).joinpath("msgs", f"{name}.msg").read_text(encoding="utf-8")
@@ -31,17 +31,17 @@ def typestore() -> Typestore:
 
 @cache
 def definition(typename: str) -> str:
-    """Definition of a type with those it needs, as an MCAP `ros2msg` schema holds it."""
+    """Definition of a type with all types that it needs, in the form of an MCAP `ros2msg` schema."""
     text, _ = typestore().generate_msgdef(typename, ros_version=2)
     return text
 
 
 @lru_cache(_MOST_STORES)
 def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
-    """The types that a recording's own schema defines, which may be of another ROS release than ours.
+    """The types that a recording's own schema defines, which may be of another ROS release.
 
     Raises:
-        ValueError: The schema cannot be understood.
+        ValueError: The schema cannot be parsed.
     """
     if encoding == "ros2msg" and text == _definition_or_empty(typename):
         return typestore()
@@ -51,7 +51,7 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
         types = get_types_from_msg(text, typename) if encoding == "ros2msg" else get_types_from_idl(text)
         check_types(types)
         store.register(types)
-        store.generate_msgdef(typename, ros_version=2)  # walks all types that it is made of
+        store.generate_msgdef(typename, ros_version=2)  # visits all types that it contains
     except Exception as error:  # the parser raises several unrelated kinds
         words = " ".join(str(error).split())
         raise ValueError(f"schema of {typename} cannot be parsed: {words[:120]}") from error
@@ -62,11 +62,11 @@ def deserialise(store: Typestore, payload: bytes, typename: str) -> Any:
     """The message in CDR bytes.
 
     Raises:
-        ValueError: They are none of this type.
+        ValueError: The bytes are not a message of this type.
     """
     try:
         return store.deserialize_cdr(payload, typename)
-    except Exception as error:  # the generated code trusts its input: struct, index, memory errors and more
+    except Exception as error:  # the generated code does not validate its input: struct, index, memory errors and more
         raise ValueError(f"not a {typename}: {' '.join(str(error).split())[:120]}") from error
 
 
@@ -75,7 +75,7 @@ def _definition_or_empty(typename: str) -> str:
 
 
 def message(typename: str, values: Mapping[str, Any]) -> Any:
-    """A message of a type: zeros and empty strings, but for `values`, given by dotted path."""
+    """A message of a type: zeros and empty strings, except for `values`, given by dotted path."""
     return _blank(typename, "", values)
 
 

@@ -1,4 +1,4 @@
-"""The samples that flow through the house: what a sensor of the rig, or the twin's truth, says at one instant.
+"""Sample types: measurements of the rig's sensors and ground truth, shared by simulator, recordings and estimators.
 
 A sample belongs to a topic and carries `t_ns`, integer nanoseconds on the recording's clock. Units are SI and
 radians. Frames: world x forward, y left, z up; quaternions are Hamilton, scalar first (w, x, y, z).
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sample:
-    """What one topic says at one instant.
+    """Measurement or ground truth of one topic at one instant.
 
     Attributes:
-        topic: Name of the stream, such as `/foot_l/imu`.
+        topic: Topic, such as `/foot_l/imu`.
         t_ns: Time in integer nanoseconds on the recording's clock.
     """
 
@@ -47,7 +47,7 @@ class Imu(Sample):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Accelerometer(Sample):
-    """Specific force alone, as some RGB-D cameras without a gyroscope give it.
+    """Specific force alone, as from some RGB-D cameras without a gyroscope.
 
     Attributes:
         specific_force: (3,) m/s²; +9.8 along the axis that points up at rest.
@@ -58,7 +58,7 @@ class Accelerometer(Sample):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Image(Sample):
-    """Camera picture.
+    """Camera image.
 
     Attributes:
         pixels: (H, W) grey or (H, W, 3) RGB, uint8.
@@ -69,7 +69,7 @@ class Image(Sample):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Depth(Sample):
-    """Depth picture.
+    """Depth image.
 
     Attributes:
         depth: (H, W) float32, m along the optical axis; 0 = none.
@@ -249,7 +249,7 @@ class Block(Generic[S]):
         topic: Name of the stream.
         kind: Type of its samples.
         t_ns: (N,) int64, strictly increasing.
-        columns: One array a field of `kind` (besides topic and t_ns), leading axis N.
+        columns: One array per field of `kind` (except topic and t_ns), leading axis N.
         constants: Fields that are the same in every sample (such as joint names).
     """
 

@@ -1,7 +1,7 @@
-"""How much a message definition may ask for: a hostile one declares arrays, or levels, that no message has.
+"""Size limits of message definitions: a malicious one declares arrays, or nesting, that no real message has.
 
-rosbags unrolls fixed arrays into code, and reads sequences element by element: what one element takes in bytes bounds
-how often a message can make it go round.
+rosbags unrolls fixed arrays into code, and reads sequences element by element. The size of an element bounds the
+number of iterations for a message.
 """
 
 from __future__ import annotations
@@ -13,26 +13,26 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 
 LARGEST_TEXT = 1 << 16
-"""Characters of a definition; the longest standard one that is read has a sixth of it."""
+"""Most characters of a definition; the longest standard one that is read has a sixth of it."""
 LARGEST_TEXTS = 1 << 18
-"""Characters of all the definitions of a file that mean something here: there are some 25 types of them."""
+"""Most characters of all definitions of a file that are read; there are about 25 types of them."""
 MOST_ELEMENTS = 1000
-"""Fields of a message with every fixed array of messages or texts written out; the largest standard one has 87."""
+"""Most fields of a message with every fixed array of messages or texts unrolled; the largest standard one has 87."""
 DEEPEST = 16
 _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*")
 
 
 class Definitions:
-    """The definitions of one file that were taken so far: each costs time to understand."""
+    """The definitions of one file read so far; each takes time to parse."""
 
     def __init__(self) -> None:
         self._known: set[str] = set()
 
     def take(self, text: str) -> None:
-        """Takes one.
+        """Adds one.
 
         Raises:
-            ValueError: It is too long, or there are too many.
+            ValueError: The definition is too long, or there are too many.
         """
         check_text(text)
         if text not in self._known:
@@ -42,23 +42,23 @@ class Definitions:
 
 
 def check_text(text: str) -> None:
-    """Refuses a definition that is too long to be one.
+    """Rejects a definition that is too long.
 
     Raises:
-        ValueError: It is.
+        ValueError: The definition is too long.
     """
     if len(text) > LARGEST_TEXT:
         raise ValueError(f"a definition of {len(text)} characters; valid: up to {LARGEST_TEXT}")
 
 
 def check_types(types: Mapping[str, Any]) -> None:
-    """Refuses types that no honest recording needs.
+    """Rejects types that no real recording needs.
 
     Args:
-        types: Field definitions by type, as rosbags' parsers give them.
+        types: Field definitions by type, as returned by rosbags' parsers.
 
     Raises:
-        ValueError: Names that are none, types inside themselves, too many fields, or sequences of nothing.
+        ValueError: Invalid names, recursive types, too many fields, or sequences of empty types.
     """
     counts: dict[str, int] = {}
     for name in types:
@@ -66,7 +66,7 @@ def check_types(types: Mapping[str, Any]) -> None:
 
 
 def _elements(name: str, types: Mapping[str, Any], counts: dict[str, int], around: tuple[str, ...]) -> int:
-    """Fields of one message of a type, those of its members included."""
+    """Number of fields of one message of a type, including those of its members."""
     if name in counts or name not in types:
         return counts.get(name, 1)
     if name in around or len(around) >= DEEPEST or not _NAME.fullmatch(name):
@@ -78,7 +78,7 @@ def _elements(name: str, types: Mapping[str, Any], counts: dict[str, int], aroun
         inner, size = detail if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ((node, detail), 1)
         each = _elements(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
         if node == Nodetype.SEQUENCE and each == 0:
-            raise ValueError(f"{name[:80]}.{field}: a sequence of what has no fields")
+            raise ValueError(f"{name[:80]}.{field}: a sequence of a type without fields")
         is_plain = inner[0] == Nodetype.BASE and inner[1][0] != "string"
         count += each * (size if node == Nodetype.ARRAY and not is_plain else 1)
         if count > MOST_ELEMENTS or (node == Nodetype.ARRAY and size > 1 << 20):

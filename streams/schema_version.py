@@ -1,7 +1,7 @@
-"""The version of what a recording holds: topics, message types, metadata and calibration.
+"""Schema version of a recording: topics, message types, metadata and calibration.
 
-A new minor version adds what older readers pass over; a new major one changes the meaning of what was there. Recordings
-made before versions were told are those of major version 0, and are read as 1.0.
+A new minor version adds items that older readers ignore; a new major version changes the meaning of existing items.
+Recordings without a version are those of major version 0, and are read as 1.0.
 """
 
 from __future__ import annotations
@@ -11,31 +11,31 @@ from collections.abc import Mapping
 from stridetwin.streams.errors import RecordingError
 
 RECORD = "stridetwin_schema"
-"""Name of the MCAP metadata record that tells it."""
+"""Name of the MCAP metadata record with the version."""
 VERSION = "1.0"
-UNTOLD = "0.0"
+NO_VERSION = "0.0"
 
 
 def written() -> dict[str, str]:
-    """What the record of a new recording says."""
+    """Contents of the record of a new recording."""
     return {"version": VERSION}
 
 
 def read(values: Mapping[str, str], source: object) -> str:
-    """The version that a recording's record tells.
+    """The version in a recording's record.
 
     Raises:
-        RecordingError: It is none, or of a major version that is yet to come.
+        RecordingError: The version is invalid, or of a newer major version.
     """
-    told = values.get("version", "")
-    major, _, minor = told.partition(".")
-    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(told) < 16):
+    version = values.get("version", "")
+    major, _, minor = version.partition(".")
+    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
         raise RecordingError(
-            f"{source}: schema version {told[:40]!r} is not valid; valid: MAJOR.MINOR, up to {VERSION}"
+            f"{source}: schema version {version[:40]!r} is not valid; valid: MAJOR.MINOR, up to {VERSION}"
         )
     if int(major) > int(VERSION.partition(".")[0]):
         raise RecordingError(
-            f"{source}: made by a newer release: its schema version is {told}, and this release reads up to {VERSION}; "
-            "update stridetwin to read it"
+            f"{source}: made by a newer release: its schema version is {version}, and this release reads "
+            f"up to {VERSION}; update stridetwin to read it"
         )
-    return told
+    return version

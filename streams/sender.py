@@ -14,7 +14,7 @@ from typing import Self
 
 from stridetwin.streams.messages import Encoder
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.ros_pictures import PICTURES
+from stridetwin.streams.ros_pictures import IMAGES
 from stridetwin.streams.samples import Sample
 from stridetwin.streams.wire import (
     END,
@@ -31,7 +31,7 @@ from stridetwin.streams.wire import (
     sample_frame,
 )
 
-PICTURES_HELD, SAMPLES_HELD = 8, 2048
+IMAGES_HELD, SAMPLES_HELD = 8, 2048
 """Most messages of a topic that wait for a receiver that is slow or away; then the oldest is dropped."""
 _RETRY_S = 0.2
 _CONNECT_S = 2.0
@@ -111,7 +111,7 @@ class Sender:
         """
         message = item if isinstance(item, Message) else self._encoder.message(item)
         ready = sample_frame(message)
-        most = PICTURES_HELD if message.typename in PICTURES else SAMPLES_HELD
+        most = IMAGES_HELD if message.typename in IMAGES else SAMPLES_HELD
         with self._changed:
             queue = self._queues.setdefault(message.topic, deque())
             while self._lossless and len(queue) >= most and not self._failure:

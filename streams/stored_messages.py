@@ -1,4 +1,4 @@
-"""A recording's messages in order of time: as they lie in the file, or made of the samples of another tool's."""
+"""A recording's messages in time order: stored ones, or encoded from the samples of another tool's files."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _Entry = tuple[int, int, str]
 
 
 def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
-    """Messages of some topics in order of time, at equal stamps IMUs first and pictures last.
+    """Messages of some topics in time order, at equal stamps IMUs first and images last.
 
     Args:
-        recording: An MCAP file's messages come as they lie; of others pictures come with every pixel, depth in float
-            metres.
-        topics: Those wanted.
+        recording: The messages of an MCAP file are returned unchanged; for other sources images are lossless, and depth
+            is in float metres.
+        topics: Topics to return.
     """
     if not recording.is_mcap:
         rig = recording.rig if recording.has_rig else Rig()
@@ -46,7 +46,7 @@ def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Mes
             if topic not in here:
                 continue
             reader = index.readers[topic]
-            times = reader.times(messages) if reader.is_picture else reader.block(messages).t_ns
+            times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
             before = chunk.parts[topic].before
             for i in increasing(times, before).nonzero()[0].tolist():
                 t_ns = int(times[i])
@@ -61,7 +61,7 @@ def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Mes
 
 
 def _sorted(messages: Iterator[Message], recording: Recording) -> Iterator[Message]:
-    """Messages in order of time, those of an instant in ours."""
+    """Messages in time order; those of one instant in our order."""
     group: list[Message] = []
     for message in messages:
         if group and message.t_ns != group[0].t_ns:

@@ -1,4 +1,4 @@
-"""The messages of one topic as samples, whoever wrote them."""
+"""Decoder of one topic's messages to samples, for any writer."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from rosbags.serde import SerdeError
 
 from stridetwin.streams.cdr import Layout, layout_of
 from stridetwin.streams.mcap_scan import DamagedError, Messages
-from stridetwin.streams.ros_pictures import PICTURES, picture_kind, read_picture
+from stridetwin.streams.ros_pictures import IMAGES, image_kind, read_image_message
 from stridetwin.streams.ros_samples import SMALL, Small, small_for, stamps
 from stridetwin.streams.ros_types import typestore_for
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 
-READABLE = frozenset([*PICTURES, *(small.typename for small in SMALL.values())])
+READABLE = frozenset([*IMAGES, *(small.typename for small in SMALL.values())])
 
-_MOST_UNEQUAL = 20_000  # read one by one
+_MOST_UNEQUAL = 20_000  # that are decoded one by one
 
 
 class TopicReader:
-    """Decodes one topic; remembers the layout of its messages.
+    """Decodes one topic and caches the layout of its messages.
 
     Args:
-        topic: Name of the stream.
+        topic: Topic.
         typename: ROS 2 message type, one of `READABLE`.
         encoding: Encoding of the schema, `ros2msg` or `ros2idl`.
         definition: Text of the schema.
@@ -39,44 +39,44 @@ class TopicReader:
         self.kind: type[Sample] | None = None
 
     @property
-    def is_picture(self) -> bool:
-        """Whether the topic carries pictures, which are decoded one at a time."""
-        return self.typename in PICTURES
+    def is_image(self) -> bool:
+        """Whether the topic carries images, which are decoded one at a time."""
+        return self.typename in IMAGES
 
     def times(self, messages: Messages) -> NDArray[np.int64]:
-        """(N,) stamps of pictures, without decoding them."""
+        """(N,) stamps of images, without decoding them."""
         if self.kind is None:
-            self.kind = self.picture_kind(messages.payload(0))
+            self.kind = self.image_kind(messages.payload(0))
         t = np.array([_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
         return t if t.any() else messages.log_time
 
-    def picture_kind(self, payload: bytes) -> type[Image] | type[Depth]:
+    def image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
         """Whether a message carries colour (or grey) or depth.
 
         Raises:
-            ValueError: It cannot be decoded.
+            ValueError: The message cannot be decoded.
         """
         try:
-            return picture_kind(payload, self.typename, self._store)
+            return image_kind(payload, self.typename, self._store)
         except SerdeError as error:
             raise ValueError(str(error)) from error
 
-    def picture(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
-        """One picture, of this topic or (where an import renames it) of another.
+    def image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
+        """One image, of this topic or (if an import renames it) of another.
 
         Raises:
-            ValueError: It cannot be decoded.
+            ValueError: The message cannot be decoded.
         """
         try:
-            return read_picture(payload, self.typename, self._store, topic or self.topic, t_ns)
+            return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
         except SerdeError as error:
             raise ValueError(str(error)) from error
 
     def block(self, messages: Messages) -> Block[Any]:
-        """All messages as one block; its stamps are as the messages have them, unchecked.
+        """All messages as one block, with unchecked stamps.
 
         Raises:
-            ValueError: A message is not of the topic's type.
+            ValueError: A message does not have the topic's type.
         """
         if np.all(messages.lengths == messages.lengths[0]):
             rows = messages.rows()
@@ -87,7 +87,7 @@ class TopicReader:
                 self._layout = layout
                 return self._decode(layout, rows.view(layout.dtype), messages.log_time)
         if len(messages) > _MOST_UNEQUAL:
-            raise ValueError(f"{len(messages)} messages of unequal form together; valid: up to {_MOST_UNEQUAL}")
+            raise ValueError(f"{len(messages)} messages of unequal layout together; valid: up to {_MOST_UNEQUAL}")
         return concatenated([self._single(messages, i) for i in range(len(messages))])
 
     def _single(self, messages: Messages, i: int) -> Block[Any]:
@@ -101,7 +101,7 @@ class TopicReader:
         try:
             columns = small.read(rows)
         except (IndexError, KeyError) as error:
-            raise ValueError(f"{self.typename} with a value that means nothing: {error}") from error
+            raise ValueError(f"{self.typename} with an invalid value: {error}") from error
         constants = small.constants(layout)
         return Block(
             topic=self.topic,
@@ -132,7 +132,7 @@ def concatenated(blocks: list[Block[Any]]) -> Block[Any]:
 
 
 def selected(block: Block[Any], keep: NDArray[np.bool_]) -> Block[Any]:
-    """The rows of a block that a mask (N,) keeps."""
+    """The rows of a block selected by a mask (N,)."""
     if keep.all():
         return block
     columns = {name: values[keep] for name, values in block.columns.items()}
@@ -149,7 +149,7 @@ def finite(block: Block[Any]) -> NDArray[np.bool_]:
 
 
 def increasing(t_ns: NDArray[np.int64], last: int) -> NDArray[np.bool_]:
-    """(N,) whether each stamp lies after every stamp before it, and after `last`."""
+    """(N,) whether each stamp is after every previous stamp, and after `last`."""
     before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]
     return np.asarray(t_ns > before)
 

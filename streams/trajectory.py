@@ -1,4 +1,4 @@
-"""A path through space: what an estimator returns and what scoring compares."""
+"""Trajectories: the output of estimators and the input of scoring."""
 
 from __future__ import annotations
 

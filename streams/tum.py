@@ -1,4 +1,4 @@
-"""Trajectories as TUM text files: `t x y z qx qy qz qw`, a row a pose (https://cvg.cit.tum.de/data/datasets/rgbd-dataset)."""
+"""Trajectories as TUM text files: `t x y z qx qy qz qw`, one row per pose (https://cvg.cit.tum.de/data/datasets/rgbd-dataset)."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.trajectory import Trajectory
 
-LATEST_S = 9e9  # what 64 bits of nanoseconds hold
-_FARTHEST_M = 1e9  # beyond it squares of errors are no numbers any more, and nobody walks there
+LATEST_S = 9e9  # range of 64-bit nanoseconds
+_FARTHEST_M = 1e9  # beyond it squared errors overflow
 _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def write_tum(trajectory: Trajectory, path: str | Path) -> None:
-    """Writes a trajectory, whole or not at all. Its covariance is not part of the format.
+    """Writes a trajectory, atomically. Its covariance is not part of the format.
 
     Args:
         trajectory: N poses; N rows are written, s and m.
-        path: File to make.
+        path: Output file.
     """
     poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
@@ -31,7 +31,7 @@ def write_tum(trajectory: Trajectory, path: str | Path) -> None:
 
 
 def seconds(t_ns: int) -> str:
-    """A stamp as the format has it, in seconds, to the nanosecond."""
+    """A stamp in the format's seconds, to the nanosecond."""
     return f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"
 
 
@@ -39,7 +39,7 @@ def decimal_seconds(word: str) -> int:
     """A stamp in seconds to nanoseconds, without a float's rounding of large epochs.
 
     Raises:
-        ValueError: It is none; says what is valid.
+        ValueError: Invalid word; the message says what is valid.
     """
     whole, _, fraction = word.partition(".")
     try:
@@ -57,7 +57,7 @@ def read_tum(path: str | Path) -> Trajectory:
     """Reads a trajectory; `#` begins a comment. Quaternions are normalised.
 
     Raises:
-        StrideTwinError: The file cannot be read, or a row is not valid; names line, column and what is valid.
+        StrideTwinError: The file cannot be read, or a row is invalid; names line, column and what is valid.
     """
     stamps: list[int] = []
     rows: list[list[float]] = []
@@ -68,11 +68,11 @@ def read_tum(path: str | Path) -> Trajectory:
                 rows.append(_row(path, number, words))
                 stamps.append(_stamp(path, number, words[0]))
                 if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
-                    raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the row before")
+                    raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the previous row")
     except (OSError, UnicodeDecodeError) as error:
         raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not rows:
-        raise StrideTwinError(f"{path}: no pose in it; valid: rows of {' '.join(_COLUMNS)}")
+        raise StrideTwinError(f"{path}: no pose; valid: rows of {' '.join(_COLUMNS)}")
     table = np.array(rows)
     q = table[:, [7, 4, 5, 6]]
     return Trajectory(

@@ -31,7 +31,7 @@ from stridetwin.streams.bounded import check_pixels
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml, rig_to_yaml
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.ros_pictures import PICTURES
+from stridetwin.streams.ros_pictures import IMAGES
 from stridetwin.streams.yaml_file import check_yaml
 
 VERSION = 1
@@ -202,7 +202,7 @@ def read_sample(body: bytes) -> Message:
         raise WireError(f"topic {topic[:40]!r} is not valid; valid: a name that begins with /")
     if not 0 <= t_ns < LATEST_NS:
         raise WireError(f"{topic}: stamp {t_ns} ns is not valid; valid: 0 to {LATEST_NS}")
-    if typename not in PICTURES and len(body) - at > LARGEST_SMALL:
+    if typename not in IMAGES and len(body) - at > LARGEST_SMALL:
         raise WireError(
             f"{topic}: a {typename[:60]!r} of {len(body) - at} bytes is not valid; valid: up to {LARGEST_SMALL}"
         )

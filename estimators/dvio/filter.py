@@ -131,7 +131,7 @@ class Dvio:
             stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
         odometry = cls(rig, options=Options(method=options.method, mount=mount))
-        first, poses = int(recording.picture_times(color)[0]), []
+        first, poses = int(recording.image_times(color)[0]), []
         for sample in samples:
             estimate = odometry.update(sample)
             if progress is not None and isinstance(sample, Image):

@@ -23,7 +23,7 @@ class _ReadOnce(McapContents):
         if not self._blocks:
             parts: dict[str, list[Block[Any]]] = {}
             for chunk in self._index.chunks:
-                small = [t for t in chunk.parts if not self._index.readers[t].is_picture]
+                small = [t for t in chunk.parts if not self._index.readers[t].is_image]
                 for name, messages in self._messages(chunk, small).items() if small else ():
                     block = self._kept_block(self._index.readers[name], messages, chunk.parts[name])
                     parts.setdefault(name, []).append(block)

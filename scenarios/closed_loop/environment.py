@@ -25,7 +25,7 @@ from stridetwin.sim.dynamics.drive import PERIOD_S
 from stridetwin.sim.dynamics.simulate import STEP_S
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.live import LiveTwin
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
@@ -64,7 +64,7 @@ class WalkPhysics(control.Physics):
         self._driven = [self.joints.index(joint) for joint in mounted]  # in the order in which motors are asked
         self._config, self._seeds = config, seeds
         self._seed = self._next_seed()
-        self.rig: Rig = outfit(config).told(self._seed)
+        self.rig: Rig = sensor_rig(config).nominal(self._seed)
         self._twin: Twin | None = None
         self._live: LiveTwin | None = None
         self._walking = ExitStack()

@@ -31,7 +31,7 @@ from stridetwin.scenarios.truth import TruePath
 from stridetwin.scenarios.walk_spread import walk_spread
 from stridetwin.sim.body import wearer
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.samples import Depth, Image, Imu, Insole, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
@@ -72,7 +72,7 @@ def told_walk(config: TwinConfig, case: Case, telling: Telling) -> dict[str, Any
         `approaches` and `time_ms`.
     """
     pitch = np.radians(reference("zhao2023")["protocol"]["mount_pitch_down_deg"][telling.pitch_down])
-    camera = replace(config.fittings.get("head_camera", Fitting()), pitch_down_rad=float(pitch))
+    camera = replace(config.fittings.get("head_camera", SensorConfig()), pitch_down_rad=float(pitch))
     fittings = {**config.fittings, "head_camera": camera}
     config = replace(config, sensors=SENSORS, fittings=fittings, physics=case.physics, exo=None)
     mount, sole_m = config.rig_mount, wearer(config.person, with_exo=False).body.shoe_length_m

@@ -18,7 +18,7 @@ from stridetwin.scenarios.experiments.case import Case
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.truth import TruePath
-from stridetwin.sim.fitting import STANDARD, Fitting
+from stridetwin.sim.fitting import STANDARD, SensorConfig
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.twin import Twin
@@ -97,7 +97,7 @@ def _record(scenario: str, case: Case, shoes: Path, wide: Path) -> None:
     assert isinstance(imu, ImuPart)
     endless = replace(imu, gyroscope=replace(imu.gyroscope, range=math.inf))
     record(twin, shoes, _quiet)
-    record(twin.refitted(("foot_imu",), {"foot_imu": Fitting(part=endless)}), wide, _quiet)
+    record(twin.refitted(("foot_imu",), {"foot_imu": SensorConfig(part=endless)}), wide, _quiet)
 
 
 def _quiet(stage: str, share: float) -> None:

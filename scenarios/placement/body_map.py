@@ -22,7 +22,7 @@ from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.limbs import shapes
 from stridetwin.sim.render import FilmCamera
 from stridetwin.sim.rig_bodies import UPPERS, add_rig
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
 
@@ -124,7 +124,7 @@ def _moves(free: Free) -> bool:
 
 def _mounts(config: TwinConfig) -> Iterator[tuple[str, tuple[Mount, bool]]]:
     """What sits on the left side or in the middle, by name; the right side is its mirror image."""
-    rig = outfit(config).rig
+    rig = sensor_rig(config).rig
     for kind in (rig.imus, rig.cameras, rig.others):
         for topic, sensor in kind.items():
             inside = any(c.depth_topic and c.imu_topic == topic for c in rig.cameras.values())
@@ -184,7 +184,7 @@ def _standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjD
     )  # fmt: skip
     spec.worldbody.add_light(pos=_SUN, dir=[-x for x in _SUN], diffuse=[0.5] * 3, castshadow=False)
     add_wearer(spec, config.person, config.exo)
-    add_rig(spec, outfit(config).rig)
+    add_rig(spec, sensor_rig(config).rig)
     model = compile_model(spec)
     model.vis.headlight.ambient[:] = 0.35
     data = mujoco.MjData(model)

@@ -11,7 +11,7 @@ from stridetwin.scenarios.placement.scores import GEOMETRIC
 from stridetwin.scenarios.placement.sight import Seeing, look_ahead, see_board
 from stridetwin.sim.cameras import board_seen_by
 from stridetwin.sim.parts.kinds import CameraPart, RgbdPart
-from stridetwin.sim.standard_rig import Outfit
+from stridetwin.sim.standard_rig import SensorRig
 from stridetwin.streams.errors import StrideTwinError
 
 _CELLS = {"insole": 4, "interaction": 2}
@@ -19,12 +19,12 @@ _WITHIN = ("head_imu", "exo_imu", "actuator")  # parts of other parts, or of the
 
 
 def geometric_scores(
-    outfit: Outfit, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
+    sensor_rig: SensorRig, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
 ) -> dict[str, float]:
     """Scores by name; what there is nothing to tell of (no board ever in view) is left out.
 
     Args:
-        outfit: Sensors of the place.
+        sensor_rig: Sensors of the place.
         walk: True motion; None where only weights are asked for.
         names: Of `GEOMETRIC`.
         seeing: When a board counts as seen.
@@ -32,7 +32,7 @@ def geometric_scores(
     Raises:
         StrideTwinError: A sensor that a score asks for is off, or a part has no weight.
     """
-    groups = {sensor.group for sensor in outfit.sensors.values()}
+    groups = {sensor.group for sensor in sensor_rig.sensors.values()}
     for name in names:
         needed = GEOMETRIC[name][0]
         if needed and needed not in groups:
@@ -40,20 +40,20 @@ def geometric_scores(
     asked = {GEOMETRIC[name][0] for name in names}
     found: dict[str, float] = {}
     if walk is not None and "foot_camera" in asked:
-        found |= _of_boards(outfit, walk, seeing)
+        found |= _of_boards(sensor_rig, walk, seeing)
     if walk is not None and "head_camera" in asked:
-        found |= _of_the_way(outfit, walk)
+        found |= _of_the_way(sensor_rig, walk)
     if "weight_g" in names:
-        found["weight_g"] = _weight_g(outfit)
+        found["weight_g"] = _weight_g(sensor_rig)
     if "foot_weight_g" in names:
-        found["foot_weight_g"] = _weight_g(outfit, "foot_l")
+        found["foot_weight_g"] = _weight_g(sensor_rig, "foot_l")
     return {name: found[name] for name in names if name in found}
 
 
-def _of_boards(outfit: Outfit, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
+def _of_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
     sights = []
-    for topic, camera in outfit.rig.cameras.items():
-        board, part = board_seen_by(outfit, topic), outfit.sensors[topic].part
+    for topic, camera in sensor_rig.rig.cameras.items():
+        board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
         if board is not None and isinstance(part, CameraPart):
             sights.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
     seen = np.array([s.seen for s in sights])
@@ -69,19 +69,19 @@ def _of_boards(outfit: Outfit, walk: PosedWalk, seeing: Seeing) -> dict[str, flo
     return found
 
 
-def _of_the_way(outfit: Outfit, walk: PosedWalk) -> dict[str, float]:
-    topic = next(t for t, camera in outfit.rig.cameras.items() if camera.depth_topic)
-    part = outfit.sensors[topic].part
+def _of_the_way(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
+    topic = next(t for t, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
+    part = sensor_rig.sensors[topic].part
     assert isinstance(part, RgbdPart)
-    outlook = look_ahead(walk, outfit.rig.cameras[topic], (part.depth.range_min, part.depth.range_max))
+    outlook = look_ahead(walk, sensor_rig.rig.cameras[topic], (part.depth.range_min, part.depth.range_max))
     return {"ahead_pct": 100.0 * outlook.ahead, "own_body_pct": 100.0 * outlook.own_body}
 
 
-def _weight_g(outfit: Outfit, body: str | None = None) -> float:
+def _weight_g(sensor_rig: SensorRig, body: str | None = None) -> float:
     """Of all sensors, or of those on one body."""
     total = 0.0
-    for topic, sensor in outfit.sensors.items():
-        if sensor.group in _WITHIN or body not in (None, sensor.told.mount.body):
+    for topic, sensor in sensor_rig.sensors.items():
+        if sensor.group in _WITHIN or body not in (None, sensor.calibration.mount.body):
             continue
         if not sensor.part.mass_kg:
             raise StrideTwinError(f"the part of {topic}, {sensor.part.name}, has no mass_g, which weight asks for")

@@ -24,7 +24,7 @@ from stridetwin.scenarios.placement.rows import Rows, key_of
 from stridetwin.scenarios.placement.scores import GEOMETRIC, Score
 from stridetwin.scenarios.processes import mapped
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
-from stridetwin.sim.standard_rig import Outfit, outfit
+from stridetwin.sim.standard_rig import SensorRig, sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 
@@ -115,7 +115,7 @@ class Measure:
         posed: Iterator[PosedWalk | str | None] = iter([None] * len(missing))
         if any(GEOMETRIC[name][0] for name in self._names):
             posed = self._plan([(plain[i], scenarios[i], *walks[j]) for i, j in missing])
-        worn: tuple[tuple[int, str], Outfit] | None = None
+        worn: tuple[tuple[int, str], SensorRig] | None = None
         for done, ((i, j), walk) in enumerate(zip(missing, posed), 1):
             name = walks[j][0].name
             scenario = scenarios[i][name]
@@ -124,7 +124,7 @@ class Measure:
                 if isinstance(scenario, str) or isinstance(walk, str):
                     raise StrideTwinError(scenario if isinstance(scenario, str) else str(walk))
                 if worn is None or worn[0] != (i, name):
-                    worn = (i, name), outfit(scenario.config)
+                    worn = (i, name), sensor_rig(scenario.config)
                 row["scores"] = geometric_scores(worn[1], walk, self._names, self._problem.seeing)
             except StrideTwinError as error:
                 row["failed"] = {"walk": str(error)}

@@ -1,1 +1,1 @@
-"""Forward simulation of the walk: real contacts under the feet, a whole-body controller, no hand at the root."""
+"""Forward simulation of the walk: contacts under the feet and a whole-body controller, no wrench at the root."""

@@ -1,9 +1,9 @@
-"""What the engine's contact constraints leave out: how contact points accelerate at zero joint acceleration.
+"""Term that the engine's contact constraints omit: acceleration of contact points at zero joint acceleration.
 
-MuJoCo asks of a contact that J q'' = a_ref with a_ref = -b v - k r (its documentation, "Computation", constraint
-model): the term J' q' is missing. Under a foot that stands while the leg swings over it, J' q' is some m/s², against
-which only the damping b holds: the foot slides at J' q' / b, tens of mm/s in fast walking whatever the friction.
-Here the term is taken off the reference acceleration, so that a contact holds what it touches.
+MuJoCo demands of a contact that J q'' = a_ref with a_ref = -b v - k r (its documentation, "Computation", constraint
+model): the term J' q' is missing. Under a stance foot, while the leg swings over it, J' q' is some m/s², and only the
+damping b opposes it: the foot slides at J' q' / b, tens of mm/s in fast walking whatever the friction. Here the term is
+subtracted from the reference acceleration, so that contact points do not slide.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Contacts(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactBias:
-    """Bodies of a model that may touch what does not move.
+    """Bodies of a model that may touch static geometry.
 
     Attributes:
-        body: (ngeom,) body of each geom; 0 for what is fixed to the world.
-        chain: (nbody, nv) which degrees of freedom move each body.
+        body: (ngeom,) body of each geom; 0 for geoms fixed to the world.
+        chain: (nbody, nv) degrees of freedom that move each body.
     """
 
     body: NDArray[np.int32]
@@ -57,12 +57,12 @@ class ContactBias:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> ContactBias:
-        """Finds them."""
+        """Finds the bodies of a model."""
         body = model.body_weldid[model.geom_bodyid]
         return cls(body=body, chain=np.array([chain_of(model, b) for b in range(model.nbody)]))
 
     def apply(self, data: mujoco.MjData) -> None:
-        """Corrects the reference accelerations of all contacts; to be called between `mj_step1` and `mj_step2`."""
+        """Corrects the reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`."""
         _apply(
             self.body, self.chain, Contacts.of(data), data.cvel, data.cdof_dot, data.subtree_com[1], data.qvel,
             data.efc_aref,

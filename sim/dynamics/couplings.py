@@ -23,7 +23,7 @@ class CouplingSet:
         bodies: (C, 2) ids of the exoskeleton's and the wearer's body.
         points: (C, 2, 3) m, in these bodies' frames.
         law: (C, 4, 3, 3) stiffness, damping, rotational stiffness and damping, exoskeleton body's axes.
-        chain: (C, 2, nv) which degrees of freedom move each body.
+        chain: (C, 2, nv) degrees of freedom that move each body.
     """
 
     bodies: NDArray[np.int64]
@@ -39,9 +39,9 @@ class CouplingSet:
         return cls(
             bodies=bodies,
             points=np.array([[c.p_in_exo, c.p_in_body] for c in couplings]).reshape(-1, 2, 3),
-            law=np.array([[c.stiffness, c.damping, c.turn_stiffness, c.turn_damping] for c in couplings]).reshape(
-                -1, 4, 3, 3
-            ),
+            law=np.array(
+                [[c.stiffness, c.damping, c.rotation_stiffness, c.rotation_damping] for c in couplings]
+            ).reshape(-1, 4, 3, 3),
             chain=np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool).reshape(
                 -1, 2, model.nv
             ),
@@ -64,10 +64,10 @@ def coupling_forces(
     bodies: NDArray[np.int64], points: Array, law: Array, chain: NDArray[np.bool_], xpos: Array, xmat: Array,
     cvel: Array, cdof: Array, centre: Array,
 ) -> Array:  # fmt: skip
-    """Generalised force (nv,) of all couplings, by the law of `coupling.wrench`.
+    """Generalised force (nv,) of all couplings, as in `coupling.wrench`.
 
     Args:
-        bodies: As in `CouplingSet`, like the three that follow.
+        bodies: As in `CouplingSet`, like the next three.
         points: (C, 2, 3).
         law: (C, 4, 3, 3).
         chain: (C, 2, nv).

@@ -1,4 +1,4 @@
-"""What the wearer's control does not know: another body, another floor, pushes, noise in the joints, missteps."""
+"""Disturbances that the wearer's controller does not know: body mass, floor height, pushes, joint noise, missteps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stridetwin.streams.samples import Array
 
 
 def disturbed(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
-    """A copy of the model with the body and the floor as they really are."""
+    """Copy of the model with the true body mass and floor height."""
     model = copy.copy(model)
     model.body_mass *= 1.0 + dynamics.mass_error
     model.body_inertia *= 1.0 + dynamics.mass_error
@@ -37,14 +37,14 @@ def pushing(dynamics: Dynamics, plan: Plan) -> Array:
 
 
 def misplaced(dynamics: Dynamics, plan: Plan) -> Array:
-    """(N, 2, 2) how far from its place each foot will land, at each instant of a plan, m, world."""
+    """(N, 2, 2) m, world, offset of each foot's landing from its foothold, at each instant of a plan."""
     off = np.zeros((len(plan.t), len(SIDES), 2))
     for misstep in dynamics.missteps:
         landing = plan.t[:, None] + plan.until_landing
         landing[~plan.swinging | (landing < misstep.at_s)] = np.inf
         first = landing.min()
         if not np.isfinite(first):
-            continue  # the last foot has landed by then
+            continue  # the last foot has already landed
         foot = int(landing.min(axis=0).argmin())
         during = np.isclose(landing[:, foot], first)
         off[during, foot] += plan.R_way[during] @ [misstep.forward_m, misstep.left_m]

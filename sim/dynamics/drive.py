@@ -1,13 +1,13 @@
-"""What drives the actuation modules: a law from joint angles to torques, and drivers that carry their rotors.
+"""Drive of the actuation modules: a control law from joint angles to torques, and drivers that compensate their rotors.
 
-`assist` helps both hips by delayed output feedback (after Lim et al. 2019, IEEE Trans. Robotics 35:1055): how far the
-legs were apart a quarter of a stride ago tells how fast they pass each other now, a hundred times a second.
+`assist` helps both hips by delayed output feedback (after Lim et al. 2019, IEEE Trans. Robotics 35:1055): the angle
+between the legs a quarter of a stride ago predicts how fast they pass each other now, a hundred times per second.
 
-Beneath the law each module's driver moves most of its own rotor, which the wearer's legs would else swing along on
-their straps: acceleration feedback from the motor's encoder in the driver's own loop (after Aguirre-Ollinger et al.
-2012, IEEE Trans. Neural Syst. Rehabil. Eng. 20:68), a transparent mode in the words of Shim et al. 2019. Beneath
-`assist` friction is left alone: it damps the frame on its straps. Beneath a law from outside friction is carried, too,
-as the gear's model tells it from the speed, and both but for a twentieth.
+Below the control law, each module's driver compensates most of its own rotor's inertia; otherwise the wearer's legs
+would have to swing the rotors through the cuffs. The driver uses acceleration feedback from the motor's encoder in its
+own loop (after Aguirre-Ollinger et al. 2012, IEEE Trans. Neural Syst. Rehabil. Eng. 20:68), which Shim et al. 2019
+call a transparent mode. With `assist`, friction is not compensated: it damps the frame on its cuffs. With an external
+control law, friction is compensated, too, as the gear's model predicts it from the speed, and both up to a twentieth.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ PERIOD_S, DRIVER_S = 0.01, 0.001
 _ASSIST_NM = 8.0  # for legs one radian apart
 _QUARTER_STRIDE_S = 0.25
 _SMOOTHING_S = 0.05
-_ROTOR, _FRICTION = 0.8, 0.0  # shares that are carried; with 1.4 of the rotors frame and straps begin to swing
+_ROTOR, _FRICTION = 0.8, 0.0  # compensated shares; at 1.4 times the rotors' inertia, frame and cuffs begin to oscillate
 _ROTOR_OF_LAW, _FRICTION_OF_LAW = 0.95, 0.95
-_ACCELERATION_S = 0.005  # over which the driver smooths what its encoder tells
+_ACCELERATION_S = 0.005  # smoothing time of the driver's encoder signal
 
 
-class Law(Protocol):
-    """From the angles of the powered joints to the torques that their motors are to give, once a `PERIOD_S`."""
+class ControlLaw(Protocol):
+    """Maps the angles of the powered joints to the torques that their motors should apply, once per `PERIOD_S`."""
 
     def __call__(self, angle: Array) -> Array:
         """(n,) N m, of (n,) rad, in the order of `modules`."""
@@ -42,10 +42,10 @@ class Law(Protocol):
 
 
 class DelayedFeedback:
-    """Help for both hips, by how far the legs were apart a quarter of a stride ago.
+    """Assistance of both hips by the angle between the legs a quarter of a stride ago.
 
     Args:
-        joints: The powered ones, both hips among them.
+        joints: The powered joints; both hips are among them.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
@@ -53,7 +53,7 @@ class DelayedFeedback:
         self._apart = deque([0.0] * round(_QUARTER_STRIDE_S / PERIOD_S), maxlen=round(_QUARTER_STRIDE_S / PERIOD_S))
 
     def __call__(self, angle: Array) -> Array:
-        """As `Law`."""
+        """As `ControlLaw`."""
         left, right = angle[self._hips]
         last = self._apart[-1]
         help_nm = -_ASSIST_NM * self._apart[0]
@@ -64,18 +64,18 @@ class DelayedFeedback:
 
 
 class Drive:
-    """Motors of an exoskeleton; they give what the law asked for a `PERIOD_S` before.
+    """Motors of an exoskeleton; they apply the torque that the control law demanded one `PERIOD_S` ago.
 
     Args:
-        model: Model of the wearer with it.
-        exo: Its modules, and what drives them.
-        law: Drives them in place of that; the drivers carry friction, too.
+        model: Model of the wearer with the exoskeleton.
+        exo: Its modules and its drive.
+        law: Replaces the drive of `exo`; the drivers then compensate friction, too.
 
     Raises:
-        ConfigError: As `modules`.
+        ConfigError: As for `modules`.
     """
 
-    def __init__(self, model: mujoco.MjModel, exo: Exo | None, law: Law | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, exo: Exo | None, law: ControlLaw | None = None) -> None:
         mounted = {} if exo is None or (exo.drive == "idle" and law is None) else modules(exo)
         hinges = [model.joint("exo_{}_flexion_{}".format(*joint.split("_"))) for joint in mounted]
         self._angle = np.array([hinge.qposadr[0] for hinge in hinges], dtype=int)
@@ -99,12 +99,12 @@ class Drive:
                 self._help, self._coming = self._coming, self._law(data.qpos[self._angle])
             speed = data.qvel[self._dof]
             if self._calls:
-                told = (speed - self._speed) / DRIVER_S
-                self._acceleration += (told - self._acceleration) * DRIVER_S / (_ACCELERATION_S + DRIVER_S)
+                measured = (speed - self._speed) / DRIVER_S
+                self._acceleration += (measured - self._acceleration) * DRIVER_S / (_ACCELERATION_S + DRIVER_S)
             self._speed = speed
             self._calls += 1
             friction = self._dry * np.tanh(speed / FRICTION_SPEED_RADPS) + self._viscous * speed
             torque = self._help + self._carried * self._acceleration + friction
-            torque[(np.abs(speed) > self._fastest) & (torque * speed > 0.0)] = 0.0  # there they can only brake
+            torque[(np.abs(speed) > self._fastest) & (torque * speed > 0.0)] = 0.0  # at this speed they can only brake
             given[self._dof] = np.clip(torque, -self._most, self._most)
         return given

@@ -1,4 +1,4 @@
-"""What the soles feel: which of their points are at the floor, and how high the floor is there."""
+"""Contact sensing of the soles: which of their points touch the floor, and how high the floor is there."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import PER_FOOT
 from stridetwin.streams.samples import Array
 
-_FLOOR_M = 0.015  # what is felt further from its plan is no floor but an edge
+_FLOOR_M = 0.015  # a contact farther than this from its plan is an edge, not the floor
 _UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least
-_PUSHES_M = 0.0003  # a point pushes from here on: counting on force that is not there yet lets the foot slap
-_LIFTS_M = 0.0015  # and until it is this far off: a foot that trembles keeps its footing
-_EARLY_S = 0.08  # before its planned landing a foot that feels the floor may already push
+_PUSHES_M = 0.0003  # a point bears force from here on; assuming force too early lets the foot slap
+_LIFTS_M = 0.0015  # and until it is this far off, so that a trembling foot stays in contact
+_EARLY_S = 0.08  # this long before its planned landing, a foot in contact may already bear force
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,7 +34,7 @@ class Soles:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Soles:
-        """Finds the points."""
+        """Finds the points in a model."""
         point = np.full(model.ngeom, -1, dtype=np.int64)
         for k, side in enumerate(SIDES):
             for i in range(PER_FOOT):
@@ -44,17 +44,17 @@ class Soles:
     def feel(
         self, data: mujoco.MjData, plan: Plan, i: int, before: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], Array]:  # fmt: skip
-        """Which points may push, and where the floor is.
+        """Which points may bear force, and where the floor is.
 
         Args:
             data: State after `mj_step1`.
-            plan: What is wanted.
+            plan: Planned motion.
             i: Row of the plan.
-            before: (2, points) which might push a control step ago.
+            before: (2, points) which points might bear force in the previous control step.
 
         Returns:
-            (2, points) whether a point may push; (2,) m, height of the floor above the plane of the planned footprint,
-            NaN where the foot feels none.
+            (2, points) whether a point may bear force; (2,) m, height of the floor above the plane of the planned
+            footprint, NaN for a foot without contact.
         """
         return _feel(
             self.point, Contacts.of(data), data.contact.dist, plan.R_sole[i], plan.p_sole[i], plan.swinging[i],
@@ -82,8 +82,8 @@ def _feel(
         for axis in range(3):
             upright += frame[c, axis] * R_sole[side, axis, 2]
         if abs(upright) < _UPRIGHT:
-            continue  # a riser's face, or an edge that the toes hang over
-        # a contact's point lies in the middle between the two surfaces, the floor half their distance below
+            continue  # the face of a riser, or an edge under overhanging toes
+        # a contact point lies midway between the two surfaces, so the floor is half their distance below it
         above = 0.0
         for axis in range(3):
             above += (pos[c, axis] - p_sole[side, axis]) * R_sole[side, axis, 2] / R_sole[side, 2, 2]

@@ -1,4 +1,4 @@
-"""What the controller is told at each of its instants: the reference, and which parts of the soles may push."""
+"""Input of the controller at each control instant: the reference, and which parts of the soles may bear force."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.replan import Planned
-from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_prices
+from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_weights
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.streams.samples import Array
 
 CONTROL_S = 0.002
 _ON_GROUND_RAD = 5e-4  # pitch within which heel and ball both count as on the ground
-_LANDS_RAD = 0.02  # the same while the foot comes down: soles sink in, and the end that lands may be there early
+_LANDS_RAD = 0.02  # the same while the foot comes down: soles sink in, and the landing end may arrive early
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,19 +30,19 @@ class Plan:
         q: (N, nq).
         v: (N, nv).
         a: (N, nv).
-        share: (N, 2) of the load.
-        touching: (N, 2, points) whether a sole point is meant to push.
-        price: (N, 2, points) what its force costs against that of others: on a foot that carries on its toes alone the
-            less, the nearer the wanted centre of pressure is.
-        R_sole: (N, 2, 3, 3) ground's frame under each foot, in the air under the footprint to come: the flat foot's
-            axes in the world.
+        share: (N, 2) share of the load.
+        touching: (N, 2, points) whether a sole point is planned to bear force.
+        price: (N, 2, points) relative cost of force at a point: under a foot that stands on its toes alone, the cost is
+            lower the closer the point is to the planned centre of pressure.
+        R_sole: (N, 2, 3, 3) axes in the world of the ground's frame under each foot (of the flat foot); in the air, of
+            the next footprint.
         p_sole: (N, 2, 3) m, the footprint.
         p_foot: (N, 2, 3) m; v_foot, a_foot its derivatives.
         com: (N, 2, 2) m and m/s, horizontal centre of mass and its rate.
         swinging: (N, 2) whether a foot is in the air.
         until_landing: (N, 2) s; 0 in stance.
         R_way: (N, 2, 2) columns forward and left of the way.
-        near_edge: (N, 2) whether the footprint to come lies before or behind a riser.
+        near_edge: (N, 2) whether the next footprint lies just before or behind a riser.
         R_foot: (N, 2, 3, 3); w_foot (N, 2, 3) rad/s, world axes; dw_foot its derivative.
     """
 
@@ -68,7 +68,7 @@ class Plan:
     dw_foot: Array
 
     def feet(self, i: int) -> Planned:
-        """What row i says of the feet."""
+        """State of the feet in row i."""
         return Planned(
             swinging=self.swinging[i], until_landing=self.until_landing[i], share=self.share[i], R_way=self.R_way[i],
             near_edge=self.near_edge[i], normal=self.R_sole[i, :, :, 2],
@@ -80,7 +80,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
 
     Args:
         reference: The planned motion.
-        model: Model of the wearer; its kinematics place the feet.
+        model: Model of the wearer; its kinematics give the pose of the feet.
         size: Wearer.
     """
     t = np.arange(0.0, reference.duration_s, CONTROL_S)
@@ -127,7 +127,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel, size: Wearer) -> P
             touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
             x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
-            price[toes, k, HEEL_POINTS:] = toe_prices(size, x)
+            price[toes, k, HEEL_POINTS:] = toe_weights(size, x)
     return Plan(
         t=t, q=q, v=v, a=a, share=loads[:, [0, 4]], touching=touching, price=price, R_sole=R_sole, p_sole=p_sole,
         com=com, swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,

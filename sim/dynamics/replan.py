@@ -1,12 +1,12 @@
-"""Footsteps moved on the way: the foot in swing lands where it catches the body, at the height where the floor is.
+"""Replanning of footsteps: the swing foot lands where it captures the body, at the measured height of the floor.
 
 The body's divergent motion is that of an inverted pendulum, xi = c + c'/omega (capture point: Pratt et al. 2006;
-divergent component of motion: Englsberger et al. 2015). What xi is off its plan when a foot is in the air shifts the
-place where that foot lands; the planned path of the pelvis then passes over to the shifted footprint as the pendulum
-would by itself, so that no force is spent on going back at once.
+divergent component of motion: Englsberger et al. 2015). The deviation of xi from its plan while a foot is in the air
+shifts the foothold of that foot. The planned path of the pelvis then moves to the shifted footprint as the pendulum
+would by itself, so that no force is spent on returning at once.
 
-A shifted footprint stays on the plane of the planned one. How far the floor really is from that plane is felt under
-the foot that stands, and expected under the next; a foot that does not press on the floor at its time goes on down.
+A shifted footprint stays on the plane of the planned one. The distance of the floor from that plane is measured under
+the stance foot and predicted under the next one. A foot that does not press on the floor on time continues downward.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 OMEGA = 3.2  # 1/s, sqrt(g / height of the centre of mass)
-_FOLLOW = 22.0  # rad/s, how fast a foot in the air follows its new place
-_PRESSURE_M = 0.02  # as far the centre of pressure can be shifted under a foot
-_BACK = 0.15  # share of the shift that each step gives back, towards the planned footprints
+_FOLLOW = 22.0  # rad/s, how fast a foot in the air follows its new foothold
+_PRESSURE_M = 0.02  # largest shift of the centre of pressure under a foot
+_BACK = 0.15  # share of the shift that each step removes, towards the planned footprints
 _FORWARD_M, _OUTWARD_M, _INWARD_M = 0.15, 0.12, 0.035
-_ON_EDGES_M = 0.0  # along the way where a riser is near: toes already reach to the edge
-_COMMITTED_S = 0.05  # before landing the foot's place is settled
-_SEARCH_MPS = 0.3  # how fast a late foot goes on down
-_SETTLE_MPS = 0.05  # and one that is over the floor but does not press
+_ON_EDGES_M = 0.0  # along the way near a riser: the toes already reach to the edge
+_COMMITTED_S = 0.05  # this long before landing, the foothold is fixed
+_SEARCH_MPS = 0.3  # downward speed of a late foot
+_SETTLE_MPS = 0.05  # and of a foot that is over the floor but does not press
 
 
 class Planned(NamedTuple):
-    """What the plan says of the feet at one instant; rows left, right.
+    """Planned state of the feet at one instant; rows left, right.
 
     Attributes:
         swinging: (2,) whether a foot is in the air.
         until_landing: (2,) s.
         share: (2,) of the load.
         R_way: (2, 2) columns forward and left of the way.
-        near_edge: (2,) whether the footprint to come lies before or behind a riser.
-        normal: (2, 3) of the ground under each foot, or under its footprint to come.
+        near_edge: (2,) whether the next footprint lies just before or behind a riser.
+        normal: (2, 3) normal of the ground under each foot, or under its next footprint.
     """
 
     swinging: NDArray[np.bool_]
@@ -52,11 +52,11 @@ class Planned(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What body and feet are found to do at one instant.
+    """Measured state of body and feet at one instant.
 
     Attributes:
-        com: (2, 2) m and m/s, horizontal centre of mass less its plan, and the rate of that.
-        floor: (2,) m, height of the floor above the plane of each footprint; NaN where the foot touches nothing.
+        com: (2, 2) m and m/s, horizontal centre of mass minus its plan, and the rate of that difference.
+        floor: (2,) m, height of the floor above the plane of each footprint; NaN for a foot without contact.
         pressing: (2,) whether a foot presses on the floor.
     """
 
@@ -67,12 +67,12 @@ class Sensed(NamedTuple):
 
 @dataclass(eq=False)
 class StepReplan:
-    """Shifts of feet and pelvis against the plan, world, m; rows left, right.
+    """Shifts of feet and pelvis relative to the plan, world, m; rows left, right.
 
     Attributes:
         foot: (2, 3, 3) shift of each foot, its rate and acceleration.
         root: (3, 3) shift of the pelvis, its rate and acceleration.
-        floor: (2,) how far the floor is above the plane of each foot's planned footprint.
+        floor: (2,) m, height of the floor above the plane of each foot's planned footprint.
     """
 
     foot: Array
@@ -85,13 +85,13 @@ class StepReplan:
         return cls(foot=np.zeros((2, 3, 3)), root=np.zeros((3, 3)), floor=np.zeros(2))
 
     def update(self, dt: float, planned: Planned, sensed: Sensed, misplaced: Array) -> None:
-        """Moves on by one control step.
+        """Advances by one control step.
 
         Args:
-            dt: Its length, s.
-            planned: Feet as planned.
-            sensed: Body and feet as they are.
-            misplaced: (2, 2) m, how far from where it should each foot will land.
+            dt: Length of the step, s.
+            planned: Planned state of the feet.
+            sensed: Measured state of body and feet.
+            misplaced: (2, 2) m, offset of each foot's landing from its foothold.
         """
         _update(self.foot, self.root, self.floor, dt, planned, sensed, misplaced)
 
@@ -114,7 +114,7 @@ def _update(
         pull[:] = 0.0
         held = foot[1 - k, 0, :2]
         if swinging[k] and until_landing[k] > _COMMITTED_S:
-            # what is off now grows until landing, less what the centre of pressure takes back till then
+            # the present deviation grows until landing, minus what the centre of pressure corrects until then
             growth = np.exp(OMEGA * until_landing[k])
             off = np.sign(xi) * np.maximum(growth * np.abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0)
             ahead, left = R_way.T @ (off + (1.0 - _BACK) * held)

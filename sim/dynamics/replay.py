@@ -1,4 +1,4 @@
-"""Plays back what was simulated, with the loads that the contacts carried."""
+"""Playback of a simulated walk, with the recorded contact loads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Replay(Player[SimulatedWalk]):
     """Plays a simulated walk."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
-        """Contact loads and joint torques at (N,) instants; the residual is what the root was given, nothing else."""
+        """Contact loads and joint torques at (N,) instants; the residual is the assistance at the root alone."""
         t = t_ns * 1e-9
         torque, push, turn = self._walk.efforts(t)
         names = self._walk.coordinates.names[6:]

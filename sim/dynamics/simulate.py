@@ -1,4 +1,4 @@
-"""The forward simulation: person, soles, couplings and controller stepped together, and the walk that comes out."""
+"""The forward simulation: steps person, soles, couplings and controller together, and returns the simulated walk."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stridetwin.sim.dynamics.contact_bias import ContactBias, Contacts
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
-from stridetwin.sim.dynamics.drive import DRIVER_S, Drive, Law
+from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
 from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
 from stridetwin.sim.dynamics.replan import Sensed, StepReplan
@@ -28,30 +28,30 @@ from stridetwin.streams.samples import Array
 STEP_S = DRIVER_S
 _SETTLE_S = 0.2  # on its soles, before the walk begins
 MARGIN_S = 2.0 * STEP_S
-"""Splines through steps that are still to come change what is told of so long before."""
+"""Future steps can still change the splines this long before them."""
 _EVERY = round(CONTROL_S / STEP_S)
 _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 
 class Simulation:
-    """A walk that is simulated a step of `STEP_S` at a time.
+    """A walk that is simulated in steps of `STEP_S`.
 
     Args:
-        model: Model with soles; contacts off outside the simulation.
+        model: Model with soles; contacts are off outside the simulation.
         reference: The planned motion.
         size: Wearer.
-        dynamics: Help and disturbances.
-        exo: The exoskeleton and what drives it; the wearer is used to it and knows what its motors do.
+        dynamics: Assistance and disturbances.
+        exo: The exoskeleton and its drive; the wearer is used to it and knows the torques of its motors.
         rng: Noise of the joint torques.
-        law: Drives the exoskeleton in place of what `exo` says.
+        law: Control law that replaces the drive of `exo`.
 
     Attributes:
-        fell_at: When the walker fell, s; None as long as he walks.
+        fell_at: Time at which the walker fell, s; None while they walk.
     """
 
     def __init__(
         self, model: mujoco.MjModel, reference: Reference, size: Wearer, dynamics: Dynamics, exo: Exo | None,
-        rng: np.random.Generator, law: Law | None = None,
+        rng: np.random.Generator, law: ControlLaw | None = None,
     ) -> None:  # fmt: skip
         self._plan = plan = plan_control(reference, model, size)
         self._push, self._misplace = pushing(dynamics, plan), misplaced(dynamics, plan)
@@ -75,16 +75,16 @@ class Simulation:
 
     @property
     def over(self) -> bool:
-        """Whether the walk has come to its end, or the walker fell."""
+        """Whether the walk has ended or the walker has fallen."""
         return self.fell_at is not None or self._step >= self._steps
 
     @property
     def time_s(self) -> float:
-        """How far the walk has come; below 0 while the walker settles on his soles."""
+        """Time of the walk; below 0 while the walker settles on their soles."""
         return self._step * STEP_S
 
     def step(self) -> None:
-        """Goes on by `STEP_S`."""
+        """Advances by `STEP_S`."""
         model, data, plan, step = self._model, self._data, self._plan, self._step
         mujoco.mj_step1(model, data)
         coupled = self._coupled
@@ -109,7 +109,7 @@ class Simulation:
         self._step = step + 1
 
     def _control_step(self, i: int, known: Array) -> None:
-        """What the walker does from here on, by row i of the plan and the (nv,) forces that he knows of."""
+        """Computes the wearer's torques from row i of the plan and the (nv,) forces that the wearer knows."""
         model, data, plan = self._model, self._data, self._plan
         self._touching, floor = self._soles.feel(data, plan, i, self._touching)
         mujoco.mj_subtreeVel(model, data)
@@ -122,7 +122,7 @@ class Simulation:
         self._pushed[:2] = self._push[i]
 
     def recent(self, seconds: float) -> SimulatedWalk:
-        """The last of the walk; what it says of its last `MARGIN_S` may still change."""
+        """The most recent part of the walk; its last `MARGIN_S` may still change."""
         return self._record.recent(
             self._step, max(self._step - round(seconds / STEP_S), 0), self._reference, self._size
         )
@@ -136,7 +136,7 @@ def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
     model.opt.timestep = STEP_S
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    model.opt.impratio = 50.0  # feet that stand creep less
+    model.opt.impratio = 50.0  # reduces the creep of stance feet
     for side in SIDES:
         model.dof_damping[model.joint(f"toe_extension_{side}").dofadr[0]] = TOE_DAMPING
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -145,7 +145,7 @@ def _physics(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 class _Record:
-    """Arrays that fill up during a simulation."""
+    """Arrays filled during a simulation."""
 
     def __init__(self, n: int, model: mujoco.MjModel) -> None:
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
@@ -159,17 +159,17 @@ class _Record:
         self._side = np.array([{"sole_l": 0, "sole_r": 1}.get(name[:6], -1) for name in names])
 
     def before(self, i: int, data: mujoco.MjData, torque: Array) -> None:
-        """Notes the state that step i starts from."""
+        """Records the state that step i starts from."""
         self._q[i], self._torque[i] = data.qpos, torque
 
     def after(self, i: int, data: mujoco.MjData) -> None:
-        """Notes the contacts at the start of step i, known once it is done."""
+        """Records the contacts at the start of step i; they are known once the step is done."""
         _foot_loads(
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )  # fmt: skip
 
     def recent(self, n: int, first: int, reference: Reference, size: Wearer) -> SimulatedWalk:
-        """What happened from one step to before another, as a walk of its own; its footsteps are the planned ones."""
+        """The steps from `first` to before `n` as a walk of their own; its footsteps are the planned ones."""
         t, x = STEP_S * np.arange(first, n, dtype=float), reference.coordinates.from_mujoco(self._q[first:n])
         loads = self._loads.at(slice(first, n))
         return SimulatedWalk(
@@ -179,7 +179,7 @@ class _Record:
         )  # fmt: skip
 
     def walk(self, n: int, reference: Reference, size: Wearer, fell_at: float | None) -> SimulatedWalk:
-        """The walk that the first n steps make."""
+        """The walk of the first n steps."""
         return SimulatedWalk.of(
             reference, size, STEP_S * np.arange(n, dtype=float), self._q[:n], self._torque[:n],
             self._loads.at(slice(n)), fell_at,
@@ -191,7 +191,7 @@ def _foot_loads(
     side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, contacts: Contacts, efc_force: Array,
     loads: FootRecord,
 ) -> None:  # fmt: skip
-    """Notes the feet's frames, sums elliptic contacts to a wrench on each foot and normal forces to a centre."""
+    """Records the feet's frames, the contact wrench on each foot, and the centre of the normal forces."""
     geoms, pos, frame, address = contacts
     R_feet, p_feet, force, moment, cop = loads
     for s in range(2):

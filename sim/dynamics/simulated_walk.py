@@ -1,4 +1,4 @@
-"""A walk as the simulation made it: smooth functions of time through its steps, and what the contacts carried."""
+"""A simulated walk: smooth functions of time through the physics steps, and the contact loads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stridetwin.sim.rotation import from_euler
 from stridetwin.streams.samples import Array
 
 _LOADED_N = 20.0
-_EARLY_OR_LATE_S = 0.12  # a touch-down is looked for this close to the planned one
+_EARLY_OR_LATE_S = 0.12  # a touch-down is searched this close to the planned one
 
 
 class FootRecord(NamedTuple):
@@ -46,7 +46,7 @@ class FootRecord(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SimulatedWalk:
-    """What the simulation did; the same questions as to a `Reference`.
+    """Result of the simulation, with the same interface as a `Reference`.
 
     The coordinates of the physics steps are the control points of cubic B-splines, so that position, velocity and
     acceleration agree exactly at any instant.
@@ -54,16 +54,16 @@ class SimulatedWalk:
     Attributes:
         duration_s: Length of the walk; it ends where the walker fell.
         size: Dimensions of the wearer.
-        steps: Footsteps of each foot as they happened.
+        steps: Footsteps of each foot as simulated.
         coordinates: Layout of the generalised coordinates.
         splines: Cubic splines of the coordinates.
         fell_at: When the walker fell, s, or None.
         t: (N,) s, the physics steps.
-        torque: (N, nv) what moved the joints, N m; the root's six rows are the assist (world force, torque in the
-            pelvis' axes), 0 without it.
+        torque: (N, nv) N m, generalised forces of the joints; the root's six rows are the assist (world force, torque
+            in the pelvis' axes), 0 without it.
         foot_force: (N, 2, 3) N, world, left and right.
         foot_torque: (N, 2, 3) N m about the foot frame's origin.
-        cop: (N, 2, 3) m, centre of pressure; meaningless without load.
+        cop: (N, 2, 3) m, centre of pressure; undefined without load.
     """
 
     duration_s: float
@@ -87,7 +87,7 @@ class SimulatedWalk:
         """The walk of N physics steps.
 
         Args:
-            reference: What was planned.
+            reference: The planned walk.
             size: Wearer.
             t: (N,) s.
             q: (N, nq).
@@ -116,7 +116,7 @@ class SimulatedWalk:
         return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
 
     def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two of `state`, in less time."""
+        """The first two results of `state`, faster."""
         return self.coordinates.moving(self.splines, np.clip(t, 0.0, self.duration_s))
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
@@ -127,7 +127,7 @@ class SimulatedWalk:
         return np.clip(np.round((t - self.t[0]) / (self.t[1] - self.t[0])).astype(np.int64), 0, len(self.t) - 1)
 
     def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
-        """What the ground carries at (N,) s."""
+        """Ground reaction on each foot at (N,) s."""
         i = self._nearest_steps(t)
         return {
             side: FootLoad(
@@ -138,7 +138,7 @@ class SimulatedWalk:
         }  # fmt: skip
 
     def efforts(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
-        """Joint torques (N, J) in the order of `coordinates.names[6:]`, and what helped the root in the world.
+        """Joint torques (N, J) in the order of `coordinates.names[6:]`, and the assistance at the root in the world.
 
         Returns:
             (N, J) N m; (N, 3) N; (N, 3) N m about the pelvis.
@@ -156,21 +156,21 @@ def through(t: Array, x: Array) -> BSpline:
 
 
 def _as_it_happened(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot: Array) -> Footstep:
-    """A planned footstep with the times at which the foot was loaded and the place where it stood."""
+    """A planned footstep with the simulated times of load and the simulated footprint."""
     loaded = lift > _LOADED_N
     touch = _nearest(t, np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1, step.t_touch)
     off = _nearest(t, np.flatnonzero(~loaded[1:] & loaded[:-1]) + 1, step.t_off)
     during = np.flatnonzero((t >= touch) & (t <= off))
     if not len(during):
         return step
-    # flat is where the sole's normal agrees best with the ground's
+    # the foot is flat where the sole's normal agrees best with the ground's
     flat = during[np.argmax(np.einsum("nij,ij->n", R_foot[during][:, :, 2:], step.R_world_sole[:, 2:]))]
     R_world_sole = _on_ground(R_foot[flat], step.R_world_sole[:, 2])
     return replace(step, t_touch=touch, t_off=off, p_foot_in_world=p_foot[flat], R_world_sole=R_world_sole)
 
 
 def _on_ground(R_world_foot: Array, normal: Array) -> Array:
-    """(3, 3) of a foot laid on its ground: a loaded sole of rubber is up to 0.3° off the plane that it stands on."""
+    """(3, 3) rotation of a foot projected onto its ground: a loaded rubber sole is tilted by up to 0.3°."""
     forward = R_world_foot[:, 0] - (R_world_foot[:, 0] @ normal) * normal
     forward /= np.linalg.norm(forward)
     return np.column_stack([forward, np.cross(normal, forward), normal])
@@ -184,7 +184,7 @@ def _nearest(t: Array, events: NDArray[np.int64], planned: float) -> float:
 
 
 def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
-    """(N,) rad, against the ground of the footstep that the foot is at or goes to."""
+    """(N,) rad, against the ground of the current or next footstep of the foot."""
     i = np.clip(np.searchsorted([s.t_off for s in steps], t), 0, len(steps) - 1)
     R_sole = np.array([s.R_world_sole for s in steps])[i]
     toes = np.einsum("nji,nj->ni", R_sole, R_foot[:, :, 0])

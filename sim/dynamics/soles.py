@@ -1,7 +1,7 @@
-"""Contact regions of the soles: heel, waist, ball and toes, small spheres under the shoe that alone touch the ground.
+"""Contact regions of the soles: heel, waist, ball and toes, small spheres that alone touch the ground.
 
 The pairs of heel and waist sit on the foot, those of ball and toes on the toe body, so that the hinge between them
-bends freely. The spheres' undersides lie in the sole's plane; their compliance stands for the sole's.
+bends freely. The undersides of the spheres lie in the sole's plane; their compliance represents the sole's.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from stridetwin.sim.config import SIDES
 from stridetwin.streams.samples import Array
 
 RADIUS_M = 0.006
-_HEEL_BLOCK_M = 0.065  # its front end carries where the heel hangs over an edge
-_LEAST_SHARE = 0.1  # of a foot's load on its toes that ball and tip each carry
+_HEEL_BLOCK_M = 0.065  # its front end bears load when the heel hangs over an edge
+_LEAST_SHARE = 0.1  # of a foot's toe load that ball and tip each bear
 FRICTION = 0.9
 PER_FOOT = 8
 HEEL_POINTS = 4  # of each foot's points, the first four
-NEAR_M = 0.004  # a sole point this close to the ground is felt
-# about the plan, N m/rad and N m s/rad: so light a body is not steered by forces alone
+NEAR_M = 0.004  # a sole point this close to the ground is in contact
+# about the plan, N m/rad and N m s/rad: forces alone do not control so light a body
 TOE_STIFFNESS, TOE_DAMPING = 40.0, 1.0
 _SOLREF = (0.0085, 1.0)
 _SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
 
 
 def sole_points(size: Wearer) -> list[tuple[str, Array]]:
-    """Body (`foot` or `toe`) and lowest point in its frame, m, of the contact regions of a foot."""
+    """Body (`foot` or `toe`) and lowest point in its frame, m, of each contact region of a foot."""
     shoe = size.shoe
     w = shoe.half_width - RADIUS_M
     tip = shoe.flat_tip_x - shoe.toe_hinge_x
@@ -38,7 +38,7 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
 
 
 def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
-    """Adds the contact spheres `sole_<side>_<i>`, unseen; they touch terrain and nothing else."""
+    """Adds the contact spheres `sole_<side>_<i>`, invisible; they touch nothing but terrain."""
     for side in SIDES:
         for i, (body, point) in enumerate(sole_points(size)):
             spec.body(f"{body}_{side}").add_geom(
@@ -49,10 +49,10 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
             )  # fmt: skip
 
 
-def toe_prices(size: Wearer, x: Array) -> Array:
-    """(N, 4) prices of force at the points of ball and toes that bring their centre of pressure to (N,) m of the foot.
+def toe_weights(size: Wearer, x: Array) -> Array:
+    """(N, 4) weights of force at the points of ball and toes that put their centre of pressure at (N,) m of the foot.
 
-    Where forces are dear in inverse proportion to a share, they come out in that proportion.
+    With weights in inverse proportion to a share, the forces come out in that proportion.
     """
     ahead = np.array([p[0] for body, p in sole_points(size) if body == "toe"])
     share = np.clip((x - size.shoe.toe_hinge_x) / ahead.max(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)[:, None]

@@ -23,7 +23,7 @@ def cross(a: Array, b: Array, out: Array) -> None:
 
 @numba.njit(cache=True)
 def rotate(R: Array, a: Array, out: Array) -> None:
-    """R (3, 3) times a (3,) into `out`; for so few numbers quicker than a call of BLAS."""
+    """R (3, 3) times a (3,) into `out`; for so few numbers faster than a BLAS call."""
     for k in range(3):
         out[k] = R[k, 0] * a[0] + R[k, 1] * a[1] + R[k, 2] * a[2]
 
@@ -34,7 +34,7 @@ def jacobian(cdof: Array, chain: NDArray[np.bool_], centre: Array, point: Array,
 
     Args:
         cdof: (nv, 6).
-        chain: (nv,) which degrees of freedom move the body.
+        chain: (nv,) degrees of freedom that move the body.
         centre: (3,) m, the point that `cdof` refers to.
         point: (3,) m, world.
         linear: (3, nv), filled.
@@ -63,7 +63,7 @@ def bias_acceleration(
 
     Args:
         cdof_dot: (nv, 6).
-        chain: (nv,) which degrees of freedom move the body.
+        chain: (nv,) degrees of freedom that move the body.
         centre: (3,) m, the point that `cdof_dot` refers to.
         qvel: (nv,).
         v_point: (3,) m/s, velocity of the point.

@@ -1,4 +1,4 @@
-"""Whole-body control: joint torques that track the reference with forces that the ground can give.
+"""Whole-body control: joint torques that track the reference with contact forces that the ground can provide.
 
 At each step the joint accelerations minimise a weighted sum of squared deviations (joints, swing foot, stance, contact
 points at rest) under the rows of the equations of motion that no motor drives: the six of the root, and the joints of
@@ -58,7 +58,7 @@ class PushingPoints(NamedTuple):
 
 @numba.njit(cache=True)
 def forward(L: Array, X: Array) -> None:
-    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns quicker than a call of LAPACK."""
+    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call."""
     for i in range(len(L)):
         for j in range(i):
             for c in range(X.shape[1]):
@@ -91,7 +91,7 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
         B: (6, n).
         d: (6,).
         r: (n,) positive.
-        p: (n,) what the forces would be by themselves.
+        p: (n,) natural values of the forces.
     """
     y, step, value = d.copy(), np.zeros(6), 1e300
     for _ in range(_NEWTON_STEPS):
@@ -115,11 +115,11 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
 
 @numba.njit(cache=True)
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Equations of motion of the driven coordinates once the free ones (no motor, no contact) have been solved for.
+    """Equations of motion of the driven coordinates after elimination of the free ones (no motor, no contact).
 
     Args:
         M: (nv, nv) mass matrix.
-        h: (nv,) bias less all known forces.
+        h: (nv,) bias minus all known forces.
         driven: (a,) coordinates to keep.
         free: (b,) coordinates whose generalised force is known and in `h`.
 
@@ -162,13 +162,13 @@ def solve(
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
 
     Returns:
-        (n,) accelerations; (n,) generalised forces, the root's being the assist; (k, 4) contact forces along
-        the edges; (6,) what the root lacks (0 but for rounding).
+        (n,) accelerations; (n,) generalised forces, where those of the root are the assist; (k, 4) contact forces along
+        the edges; (6,) residual at the root (0 up to rounding).
     """
     task_rows, task_wanted, task_weight = tasks
     contacts, edges, cost, change, last = points
     n, k = len(h), len(cost)
-    # the tasks reach only root and legs; elsewhere the Hessian is the diagonal of the weights
+    # the tasks affect only root and legs; elsewhere the Hessian is the diagonal of the weights
     back = np.empty((n, 7))
     back[:, :6] = M[:6].T
     back[:, 6] = weight * wanted + task_rows.T @ (task_weight * task_wanted)

@@ -1,4 +1,4 @@
-"""Smoothest rise or fall of a foot over what stands in its way."""
+"""Smoothest rise or fall of a foot over an obstacle."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from scipy.optimize import nnls
 
 from stridetwin.streams.samples import Array
 
-_REST = 3  # samples at each end that lie still: position, velocity and acceleration are given there
-_AT_REST: Any = [(1, 0.0), (2, 0.0)]  # the stubs of SciPy know no pairs
+_REST = 3  # samples at each end that are at rest: position, velocity and acceleration are given there
+_AT_REST: Any = [(1, 0.0), (2, 0.0)]  # SciPy's stubs do not allow pairs
 
 
 def smoothest_above(rise: float, least: Array) -> tuple[BSpline, float]:
-    """Height that changes by `rise` from rest to rest with the least jerk and nowhere lies below `least`.
+    """Height that changes by `rise` from rest to rest with the least jerk and nowhere falls below `least`.
 
-    Without a limit it is the minimum-jerk step (Flash & Hogan 1985); where it would lie too low it touches the limit
-    with a bounded acceleration. A bounded least-squares problem in the samples of the height.
+    Without a limit it is the minimum-jerk step (Flash & Hogan 1985); where that would be too low, it touches the limit
+    with a bounded acceleration. Solved as a bounded least-squares problem in the samples of the height.
 
     Args:
-        rise: End less start, m.
-        least: (N,) m above the start, on N uniform instants from the start to the end; -inf where anything goes.
+        rise: End minus start, m.
+        least: (N,) m above the start, at N uniform instants from the start to the end; -inf for no limit.
 
     Returns:
         Height over the start, m, as a spline on [0, 1], and the mean square of its third derivative by that parameter.
@@ -37,7 +37,7 @@ def smoothest_above(rise: float, least: Array) -> tuple[BSpline, float]:
     limited = np.isfinite(least[inner])
     short = (least - z)[inner][limited]
     if (short > 0.0).any():
-        # the least change of the residual that lifts the height by what it is short of (Lawson & Hanson 1974, ch. 23)
+        # the least change of the residual that lifts the height by its shortfall (Lawson & Hanson 1974, ch. 23)
         goal = np.append(np.zeros(free.shape[1]), 1.0)
         system = np.vstack([free[limited].T, short])
         left = system @ nnls(system, goal)[0] - goal
@@ -48,7 +48,7 @@ def smoothest_above(rise: float, least: Array) -> tuple[BSpline, float]:
 
 @cache
 def _least_jerk(n: int) -> tuple[Array, Array, Array]:
-    """Third difference of n samples, and for those that are not at rest its Q and the inverse of its R."""
+    """Third difference of n samples, and the Q and inverse R of the samples that are not at rest."""
     third = np.diff(np.eye(n), 3, axis=0)
     Q, R = np.linalg.qr(third[:, _REST : n - _REST])
     return third, Q, np.linalg.inv(R)

@@ -1,9 +1,9 @@
-"""How the exoskeleton's legs follow the wearer: first where their couplings hold them, then what their weight does.
+"""Motion of the exoskeleton's legs with the wearer: first without weight on their couplings, then with it.
 
 Each leg of the frame hangs on the pelvis by joints with stops and is coupled to the wearer at the thigh cuff, the
-shank cuff and the heel (`exoskeleton.couplings`). `fit_leg` finds the angles of least elastic energy, the leg taken as
-weightless. `settle` adds what its weight, inertia, rotors and friction do: the motion about that fit, linearised at
-every instant, integrated in time. So the couplings carry the leg as they would in a forward simulation.
+shank cuff and the heel (`exoskeleton.couplings`). `fit_leg` finds the angles of least elastic energy of a weightless
+leg. `settle` adds the effect of its weight, inertia, rotors and friction: the motion relative to that fit, linearised
+at every instant and integrated in time. So the couplings carry the leg as they would in a forward simulation.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from stridetwin.sim.rigid_tree import Tree, chain_loads
 from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops
-STOP_WIDTH_RAD = np.radians(0.5)  # over which a stop comes in
+STOP_WIDTH_RAD = np.radians(0.5)  # over which a stop engages
 _ITERATIONS = 12
 _STOP_ITERATIONS = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limbs:
-    """Pose of one of the wearer's legs in the pelvis' frame at N instants: what the couplings hold on to.
+    """Pose of one of the wearer's legs, to which the couplings attach, in the pelvis' frame at N instants.
 
     Attributes:
         p: (N, 3) m, origin by body: thigh, shank, foot.
@@ -63,8 +63,8 @@ class ExoLeg:
 
     Attributes:
         frame: Its joints and bodies.
-        is_standard: Whether it is that of Shim et al.
-        kernel: What the compiled loops read.
+        is_standard: Whether it is the leg of Shim et al.
+        kernel: Input of the compiled loops.
 
     Raises:
         ValueError: The wearer has no exoskeleton.
@@ -78,13 +78,13 @@ class ExoLeg:
         self.kernel = exo_kernel.Leg(
             offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in own]),
             p_in_exo=np.array([c.p_in_exo for c in own]), p_in_body=np.array([c.p_in_body for c in own]),
-            stiffness=np.array([[c.stiffness, c.turn_stiffness] for c in own]),
-            damping=np.array([[c.damping, c.turn_damping] for c in own]),
+            stiffness=np.array([[c.stiffness, c.rotation_stiffness] for c in own]),
+            damping=np.array([[c.damping, c.rotation_damping] for c in own]),
             stops=frame.stops, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
         )  # fmt: skip
 
     def strains(self, q: Array, wearer: Limbs) -> tuple[Array, Array]:
-        """(N, 6 C) strains of the couplings (displacement, turn; see `coupling.strain`) and their (N, 6 C, J) Jacobian.
+        """(N, 6 C) strains of the couplings (displacement, rotation; `coupling.strain`) and their (N, 6 C, J) Jacobian.
 
         Args:
             q: (N, J) rad.
@@ -93,15 +93,15 @@ class ExoLeg:
         return exo_kernel.strains(self.kernel, q, *self.held(wearer))
 
     def held(self, wearer: Limbs) -> tuple[Array, Array]:
-        """(N, C, 3) m, origins, and (N, C, 3, 3) rotations of the wearer's bodies that the couplings hold on to."""
+        """(N, C, 3) m, origins, and (N, C, 3, 3) rotations of the wearer's bodies to which the couplings attach."""
         return np.stack([wearer.p[b] for b in self._held], 1), np.stack([wearer.R[b] for b in self._held], 1)
 
 
 def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
-    """Refuses an exoskeleton of the user's own whose cuffs do not hold it, or too stiffly for its weight.
+    """Rejects a custom exoskeleton whose cuffs do not hold it, or hold it too stiffly for its weight.
 
     Raises:
-        ConfigError: As `own_exo.check_held`.
+        ConfigError: As for `own_exo.check_held`.
     """
     if not isinstance(size.exo, OwnExo):
         return
@@ -124,14 +124,14 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
 
 
 def fit_leg(leg: ExoLeg, wearer: Limbs) -> Array:
-    """(N, J) angles of a weightless leg: the least energy of couplings and stops, by Newton's method."""
+    """(N, J) angles of a weightless leg: least energy of couplings and stops, by Newton's method."""
     q = _guess(wearer) if leg.is_standard else np.zeros((len(wearer.p["foot"]), len(leg.frame.joints)))
     exo_kernel.fit(leg.kernel, q, *leg.held(wearer), _ITERATIONS)
     return q
 
 
 def _guess(wearer: Limbs) -> Array:
-    """(N, 6) angles of the leg of Shim et al. near its wearer's."""
+    """(N, 6) initial angles of the leg of Shim et al., from the wearer's leg."""
     R_thigh, R_shank = wearer.R["thigh"], wearer.R["shank"]
     R_ankle = np.swapaxes(R_shank, 1, 2) @ wearer.R["foot"]
     q = np.zeros((len(R_thigh), 6))
@@ -147,19 +147,18 @@ def settle(
 ) -> dict[str, Array]:  # fmt: skip
     """Angles of both legs with their weight, inertia, rotors and friction.
 
-    Solves M δ'' + C δ' + K δ + stops(q + δ) = −(loads + gradient) for the deviation δ from angles q, at rest at first
-    (Newmark's method with constant average acceleration), and again about what that gives.
+    Solves M δ'' + C δ' + K δ + stops(q + δ) = −(loads + gradient) for the difference δ from the angles q, initially at
+    rest (Newmark's method with constant average acceleration), and linearises again about the result.
 
     Args:
         legs: Statics by side.
-        start: (N, J) rad by side, angles at `t` to begin with: of weightless legs, or what a motion close to this one
-            gave.
+        start: (N, J) rad by side, initial angles at `t`: of weightless legs, or the result for a similar motion.
         wearers: The wearer's legs at `t`.
         model: Compiled model of the wearer.
         layout: Its coordinates.
         splines: All coordinates; those of the legs are not read.
         t: (N,) s, evenly spaced.
-        rounds: How often it is solved.
+        rounds: Number of linearisations.
 
     Returns:
         (N, J) rad by side.

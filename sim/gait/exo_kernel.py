@@ -1,4 +1,4 @@
-"""Compiled loops of `exo_fit`: a leg of the frame on its couplings at every instant, and its motion through time."""
+"""Compiled loops of `exo_fit`: a leg of the frame on its couplings at every instant, and its motion over time."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.triples import (
-    Rows,
-    Triple,
+    Mat3,
+    Vec3,
     cross,
     dot,
+    mat3,
+    matmul,
+    matvec,
     minus,
     plus,
-    product,
     put,
-    rows,
     times,
     transposed,
-    triple,
-    turned,
+    vec3,
 )
 from stridetwin.streams.samples import Array
 
-_FAR = 40.0  # widths from a stop where it is no more felt than rounding
-# Steps below which there is nothing left to gain: the fit converges linearly, the march by squares of the step over
-# the width of a stop.
+_FAR = 40.0  # widths from a stop, where its torque is below rounding
+# Steps below which nothing is gained: the fit converges linearly, the march quadratically in the step relative to the
+# width of a stop.
 _FITTED_RAD, _MET_RAD = 1e-4, 1e-6
 
 
@@ -40,10 +40,10 @@ class Leg(NamedTuple):
         last: (C,) body of the leg that each coupling holds.
         p_in_exo: (C, 3) m, attachment in that body's frame.
         p_in_body: (C, 3) m, attachment in the frame of the wearer's body.
-        stiffness: (C, 2, 3, 3) of displacement, N/m, and turn, N m/rad.
+        stiffness: (C, 2, 3, 3) of displacement, N/m, and rotation, N m/rad.
         damping: (C, 2, 3, 3) N s/m, N m s/rad.
         stops: (J, 2) rad, lower and upper.
-        stop: (2,) stiffness of a stop, N m/rad, and the width over which it comes in, rad.
+        stop: (2,) stiffness of a stop, N m/rad, and the width over which it engages, rad.
     """
 
     offsets: Array
@@ -68,13 +68,13 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
         R: (N, C, 3, 3) its rotation.
 
     Returns:
-        (N, 6 C) displacement and turn by coupling, and (N, 6 C, J).
+        (N, 6 C) displacement and rotation by coupling, and (N, 6 C, J).
     """
     n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)
     value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))
-    pivots, turns, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     for i in range(n):
-        _strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, turns, axes)
+        _strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, rotations, axes)
     return value, jacobian
 
 
@@ -82,17 +82,17 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
 def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
     """Moves (N, J) angles to where couplings and stops have the least energy, by the Gauss-Newton method.
 
-    The instants follow on each other: from the second on, what the one before was moved by is the first move.
+    The instants are consecutive: from the second on, the step of the previous instant is the initial step.
     """
     dofs = len(leg.axes)
     value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
-    pivots, turns, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     step, hessian, moved = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs)
     for i in range(len(q)):
         guess = q[i].copy()
         q[i] += moved
         for _ in range(iterations):
-            _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, turns, axes)
+            _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
             _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
             for j in range(dofs):
                 torque, slope = stop_torque(leg, j, q[i, j])
@@ -110,7 +110,7 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
 
 @numba.njit(cache=True)
 def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array, Array]:
-    """(N, J) Jᵀ L x and (N, J, J) Jᵀ L J of strains or their rates x (N, 6 C) under a law (C, 2, 3, 3)."""
+    """(N, J) Jᵀ L x and (N, J, J) Jᵀ L J of strains or their rates x (N, 6 C) with gains L (C, 2, 3, 3)."""
     n, dofs = len(value), len(leg.axes)
     torque, matrix = np.empty((n, dofs)), np.empty((n, dofs, dofs))
     for i in range(n):
@@ -152,7 +152,7 @@ def march(
 
 @numba.njit(cache=True)
 def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
-    """Torque that the stops of a joint ask for, N m, and its slope, N m/rad: the gradient of their energy, smooth."""
+    """Torque of a joint's stops, N m, and its slope, N m/rad: the gradient of a smooth energy."""
     stiffness, width = leg.stop
     over, under = (angle - leg.stops[j, 1]) / width, (leg.stops[j, 0] - angle) / width
     torque, slope = 0.0, 0.0
@@ -168,7 +168,7 @@ def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
 def _meet_stops(
     leg: Leg, matrix: Array, right: Array, angles: Array, x: Array, rest: Array, jacobian: Array, iterations: int
 ) -> None:  # fmt: skip
-    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method; `rest`, `jacobian` are room."""
+    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method; `rest`, `jacobian`: buffers."""
     dofs = len(x)
     for _ in range(iterations):
         for j in range(dofs):
@@ -189,40 +189,40 @@ def _meet_stops(
 
 @numba.njit(cache=True)
 def _strain(
-    leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, turns: Array, axes: Array
+    leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array, axes: Array
 ) -> None:
-    """One instant of `strains`, and pivots, rotations and axes of the leg's bodies in the pelvis' frame."""
+    """One instant of `strains`, and the pivots, rotations and axes of the leg's bodies in the pelvis' frame."""
     at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for j in range(len(leg.axes)):
-        at = plus(at, turned(M, triple(leg.offsets[j])))
-        own = triple(leg.axes[j])
+        at = plus(at, matvec(M, vec3(leg.offsets[j])))
+        own = vec3(leg.axes[j])
         put(at, pivots[j])
-        put(turned(M, own), axes[j])
-        M = product(M, _about(own, q[j]))
+        put(matvec(M, own), axes[j])
+        M = matmul(M, _about(own, q[j]))
         for k in range(3):
-            put(M[k], turns[j, k])
+            put(M[k], rotations[j, k])
     for c in range(len(leg.last)):
         last = leg.last[c]
-        to_body, M = transposed(rows(turns[last])), rows(R[c])
-        point = plus(triple(p[c]), turned(M, triple(leg.p_in_body[c])))
-        displacement = minus(turned(to_body, minus(point, triple(pivots[last]))), triple(leg.p_in_exo[c]))
-        x, y, z = product(to_body, M)
+        to_body, M = transposed(mat3(rotations[last])), mat3(R[c])
+        point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
+        displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
+        x, y, z = matmul(to_body, M)
         put(displacement, value[6 * c : 6 * c + 3])
         put(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value[6 * c + 3 : 6 * c + 6])
         trace = x[0] + y[1] + z[2]
-        for j in range(last + 1):  # as the frame turns, the wearer's point moves the other way in its axes
-            axis = triple(axes[j])
-            moves = turned(to_body, cross(minus(point, triple(pivots[j])), axis))
-            turn = turned(to_body, axis)
-            twists = times(0.5, minus(turned((x, y, z), turn), times(trace, turn)))
+        for j in range(last + 1):  # as the frame rotates, the wearer's point moves the opposite way in its axes
+            axis = vec3(axes[j])
+            moves = matvec(to_body, cross(minus(point, vec3(pivots[j])), axis))
+            turn = matvec(to_body, axis)
+            twists = times(0.5, minus(matvec((x, y, z), turn), times(trace, turn)))
             for k in range(3):
                 jacobian[6 * c + k, j] = moves[k]
                 jacobian[6 * c + 3 + k, j] = twists[k]
 
 
 @numba.njit(cache=True)
-def _about(axis: Triple, angle: float) -> Rows:
-    """Rotation about a unit axis (Rodrigues)."""
+def _about(axis: Vec3, angle: float) -> Mat3:
+    """Rotation about a unit axis (Rodrigues' formula)."""
     x, y, z = axis
     cos, sin = np.cos(angle), np.sin(angle)
     rest = 1.0 - cos
@@ -241,10 +241,10 @@ def _project(
     torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):
         for part in range(2):
-            own, first = rows(law[c, part]), 6 * c + 3 * part
+            own, first = mat3(law[c, part]), 6 * c + 3 * part
             strain = (value[first], value[first + 1], value[first + 2])
             for j in range(last[c] + 1):
-                weighted = turned(own, _column(jacobian, first, j))
+                weighted = matvec(own, _column(jacobian, first, j))
                 torque[j] += dot(weighted, strain)
                 for k in range(j + 1):
                     matrix[j, k] += dot(weighted, _column(jacobian, first, k))
@@ -254,13 +254,13 @@ def _project(
 
 
 @numba.njit(cache=True)
-def _column(jacobian: Array, first: int, j: int) -> Triple:
+def _column(jacobian: Array, first: int, j: int) -> Vec3:
     return jacobian[first, j], jacobian[first + 1, j], jacobian[first + 2, j]
 
 
 @numba.njit(cache=True)
 def _solve(A: Array, b: Array) -> None:
-    """Solves A x = b (A symmetric positive definite) by Cholesky's method; b becomes x, A is used up."""
+    """Solves A x = b (A symmetric positive definite) by Cholesky's method in place; b becomes x, A is overwritten."""
     dofs = len(b)
     for j in range(dofs):
         for k in range(j):

@@ -1,9 +1,9 @@
-"""Paths of the feet: stance pivots without slip, swing that clears the ground, smooth to the second derivative.
+"""Paths of the feet: stance rotates about pivots without slip, swing clears the ground; smooth to second order.
 
-In stance the foot turns about the heel's edge while its pitch is negative (toes up) and about the toe hinge, toes flat,
-while it is positive. In swing a point that wanders through the foot from the toe hinge (the pivot it leaves) to the
-pivot it lands on moves on soft paths; both pivots rest at their ends, so position, velocity and acceleration
-match there whatever the foot's pitch does.
+In stance the foot rotates about the heel's edge while its pitch is negative (toes up), and about the toe hinge, toes
+flat, while it is positive. In swing a point that moves through the foot, from the toe hinge (the pivot that it leaves)
+to the pivot that it lands on, follows smooth paths. Both pivots rest at their ends, so that position, velocity and
+acceleration match there for any pitch of the foot.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.rotation import between, rot_y
 from stridetwin.streams.samples import Array
 
-_NEAR_EDGE_M, _NEAR_EDGE_DOWN_M = 0.004, 0.012  # a riser counts this much before and behind it
-# Where people lift the heel. Uphill the ankle bears the slope as well; on stairs the bent knee slackens the calf.
+_NEAR_EDGE_M, _NEAR_EDGE_DOWN_M = 0.004, 0.012  # margin before and behind a riser
+# Where people lift the heel. Uphill the ankle bends by the slope as well; on stairs the bent knee slackens the calf.
 _DORSIFLEXION_MAX_RAD, _DORSIFLEXION_BY_SLOPE, _DORSIFLEXION_BENT_RAD = np.radians(22.0), 1.3, np.radians(14.0)
-_GIVE_BEFORE = 0.55  # of a step before toe-off, from when on the load is on the ball
-_GIVE = 1.25  # a heel that rises bends the knee, which leans the shank farther
+_GIVE_BEFORE = 0.55  # of a step before toe-off, when the load moves to the ball
+_GIVE = 1.25  # a rising heel bends the knee, which tilts the shank farther
 _GIVE_SMOOTHING_S, _GIVE_FADE_S = 0.03, 0.12
 
 
@@ -40,9 +40,9 @@ class FootPath:
         p_foot_in_world: (N, 3) m.
         R_world_foot: (N, 3, 3).
         toe_extension: (N,) rad.
-        pitch: (N,) rad, foot against the ground it stands on or flies over, toes down positive.
+        pitch: (N,) rad, foot relative to the ground under it, toes down positive.
         s: (N,) m along the way.
-        heading: (N,) rad, direction of the way, not wrapped.
+        heading: (N,) rad, direction of the way, unwrapped.
     """
 
     p_foot_in_world: Array
@@ -53,7 +53,7 @@ class FootPath:
     heading: Array
 
 
-# Shares of swing in which the foot moves forward: over a riser that which costs the least jerk in all.
+# Shares of swing in which the foot moves forward; over a riser, the one with the least total jerk.
 _DIRECT = (0.0, 1.0)
 _FORWARD = {
     "climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)),
@@ -95,9 +95,9 @@ def foot_path(
 def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, dorsiflexion: Array) -> FootPath:
     """Path on which the heel leaves the ground where the ankle cannot bend farther.
 
-    How far the foot stands behind the body, how steep the ground is and how deep the body sinks all show in the ankle.
-    By what it would bend farther than people's do, from the middle of single support on, the foot turns about the toes
-    instead.
+    The ankle angle shows how far the foot is behind the body, how steep the ground is and how deep the body sinks.
+    Where it would bend farther than people's do, from the middle of single support on, the foot rotates about the toes
+    instead, by the excess.
 
     Args:
         path: Path of the foot at (N,) s.
@@ -111,7 +111,7 @@ def heel_given(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Array, 
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
         late = (t[on] - step.t_off) / _GIVE_FADE_S
-        # when it leaves it is back on its path, so that the swing stays
+        # at toe-off the foot is back on its path, so that the swing does not change
         inside = ease(late + _GIVE_BEFORE * step_time(step, after) / _GIVE_FADE_S + 1.0) * ease(-late)
         bent = _DORSIFLEXION_BENT_RAD if step.arrival != "heel" else 0.0
         limit = _DORSIFLEXION_MAX_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0) + bent
@@ -172,17 +172,17 @@ def _swing_without_lift(
     ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     hinge = np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
     landing = np.array([shoe.heel_back_x, 0.0, 0.0]) if b.arrival == "heel" else hinge
-    within = hinge + soft_ease((s - 0.30) / 0.55)[:, None] * (landing - hinge)  # once the foot has come level
+    within = hinge + soft_ease((s - 0.30) / 0.55)[:, None] * (landing - hinge)  # once the foot is level
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing
     point = start + np.stack([ahead, ahead, upward], -1) * (end - start)
-    # in a turn the foot goes round, so that it passes the other one at its distance
+    # in a turn the foot moves on an arc, so that it keeps its distance when it passes the other one
     outward = np.array([end[1] - start[1], start[0] - end[0], 0.0]) * (b.heading - a.heading) / 8.0
     point = point + (4.0 * ahead * (1.0 - ahead))[:, None] * outward
     if a.departure == "push" and b.arrival == "heel":
         point = point + _swing_shape(b.style, s, b.R_world_sole) * leg_length(size)
     R = between(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
-    # the toes leave flat on the ground, stay raised in the air and meet the ground as the landing needs
+    # the toes are flat on the ground at toe-off, raised in the air, and at the pitch of the landing at touch-down
     toe_a, toe_b = pitch(np.array([a.t_off]))[0], max(pitch(np.array([b.t_touch]))[0], 0.0)
     toe = quintic(s, toe_a, _rate(pitch, a, b, a.t_off), toe_b,
                    _rate(pitch, a, b, b.t_touch) if b.arrival != "heel" else 0.0)  # fmt: skip
@@ -190,7 +190,7 @@ def _swing_without_lift(
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:
-    """(N, 3) way of a swinging foot off its soft path, in legs; at rest at both ends."""
+    """(N, 3) offset of a swinging foot from its smooth path, in leg lengths; at rest at both ends."""
     powers = np.vander(2 * s - 1, len(style.forward), increasing=True).T
     ahead, above = style.forward @ powers, style.lift @ powers
     local = np.stack([ahead, np.zeros_like(s), above], -1) * bump(s)[:, None]
@@ -207,9 +207,9 @@ def _missing(
     path: tuple[Array, Array, Array], shoe: Shoe, s: Array, height: Callable[[Array], Array], near: Array,
     clearance: float,
 ) -> Array:  # fmt: skip
-    """(N,) how much higher the foot must be for its sole to keep `clearance` off the ground, m.
+    """(N,) m, how much higher the foot must be for its sole to keep `clearance` above the ground.
 
-    Ground `near` (2,) m before and behind counts too. At both ends, where the foot rests, nothing is asked: -inf.
+    Ground `near` (2,) m before and behind counts too. At both ends, where the foot rests, there is no limit: -inf.
     """
     p, R, toe = path
     points = [p + R @ np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
@@ -225,11 +225,11 @@ def _missing(
 
 
 def _bump_needed(missing: Array) -> float:
-    """Amplitude of the bump that lifts the foot by what is missing at `_FINE`."""
+    """Amplitude of the bump that lifts the foot by the missing height at `_FINE`."""
     asked = np.isfinite(missing)
     return float(max(0.0, np.max(missing[asked] / bump(_FINE[asked]))))
 
 
 def _jerk(far: float, window: tuple[float, float]) -> float:
-    """Mean square third derivative by the share of swing of a soft way of `far` m within a window of it."""
+    """Mean square third derivative, by the share of swing, of a smooth path of `far` m within a window of the swing."""
     return 720.0 * far**2 / (window[1] - window[0]) ** 5

@@ -1,6 +1,6 @@
-"""Pitch of the feet through time: how each lands, lies flat, lifts its heel, leaves and swings.
+"""Pitch of the feet over time: how each foot lands, lies flat, lifts its heel, leaves and swings.
 
-On the level it follows the style of the step; over risers and on steep ramps it is the terrain's.
+On the level it follows the style of the step; over risers and on steep ramps it depends on the terrain.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from stridetwin.sim.gait.style import RISE_KNOTS, SWING_KNOTS, Style
 from stridetwin.streams.samples import Array
 
 _HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel
-# Higher risers and steeper ramps than these bend the knee and lean the shank farther: the heel stays up for longer, by
-# so much a metre or a radian beyond.
-_USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # a fall of a step on a ramp
+# Higher risers and steeper ramps than these bend the knee and tilt the shank farther: the heel stays up for longer, by
+# this much per metre or radian beyond.
+_USUAL_RISER_M, _USUAL_FALL_M, _USUAL_SLOPE_RAD = 0.155, 0.095, 0.16  # fall: of a step on a ramp
 _HEEL_OFF_BY_RISER, _HEEL_OFF_BY_FALL, _HEEL_OFF_BY_SLOPE, _PUSH_BY_RISE = 3.0, 12.0, 2.5, 1.5
 _TIPTOE_BY_RISE, _TIPTOE_BY_SLOPE = 2.4, 1.8
-# Uphill the foot behind lifts the body: its heel rises earlier, and farther by the time it leaves, by so much a radian.
+# Uphill the rear foot lifts the body: its heel rises earlier, and is higher at toe-off, by this much per radian.
 _EARLY_BY_SLOPE, _PUSH_BY_SLOPE = 3.5, 0.9
 _FLAT_BY = 0.6  # of stance at the latest
 _PITCH_SMOOTHING_S = 0.020
 _PITCH_GRID_S = 0.004
-_LANDING_KNOTS = 3  # of the swing's, from which on the pitch prepares the landing
+_LANDING_KNOTS = 3  # of the swing's, from which the pitch prepares the landing
 _SETTLING_S = 0.04  # from the end of the landing to a sole that lies exactly flat
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arrival:
-    """How a foot lands; pitch in rad, toes down positive.
+    """Landing of a foot; pitch in rad, toes down positive.
 
     Attributes:
         before: (share of swing, pitch) on the way down.
         touch: Pitch at touch-down.
-        flat_after: When the foot is flat, as a share of the step's duration.
+        flat_after: Time until the foot is flat, as a share of the step's duration.
         lowering: (share of that time, share of the pitch at touch-down) on the ground.
     """
 
@@ -52,10 +52,10 @@ class Arrival:
 
 @dataclass(frozen=True, kw_only=True)
 class Departure:
-    """How a foot leaves.
+    """Toe-off of a foot.
 
     Attributes:
-        heel_off_before: When the heel leaves before toe-off, as a share of the step's duration.
+        heel_off_before: Time from heel-off to toe-off, as a share of the step's duration.
         rise: (share of that time, share of the pitch at toe-off).
         off: Pitch at toe-off.
         swing: (share of swing, pitch) after toe-off.
@@ -68,11 +68,11 @@ class Departure:
 
 
 _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
-# Going down, the knee bends under the body until the ankle has no more room: then the heel has to come up quickly.
+# Going down, the knee bends under the body until the ankle reaches its limit: then the heel has to rise quickly.
 _LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0.60), (0.80, 0.75), (1.0, 1.0))
 _ARRIVALS = {
     "flat": Arrival(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
-    # the calf lets the heel down slowly, while the load comes onto the toes
+    # the calf lowers the heel slowly, while the load moves to the toes
     "forefoot": Arrival(before=((0.78, 0.44), (0.90, 0.60)), touch=0.57, flat_after=0.26,
                         lowering=((0.3, 0.87), (0.55, 0.66), (0.78, 0.33))),
 }  # fmt: skip
@@ -111,10 +111,10 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
         off = leave.off + _PUSH_BY_RISE * climb + push
         flats.append((flat, a.t_off - heel_off))
         knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in leave.rise]
-        # uphill the sole comes down nearly parallel to the slope: the ankle has no more room to raise the toes
+        # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
         landing = min(max(b.slope, 0.0), -land.touch - _HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
         swung, before = leave.swing, land.before
-        if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to turn down again at once
+        if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
             swung, before = tuple((u, max(angle, land.touch)) for u, angle in swung), ()
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swung]
         knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in before]
@@ -131,9 +131,9 @@ def pitch_of(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array
     first, last = np.array(flats).T
 
     def pitch(t: Array) -> Array:
-        i = np.searchsorted(first, t, side="right") - 1  # the one that it may lie flat in
+        i = np.searchsorted(first, t, side="right") - 1  # the stance in which it may lie flat
         lying = ease((t - first[i]) / _SETTLING_S) * ease((last[i] - t) / _SETTLING_S)
-        return spline(t) * (1.0 - lying)  # what smoothing leaves of a flat foot's pitch fades out
+        return spline(t) * (1.0 - lying)  # fades out the pitch that smoothing leaves on a flat foot
 
     return pitch
 
@@ -144,7 +144,7 @@ def step_time(a: Footstep, b: Footstep) -> float:
 
 
 def _arrival(step: Footstep) -> Arrival:
-    """How the foot lands: on the heel in the step's own style, else as the terrain asks."""
+    """Landing of the foot: on the heel in the step's own style, otherwise by the terrain."""
     if step.arrival != "heel":
         return _ARRIVALS[step.arrival]
     style = step.style
@@ -153,7 +153,7 @@ def _arrival(step: Footstep) -> Arrival:
 
 
 def _departure(step: Footstep, style: Style) -> Departure:
-    """How the foot leaves: with a push in the style of the step that it begins, else as the terrain asks."""
+    """Toe-off of the foot: with a push in the style of the step that it begins, otherwise by the terrain."""
     if step.departure != "push":
         return _DEPARTURES[step.departure]
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))

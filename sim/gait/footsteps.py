@@ -1,4 +1,4 @@
-"""From a route's layout to footsteps: where each foot lands, when, and in which manner."""
+"""From a route's layout to footsteps: where, when and in which manner each foot lands."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ HALF_STEP_WIDTH_M = 0.060  # the shoes carry housings on their inner sides
 TOE_OUT_RAD = 0.09
 CLEARANCE_M = 0.018
 _SLIDING_M = 0.005  # clearance of a foot that shuffles
-_FLAT_SHUFFLE = 0.4  # who shuffles more than this lands on the whole sole
+_FLAT_SHUFFLE = 0.4  # above this, the foot lands on the whole sole
 _LEAD_S = 0.3  # from the end of standing to the first step
-SHIFT_S = 0.55  # from both feet onto one, before the first step
-SETTLE_S = 0.60  # and back onto both after the last
+SHIFT_S = 0.55  # weight shift from both feet to one, before the first step
+SETTLE_S = 0.60  # and back to both after the last step
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,18 +38,18 @@ class Footstep:
         p_foot_in_world: (3,) m, the flat foot's origin.
         R_world_sole: (3, 3) of the flat foot: x along the foot in the ground's plane, z the ground's normal.
         s: Arc length along the way, m.
-        heading: Direction of the way there, rad, not wrapped.
+        heading: Direction of the way there, rad, unwrapped.
         slope: Inclination of the ground along the way, rad, uphill positive.
-        rise: Height above the other foot's print before, m.
-        fall: Height above the other foot's print after, m.
+        rise: Height above the other foot's previous footprint, m.
+        fall: Height above the other foot's next footprint, m.
         terrain: level, stair or ramp.
         mode: Locomotion mode of the step that ends here: LG, SA, SD, RA or RD.
-        arrival: heel, flat or forefoot: what touches down first.
-        departure: push, climb or lower: how the foot leaves.
+        arrival: heel, flat or forefoot: the part that touches down first.
+        departure: push, climb or lower: manner of toe-off.
         t_touch: Touch-down, s; -inf for the feet that stand at the start.
         t_off: Toe-off, s; inf for the feet that stand at the end.
-        style: How the step that ends here is walked.
-        clearance_m: How far the sole keeps off the ground on the way here, m.
+        style: Style of the step that ends here.
+        clearance_m: Clearance of the sole above the ground on the way here, m.
     """
 
     foot: str
@@ -73,11 +73,11 @@ class Footstep:
 def plan(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> tuple[list[Footstep], float]:
     """Footsteps along the way from s = 0 to the end of the route, and the walk's duration in s.
 
-    The walk starts and ends on both feet. Soles lie wholly on one strip each: step lengths are adapted before an edge.
+    The walk starts and ends on both feet. Each sole lies wholly on one strip: step lengths are adapted before an edge.
 
     Raises:
-        ConfigError: A gait that nobody can walk (the message names field, value and range), or a strip too short for a
-            foot.
+        ConfigError: A gait that is impossible to walk (the message names field, value and range), or a strip too short
+            for a foot.
     """
     check_gait(gait)
     tempo = Tempo.along(layout, size, gait, rng)
@@ -151,6 +151,6 @@ def _footstep(
 
 
 def _riser(a: _Row, b: _Row) -> float:
-    """Height of the riser between two prints, m; 0 where there is none, or ramp."""
+    """Height of the riser between two footprints, m; 0 without one, or on a ramp."""
     ramp = "ramp" in (a.strip.terrain, b.strip.terrain)
     return 0.0 if a.strip is b.strip or ramp else b.z - a.z

@@ -1,6 +1,6 @@
-"""Where the walker looks: along the way, down to the ground that the feet come to next, or about.
+"""Gaze of the walker: along the way, down at the ground of the next steps, or around.
 
-The head is held still in space between moves, as reflexes of balance do (Pozzo, Berthoz & Lefort 1990); the chest
+The head is held still in space between movements, as balance reflexes do (Pozzo, Berthoz & Lefort 1990); the chest
 follows it less.
 """
 
@@ -18,30 +18,30 @@ from stridetwin.sim.route import Strip
 from stridetwin.streams.samples import Array
 
 _LEVEL_PITCH = 0.06
-_BY_CLIMB = 0.45  # on stairs and ramps the head goes down further
-_AHEAD_S, _AHEAD_MIN_M = 1.8, 1.1  # two steps (Marigold & Patla 2007: mostly that far, and 1.5-2 s)
-_HEAD_SHARE = 0.45  # of a look downward; the eyes make the rest
-_EYES_LEGS = 1.78  # height of the eyes, in legs
+_BY_CLIMB = 0.45  # on stairs and ramps the head pitches down farther
+_AHEAD_S, _AHEAD_MIN_M = 1.8, 1.1  # two steps (Marigold & Patla 2007: mostly this far, 1.5-2 s)
+_HEAD_SHARE = 0.45  # of a downward gaze; the eyes do the rest
+_EYES_LEGS = 1.78  # height of the eyes, in leg lengths
 _PITCH_SMOOTHING_S = 0.22
 _HOLD_S, _HOLD_SPREAD = 1.1, 0.5  # median, and SD of its logarithm
 _YAW_SD, _YAW_MAX = np.radians(22.0), np.radians(40.0)
 _PITCH_SD, _PITCH_MIN, _PITCH_MAX = 0.24, -0.62, 0.75
 _MOVE_S, _MOVE_S_PER_RAD = 0.22, 0.32
-_SWAY_ONSET_S = 1.0  # the head is still for so long, and sways in full after as long again
-_HEAD_LIMIT_RAD = 1.0  # neck against trunk, which it nears but never passes
-_CHEST_YAW, _CHEST_PITCH = 0.22, 0.12  # of what the head does
+_SWAY_ONSET_S = 1.0  # the head is still for this time, and reaches full sway after twice this time
+_HEAD_LIMIT_RAD = 1.0  # neck relative to trunk; approached, never exceeded
+_CHEST_YAW, _CHEST_PITCH = 0.22, 0.12  # of the head's rotation
 _CHEST_SMOOTHING_S = 0.30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
-    """Turns on a time grid, (N,) rad.
+    """Rotations on a time grid, (N,) rad.
 
     Attributes:
         head_pitch: Of the head in the world, down positive.
-        head_yaw: Of the head off the way, left positive.
-        chest_pitch: What the chest adds to its own pitch.
-        chest_yaw: What the chest adds to its own yaw.
+        head_yaw: Of the head relative to the way, left positive.
+        chest_pitch: Added to the pitch of the chest.
+        chest_yaw: Added to the yaw of the chest.
     """
 
     head_pitch: Array
@@ -53,16 +53,16 @@ class Look:
 def look(
     gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
 ) -> Look:  # fmt: skip
-    """Where head and chest turn.
+    """Rotations of head and chest.
 
     Args:
-        gaze: Kind of gaze and what is added to it.
+        gaze: Kind of gaze and its offsets.
         t: (N,) uniform s.
         s: (N,) m, the walker along the way.
-        climb: (N,) mean slope of the ground near by.
+        climb: (N,) mean slope of the ground nearby.
         profile: Ground along the way.
         leg_m: Hip centre to sole, m.
-        rng: Draws where a wandering gaze goes; the others take nothing from it.
+        rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
     usual = _LEVEL_PITCH + _BY_CLIMB * np.abs(climb)
@@ -97,8 +97,8 @@ def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) 
 
 
 def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(N,) pitch and (N,) yaw off the usual: quick moves between directions that are held for a while."""
-    turns = [np.zeros_like(t), np.zeros_like(t)]
+    """(N,) pitch and (N,) yaw offsets: quick movements between directions that are held for a while."""
+    angles = [np.zeros_like(t), np.zeros_like(t)]
     now, last = t[0], np.zeros(2)
     while now < t[-1]:
         now += float(np.clip(_HOLD_S * np.exp(_HOLD_SPREAD * rng.standard_normal()), 0.35, 4.0))
@@ -106,14 +106,14 @@ def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         yaw = np.clip(rng.normal(0.0, _YAW_SD), -_YAW_MAX, _YAW_MAX)
         goal = np.array([pitch, yaw])
         move = _MOVE_S + _MOVE_S_PER_RAD * float(np.hypot(*(goal - last)))
-        for turn, step in zip(turns, goal - last):
+        for turn, step in zip(angles, goal - last):
             turn += step * ease((t - now) / move)
         now, last = now + move, goal
-    return turns[0], turns[1]
+    return angles[0], angles[1]
 
 
 def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:
-    """(N,) yaw and (N,) pitch of a head that is commanded to and fro."""
+    """(N,) yaw and (N,) pitch of a commanded periodic head motion."""
     phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
     return gaze.sway_yaw_rad * share * np.sin(phase), -gaze.sway_pitch_rad * share * np.cos(phase)
 

@@ -21,7 +21,7 @@ class LegAngles:
     """Angles of one leg, rad (N,): flexion, adduction, internal rotation, dorsiflexion and inversion positive.
 
     Attributes:
-        stretch: (N,) m that the hip-ankle distance exceeds what the limit of the knee allows (0 = reached).
+        stretch: (N,) m, excess of the hip-ankle distance over what the knee limit allows (0 = reached).
     """
 
     hip_flexion: Array
@@ -58,7 +58,7 @@ def solve_leg(
         R_world_pelvis: (N, 3, 3).
         p_foot_in_world: (N, 3) foot frame's origin.
         R_world_foot: (N, 3, 3).
-        knee_min: Smallest knee flexion, rad; `stretch` says by how much a foot out of reach is missed.
+        knee_min: Smallest knee flexion, rad; `stretch` gives the distance to a foot that is out of reach.
     """
     sign = 1.0 if side == "l" else -1.0
     p_hip = p_pelvis_in_world + R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])

@@ -1,4 +1,4 @@
-"""How the load moves: the share that each foot carries and where its centre of pressure is meant to be."""
+"""Distribution of the load: the share of each foot and its planned centre of pressure."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _TRAVEL = {
                  (1.0, 1.08)),
 }  # fmt: skip
 _STANDING = 0.50
-_BALL = 0.03  # inside the borders of what touches
+_BALL = 0.03  # inside the border of the area in contact
 _INSIDE_M = 0.003
 _FLAT_RAD = 5e-4
 _PASSING_S = 0.07
-_TIP_IN_M = 0.005  # on less of a tread than this the tip does not stand
-_DROP_M = 0.03  # lower ground ahead is that of another tread
+_TIP_IN_M = 0.005  # the tip needs at least this much of a tread to stand on
+_DROP_M = 0.03  # ground lower by more than this belongs to another tread
 
 
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
-    """Share of the load on each foot, (N,), summing to 1: it passes over by cubics during double support."""
+    """Share of the load on each foot, (N,), summing to 1; cubic transitions during double support."""
     raw = {foot: np.zeros_like(t) for foot in steps}
     for foot, own in steps.items():
         other = [s for f in steps if f != foot for s in steps[f]]
@@ -49,7 +49,7 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
 
 
 def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
-    """Shares with the quiet stand at both ends: half on each foot, then over to the foot that stays."""
+    """Shares with quiet stance at both ends: half on each foot, then a transition to the stance foot."""
     first = min(s.t_off for own in steps.values() for s in own)
     last = max(s.t_touch for own in steps.values() for s in own)
     stand = np.maximum(ease((first - t) / SHIFT_S), ease((t - last) / SETTLE_S))
@@ -57,7 +57,7 @@ def standing_blend(shares: dict[str, Array], steps: Mapping[str, Sequence[Footst
 
 
 def travel(steps: Sequence[Footstep], t: Array) -> Array:
-    """(N,) wanted centre of pressure under one foot by time alone, in parts of the toe hinge's x.
+    """(N,) planned centre of pressure under one foot by time alone, as a share of the toe hinge's x.
 
     Args:
         steps: The footsteps of this foot, in order.
@@ -80,16 +80,16 @@ def travel(steps: Sequence[Footstep], t: Array) -> Array:
 def pressure_centres(
     steps: Sequence[Footstep], shoe: Shoe, t: Array, wanted: Array, pitch: Array, height: Callable[[Array], Array]
 ) -> Array:
-    """(N, 3) wanted centre of pressure of one foot in the world; in swing where the next stance begins.
+    """(N, 3) planned centre of pressure of one foot in the world; in swing, that at the start of the next stance.
 
     Args:
         steps: The footsteps of this foot, in order.
         shoe: Its sole.
         t: (N,) s.
         wanted: (N,) by time alone (`travel`).
-        pitch: (N,) rad, of the foot against its ground, toes down positive: only the parts of the sole that it leaves
-            on the ground can press.
-        height: Of the ground, m, at (2,) m: toes whose tip hangs over an edge press at their hinge alone.
+        pitch: (N,) rad, of the foot relative to its ground, toes down positive: only the parts of the sole on the
+            ground can press.
+        height: Height of the ground, m, at (2,) m: toes whose tip overhangs an edge press at their hinge alone.
     """
     p = np.empty((len(t), 3))
     for step, on in _by_step(steps, t):
@@ -109,13 +109,13 @@ def _by_step(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, sl
 
 
 def _tip_hangs(step: Footstep, shoe: Shoe, height: Callable[[Array], Array]) -> bool:
-    """Whether a shoe longer than the tread reaches over the edge of it."""
+    """Whether a shoe longer than the tread overhangs its edge."""
     tip = step.p_foot_in_world + step.R_world_sole[:, 0] * (shoe.flat_tip_x + _TIP_IN_M)
     return float(tip[2] - height(tip[:2])) > _DROP_M
 
 
 def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:
-    """Keeps the centre of pressure at the heel's edge while the toes are up, ahead of the ball while the heel is."""
+    """Keeps the centre of pressure at the heel's edge while the toes are up, in front of the ball while the heel is."""
     stance = np.flatnonzero((t >= step.t_touch) & (t <= step.t_off))
     if not len(stance):
         return x
@@ -134,15 +134,15 @@ def _on_what_touches(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sho
 
 
 def _when_flat(t: Array, tilt: Array, i: int, flat: int) -> float:
-    """Time between a tilted and a flat row at which the tilt passes what counts as flat."""
+    """Time between a tilted and a flat row at which the tilt falls below the limit of flatness."""
     share = (tilt[i] - _FLAT_RAD) / max(tilt[i] - tilt[flat], 1e-9)
     return float(t[i] + min(share, 1.0) * (t[flat] - t[i]))
 
 
 def _taken(step: Footstep, s: Array) -> Array:
-    """Share that the foot of `step` has taken over after a share s of double support.
+    """Share of the load on the foot of `step` after a share s of double support.
 
-    A cubic, not the softer quintic: people load the heel at once, and a foot that hardly presses when it touches down
+    A cubic, not the smoother quintic: people load the heel at once, and a foot that hardly presses at touch-down
     bounces.
     """
     s = np.clip(s / float(step.style.transfer), 0.0, 1.0)

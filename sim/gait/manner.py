@@ -1,4 +1,4 @@
-"""How a style of walking changes with manner: slower than its table goes, with a shuffle, or held up by a pause."""
+"""How a walking style changes with manner: below or above the table's speeds, with a shuffle, or before a pause."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from stridetwin.sim.gait.style import Style, level_style, tabled
 from stridetwin.streams.samples import Array
 
-_SWING_WITH_STEP = 0.35  # swing lasts as the step's duration to this power: slow walkers stay on both feet
+_SWING_WITH_STEP = 0.35  # swing time grows as step time to this power: slow walkers stay longer on both feet
 _LEAST_SHARE = 0.2  # of the tabled amplitudes
 _HEIGHT_SLOW = 0.985  # pelvis, legs
 _LEAST_DOUBLE_SUPPORT = 0.08
-# Beyond the table's fastest style, by unit of dimensionless speed: double support goes on shrinking at its rate, the
-# pelvis goes lower (legs) and the swinging foot reaches ahead less (share), so that the legs reach.
+# Beyond the table's fastest style, per unit of dimensionless speed: double support continues to shrink at its rate,
+# the pelvis is lower (leg lengths) and the swing foot reaches less far forward (share), so that the legs reach.
 _SHORTER_SUPPORT_FASTER, _LOWER_FASTER, _LESS_LEAD = 0.16, 0.12, 2.0
 _SHUFFLE_SHORTENS, _SHUFFLE_FLATTENS, _SHUFFLE_LOWERS, _SHUFFLE_STAYS = 0.45, 0.75, 0.85, 0.25
 
 
 def walk_growth(pace: Array | float) -> Array:
-    """Step length over leg length, but for a constant, at a dimensionless speed.
+    """Step length over leg length at a dimensionless speed, up to a constant factor.
 
     The walk ratio (length / cadence) is constant at a given leg length (Sekiya & Nagasaki 1998, Gait Posture
     7:225-227), so that length grows with the root of speed; slower than 0.2 it grows as speed^0.42 (Grieve & Gear
@@ -31,10 +31,10 @@ def walk_growth(pace: Array | float) -> Array:
 
 
 def style_at(pace: float) -> Style:
-    """Style at any dimensionless speed: the table's, and beyond its ends what people do there.
+    """Style at any dimensionless speed: the table's, extrapolated beyond its ends.
 
-    Slower, both feet stay on the ground for longer, while swing hardly lasts longer, and all amplitudes shrink with the
-    step. Faster, double support goes on shrinking.
+    Below the table, both feet stay longer on the ground while swing time hardly grows, and all amplitudes shrink with
+    the step length. Above it, double support continues to shrink.
     """
     style = level_style(pace)
     slowest, fastest = tabled()
@@ -67,12 +67,12 @@ def shuffled(style: Style, shuffle: float) -> Style:
 
 
 def shuffled_share(shuffle: float) -> float:
-    """Share of the step's length that is left to a shuffler."""
+    """Step length of a shuffling walker as a share of the normal one."""
     return 1.0 - _SHUFFLE_SHORTENS * shuffle
 
 
 def held(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
-    """Style of a step that takes `longer` times as long while its swing takes `swing_longer` times as long."""
+    """Style of a step that takes `longer` times as long, while its swing takes `swing_longer` times as long."""
     share = swing_longer / longer
     return replace(
         style,

@@ -1,4 +1,4 @@
-"""Path of the pelvis: over the ground by the zero-moment point, in height by what the legs reach."""
+"""Path of the pelvis: horizontally from the zero-moment point, vertically from the reach of the legs."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
 from stridetwin.sim.gait.rhythm import Rhythm
 from stridetwin.streams.samples import Array
 
-KNEE_MIN_RAD = np.radians(7.0)  # the pelvis keeps this low; the legs may straighten to KNEE_HARD_MIN_RAD
+KNEE_MIN_RAD = np.radians(7.0)  # sets the height of the pelvis; the legs may straighten to KNEE_HARD_MIN_RAD
 KNEE_HARD_MIN_RAD = np.radians(1.5)
-# and so much lower off the level: down stairs people land on a bent knee; uphill a leg behind that is as good as
-# straight would have to bend at hundreds of rad/s² as soon as its foot leaves, and the other foot slips under that
+# and larger off the level: down stairs people land on a bent knee; uphill, a nearly straight rear leg would have to
+# bend at hundreds of rad/s² as soon as its foot leaves, and the other foot would slip
 _KNEE_OF_MODE_RAD = {"SD": np.radians(16.0), "SA": np.radians(12.0)}
-_KNEE_UPHILL, _KNEE_UPHILL_MAX_RAD = 1.5, np.radians(20.0)  # rad more by rad of slope
+_KNEE_UPHILL, _KNEE_UPHILL_MAX_RAD = 1.5, np.radians(20.0)  # additional rad per rad of slope
 _SETTLED_M = 1e-5
 _SMOOTHNESS = 2e-3
-_STANDING_HEIGHT = 0.99  # in legs
-_ABOVE_REACH = 5e3  # how much more a height beyond the legs' reach counts than one off the goal
+_STANDING_HEIGHT = 0.99  # in leg lengths
+_ABOVE_REACH = 5e3  # weight of a height beyond the legs' reach relative to the distance from the goal
 
 
 def cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
-    """Path c whose zero-moment point c - kappa c'' is the wanted one (linear inverted pendulum, Kajita 2003).
+    """Path c with the given zero-moment point c - kappa c'' (linear inverted pendulum, Kajita 2003).
 
     Args:
         wanted: (N, k) zero-moment point, m; at rest at both ends.
@@ -63,18 +63,18 @@ def highest(
 
 
 def least_knee(rhythm: Rhythm, t: Array) -> Array:
-    """(N,) rad at (N,) uniform s: the pelvis keeps so low that neither knee is straighter."""
+    """(N,) rad at (N,) uniform s, least knee flexion that determines the height of the pelvis."""
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])
     bent = np.array([_KNEE_OF_MODE_RAD.get(step.mode, KNEE_MIN_RAD) for step in rhythm.steps])
     bent = np.minimum(bent + _KNEE_UPHILL * uphill, np.maximum(bent, _KNEE_UPHILL_MAX_RAD))
     climbing = np.where([step.mode in ("SA", "RA") for step in rhythm.steps], bent, 0.0)
-    for late in (1, 2):  # the foot behind leaves the ground when the next step has begun, or the one after
+    for late in (1, 2):  # the rear foot leaves the ground during the next step or the one after
         bent[late:] = np.maximum(bent[late:], climbing[:-late])
     return rhythm.blend(t, bent, KNEE_MIN_RAD, KNEE_MIN_RAD)
 
 
 def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:
-    """Height of the pelvis as the styles of the steps have it on the level.
+    """Height of the pelvis on the level, from the styles of the steps.
 
     Args:
         rhythm: Steps.
@@ -82,7 +82,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
         leg_m: Hip centre to sole, m.
 
     Returns:
-        (N,) mean height in the world, m; (N,) wave about it, m; and (N,) from 0 to 1 how much of the ground is level.
+        (N,) mean height in the world, m; (N,) oscillation about it, m; and (N,) share of level ground, 0-1.
     """
     level = np.array([float(step.terrain == "level" and step.mode == "LG") for step in rhythm.steps])
     level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
@@ -99,7 +99,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
 
 
 def height_near(goal: Array, limit: Array, dt: float) -> Array:
-    """Smoothest height that stays close to a goal and below a limit: least squares with a third-derivative penalty.
+    """Smoothest height close to a goal and below a limit: least squares with a third-derivative penalty.
 
     Args:
         goal: (N,) m.

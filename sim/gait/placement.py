@@ -1,4 +1,4 @@
-"""Where along the way each foot lands: on whole soles, with lengths adapted before every edge."""
+"""Footholds along the way: whole soles on the ground, with step lengths adapted before every edge."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from stridetwin.sim.route import RUN_OUT_M, Layout, Strip
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
-STEEP_RAD = np.radians(9.0)  # on steeper ramps steps are shorter by `_SHORTER_STEEP` a radian
+STEEP_RAD = np.radians(9.0)  # on steeper ramps steps are shorter by `_SHORTER_STEEP` per radian
 _SHORTER_STEEP = 2.2
 _EDGE_M = 0.01  # between the sole and any edge
 _TOE_TO_RISER_M = 0.07
 _HEEL_FROM_RISER_M = 0.03
-_BEHIND_ON_TREAD_M = 0.022  # going down, the heel keeps off the riser behind it and the toes reach over the edge
-_STOPS_FROM_MPS = 1.2  # who goes faster stops with a shorter last step
+_BEHIND_ON_TREAD_M = 0.022  # going down, the heel stays clear of the riser behind it and the toes overhang the edge
+_STOPS_FROM_MPS = 1.2  # faster walkers stop with a shorter last step
 _STROLL_STEPS = 9  # on average between two pauses
 _PAUSE_S = (0.6, 2.5)
-_INTO_PAUSE = 0.35  # of a step: the feet nearly close up
+_INTO_PAUSE = 0.35  # of a step: the feet end nearly side by side
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where a foot lands.
+    """A foothold.
 
     Attributes:
         foot: `l` or `r`.
         s: Arc length along the way, m.
-        strip: Ground there.
-        pause_s: How long the walker stands still on both feet once the foot is there, s.
+        strip: Strip of ground there.
+        pause_s: Time that the walker stands still on both feet after this step, s.
     """
 
     foot: str
@@ -44,12 +44,12 @@ class Place:
 
 
 def limp(gait: Gait, foot: str) -> float:
-    """How much longer than the mean a foot's steps are, in space and time."""
+    """Relative excess of a foot's step length and step time over the mean."""
     return 1.0 + (gait.asymmetry if foot == "l" else -gait.asymmetry)
 
 
 def places(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Place]:
-    """Footprints in order, the right foot first, from s = 0 to the end of the route, where the feet close up.
+    """Footholds in order, right foot first, from s = 0 to the end of the route, where the feet end side by side.
 
     Raises:
         ConfigError: A strip too short for a foot.
@@ -68,7 +68,7 @@ def _foot(i: int) -> str:
 def _on_strip(
     layout: Layout, k: int, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator, first: int
 ) -> list[Place]:  # fmt: skip
-    """Footprints on strip k (none for the two feet that stand at the start); `first` counts those before."""
+    """Footholds on strip k (none for the two feet that stand at the start); `first` counts those before."""
     profile, strip = layout.profile, layout.profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x
     last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0
@@ -77,8 +77,8 @@ def _on_strip(
         return []
     both = gait.stairs == "step_by_step"
     if strip.terrain == "stair":
-        # the foot keeps away from the riser, the one ahead going up, the one behind going down; a foot longer than
-        # the tread hangs over the free edge
+        # the foot stays clear of the riser, the one in front going up, the one behind going down; a foot longer than
+        # the tread overhangs the free edge
         free = 0.8 * (strip.s1 - strip.s0 - heel - toe)
         rising = strip.z0 > profile[k - 1].z1
         ahead, behind = max(free, 1.2 * _EDGE_M), max(free, _BEHIND_ON_TREAD_M)
@@ -89,7 +89,7 @@ def _on_strip(
         steeper = max(abs(strip.slope) - STEEP_RAD, 0)
         return tempo.step(s) * (1.0 if strip.terrain == "level" else 0.92 - _SHORTER_STEEP * steeper)
 
-    def across(s: float) -> float:  # half of what a full step leaves free at a bend
+    def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
         return max((float(tempo.step(s)) - heel - toe) / 2, _EDGE_M)
 
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
@@ -101,7 +101,7 @@ def _on_strip(
         stop = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
     else:
         stop = end - toe - across(strip.s1)
-    joined = [start] if both and riser_before else []  # the other foot comes up beside the one that led
+    joined = [start] if both and riser_before else []  # the other foot is placed beside the leading one
     led = gait.leading_foot if both and riser_after else None
     if stop < start - 1e-9:
         middle = (strip.s0 + end - toe + heel) / 2
@@ -138,7 +138,7 @@ def _on_strip(
 
 
 def _pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:
-    """(count,) s that a wanderer stands still at each place of a strip: now and then on the level, away from edges."""
+    """(count,) s of standing at each foothold of a strip: now and then on the level, away from edges."""
     pauses = np.zeros(count)
     if gait.pattern == "wander" and strip.terrain == "level" and count > 3:
         stands = rng.uniform(size=count) < 1.0 / _STROLL_STEPS

@@ -1,8 +1,8 @@
 """The reference motion: every coordinate of the wearer as a smooth function of time.
 
-Route -> footsteps -> foot paths -> pelvis path whose zero-moment point lies where the feet can take it -> leg inverse
-kinematics -> exoskeleton -> quintic splines through all coordinates. The zero-moment point is first that of a linear
-inverted pendulum, then corrected by the inverse dynamics of the whole body.
+Route -> footsteps -> foot paths -> pelvis path with a feasible zero-moment point -> leg inverse kinematics ->
+exoskeleton -> quintic splines through all coordinates. The zero-moment point is first that of a linear inverted
+pendulum, then corrected by the inverse dynamics of the whole body.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from stridetwin.streams.samples import Array
 
 GRID_S = 0.005
 _ZMP_ROUNDS = 6
-# When the frame's weight is let onto its couplings: what that shifts is corrected after. As the couplings are stiff,
-# the frame follows the last shift of the pelvis in the last round.
+# When the frame's weight is added to its couplings: later rounds correct its effect. As the couplings are stiff, the
+# frame follows the last shift of the pelvis in the last round.
 _WEIGHED_ROUND = 3
 _SETTLING_ROUNDS = 2
-_HEEL_ROUNDS = (0, 1, 2)  # after which the heels give way, as the pelvis shows how far the ankles bend
-_ZMP_GAIN = 0.85  # the height follows the legs' reach, which answers the correction: whole steps overshoot
-_STRIDE = 2  # half the grid's rate carries the correction and the frame's angles
-_ROUGH_STRIDE = 4  # and a quarter the frame's first fit, which weighs on the correction alone
+_HEEL_ROUNDS = (0, 1, 2)  # after which the heels may rise, because the pelvis determines how far the ankles bend
+_ZMP_GAIN = 0.85  # the height follows the legs' reach, which reacts to the correction: full steps overshoot
+_STRIDE = 2  # half the grid's rate is enough for the correction and the frame's angles
+_ROUGH_STRIDE = 4  # and a quarter for the frame's first fit, which affects the correction alone
 _COM_ABOVE_PELVIS_M = 0.03
 _REACH_TOLERANCE_M = 5e-4
 
@@ -56,10 +56,10 @@ class Reference:
     Attributes:
         duration_s: Length of the walk.
         size: The wearer who walks.
-        steps: Footsteps of each foot in order of time, the standing ones first.
+        steps: Footsteps of each foot in order of time, initial stance first.
         coordinates: Layout of the generalised coordinates.
         splines: Quintic splines of the coordinates (`Coordinates.names`).
-        loads: Cubic splines of share (1) and wanted centre of pressure (3) of the left, then the right foot.
+        loads: Cubic splines of share (1) and planned centre of pressure (3) of the left, then the right foot.
         paths: Foot paths on the grid, for the phases.
         grid: (N,) s.
     """
@@ -74,7 +74,7 @@ class Reference:
     grid: Array
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """(N,) rad, pitch of a foot against the ground that it stands on or flies over, toes down positive."""
+        """(N,) rad, pitch of a foot relative to the ground under it, toes down positive."""
         return np.interp(t, self.grid, self.paths[side].pitch)
 
     def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
@@ -82,7 +82,7 @@ class Reference:
         return self.coordinates.at(self.splines, np.clip(t, 0.0, self.duration_s))
 
     def moving(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two of `state`, in less time."""
+        """The first two results of `state`, faster."""
         return self.coordinates.moving(self.splines, np.clip(t, 0.0, self.duration_s))
 
 
@@ -103,9 +103,9 @@ def reference(
     """
     footsteps, duration = plan(terrain.layout, size, config.gait, rng)
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
-    # the grid reaches beyond the walk, so that nothing at its ends is the spline's own
+    # the grid extends beyond the walk, so that boundary effects of the splines stay outside
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
-    t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end where the fine one does
+    t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end with the fine one
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = standing_blend(load_shares(steps, t), steps, t)
     travels = {side: travel(steps[side], t) for side in SIDES}
@@ -125,7 +125,7 @@ def reference(
         limit = highest(size, p_pelvis, R_pelvis, paths, knee_min) - wave
         p_pelvis[:, 2] = wave + height_near(level * mean + (1.0 - level) * limit, limit, GRID_S)
         legs_ = legs(size, p_pelvis, R_pelvis, paths)
-        if round_ == 0:  # costly, so not in every round
+        if round_ == 0:  # expensive, so not in every round
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
         elif round_ == _WEIGHED_ROUND:
             exo = _exo(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose))
@@ -164,7 +164,7 @@ def _pressed(
     steps: dict[str, list[Footstep]], paths: dict[str, FootPath], shares: dict[str, Array], travels: dict[str, Array],
     size: Wearer, t: Array, height: Callable[[Array], Array],
 ) -> tuple[dict[str, Array], Array]:  # fmt: skip
-    """(N, 3) centre of pressure under each foot, by side, and (N, 3) that of both, m in the world."""
+    """(N, 3) centre of pressure under each foot, by side, and (N, 3) of both feet, m in the world."""
     centres = {
         side: pressure_centres(steps[side], size.shoe, t, travels[side], paths[side].pitch, height) for side in SIDES
     }
@@ -176,10 +176,10 @@ def _exo(
     stride: int, weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
     settled: dict[str, Array] | None = None,
 ) -> dict[str, Array]:  # fmt: skip
-    """(N, J) angles of both legs of the exoskeleton, found at every `stride`-th instant and splined between.
+    """(N, J) angles of both legs of the exoskeleton, computed at every `stride`-th instant and interpolated.
 
-    They are those of weightless legs, or where `weighing` says what to weigh with, of legs with weight, near those that
-    have `settled` before.
+    They are those of weightless legs, or, with a model in `weighing`, of legs with weight, starting from the angles
+    `settled` of an earlier round.
     """
     if size.exo is None:
         return {}

@@ -1,4 +1,4 @@
-"""Steps in time: a phase that counts them, and quantities that change from step to step without a jolt."""
+"""Steps in time: a phase that counts them, and quantities that change smoothly from step to step."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Rhythm:
         return cls(steps=order, begin=begin, end=end)
 
     def phase(self, t: Array) -> Array:
-        """(N,) number of steps made at (N,) uniform s, growing smoothly; still before the first and after the last."""
+        """(N,) number of steps made at (N,) uniform s, smooth; constant before the first and after the last."""
         knots = np.concatenate([[self.begin[0]], self.end])
         lead = self.end[0] - self.begin[0], self.end[-1] - self.begin[-1]
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
@@ -50,13 +50,13 @@ class Rhythm:
         return _smooth(PchipInterpolator(knots, count)(inside), t)
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
-        """(N,) at (N,) uniform s: each step's own of (K,) values in its middle, `before` and `after` in standing."""
+        """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""
         middle = (self.begin + self.end) / 2
         at = np.concatenate([[self.begin[0] - SHIFT_S / 2], middle, [self.end[-1] + SETTLE_S / 2]])
         return _smooth(np.interp(t, at, np.concatenate([[before], values, [after]])), t)
 
     def styled(self, t: Array, name: str, rest: float, index: int | None = None) -> Array:
-        """(N,) a field of the steps' styles as `blend`."""
+        """(N,) a field of the steps' styles, blended as in `blend`."""
         values = [getattr(step.style, name) for step in self.steps]
         return self.blend(t, np.array([v if index is None else v[index] for v in values]), rest, rest)
 

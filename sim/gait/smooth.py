@@ -13,7 +13,7 @@ _SOFTNESS = 3.4
 
 @numba.vectorize(["float64(float64)"], cache=True)
 def ease(s):  # type: ignore[no-untyped-def]
-    """Minimum-jerk step from 0 at s = 0 to 1 at s = 1 (Flash & Hogan 1985), held outside; of numbers and arrays."""
+    """Minimum-jerk step from 0 at s = 0 to 1 at s = 1 (Flash & Hogan 1985), constant outside; scalars and arrays."""
     s = min(max(s, 0.0), 1.0)
     return s * s * s * (10.0 + s * (-15.0 + 6.0 * s))
 
@@ -26,12 +26,12 @@ def ease_rate(s):  # type: ignore[no-untyped-def]
 
 
 def soft_ease(s: Array | float) -> Array:
-    """Step from 0 at s = 0 to 1 at s = 1 that starts and ends softer than `ease`, without a jump of the jerk."""
+    """Step from 0 at s = 0 to 1 at s = 1 with smoother ends than `ease`, without a jump of the jerk."""
     return np.asarray(betainc(_SOFTNESS, _SOFTNESS, np.clip(s, 0.0, 1.0)))  # 3: minimum jerk, 4: minimum snap
 
 
 def bump(s: Array) -> Array:
-    """1 in the middle, 0 at s = 0 and s = 1, as soft there as `soft_ease`."""
+    """1 in the middle, 0 at s = 0 and s = 1, as smooth there as `soft_ease`."""
     s = np.clip(s, 0.0, 1.0)
     return (4.0 * s * (1.0 - s)) ** _SOFTNESS
 

@@ -1,8 +1,8 @@
-"""How people walk on the level, by speed: timing, foot pitch, centre of pressure, pelvis and swing as one table.
+"""Walking styles on the level, by speed: timing, foot pitch, centre of pressure, pelvis and swing in one table.
 
-The table `level_style.csv` is solved by `python -m tools.fit_gait_cycle` against the joint angles of Schwartz,
-Rozumalski & Trost 2008 and the ground reaction that goes with them. Speeds are dimensionless, v / sqrt(g leg), lengths
-are in legs (hip centre to sole), angles in rad.
+The table `level_style.csv` is the result of `python -m tools.fit_gait_cycle`, fitted to the joint angles of Schwartz,
+Rozumalski & Trost 2008 and the corresponding ground reactions. Speeds are dimensionless, v / sqrt(g leg), lengths are
+in leg lengths (hip centre to sole), angles in rad.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ TRAVEL_KNOTS = (0.0, 0.08, 0.20, 0.36, 0.54, 0.72, 0.87, 1.0)  # shares of stanc
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Style:
-    """One way of walking on the level.
+    """Style of walking on the level.
 
     Attributes:
-        double_support: Share of a step that both feet are on the ground.
-        transfer: Share of double support in which the load passes over.
-        flat_after: When the foot is flat after touch-down, as a share of the step.
-        heel_off_before: When the heel leaves before toe-off, as a share of the step.
+        double_support: Share of a step with both feet on the ground.
+        transfer: Share of double support in which the load moves from foot to foot.
+        flat_after: Time from touch-down until the foot is flat, as a share of the step.
+        heel_off_before: Time from heel-off to toe-off, as a share of the step.
         rise: (3,) pitch at the inner `RISE_KNOTS`, as a share of that at toe-off.
         pitch: (9,) pitch of the foot at `SWING_KNOTS`, rad, toes down positive.
         travel: (8,) centre of pressure at `TRAVEL_KNOTS`, as a share of the toe hinge's x.
-        height: (7,) pelvis height in legs: mean, then cosine and sine of the first three harmonics of the step.
-        forward: (5,) polynomial of the swinging foot's lead on a soft path, in legs.
-        lift: (5,) the same of its height.
+        height: (7,) pelvis height in leg lengths: mean, then cosine and sine of the first three harmonics of the step.
+        forward: (5,) polynomial of the swing foot's forward offset from its smooth path, in leg lengths.
+        lift: (5,) likewise of its height.
         tilt: Anterior pelvis tilt, rad.
-        turn: Pelvis rotation a leg's length of distance between the feet, rad.
+        turn: Pelvis rotation per leg length of distance between the feet, rad.
         list_: Amplitude of the pelvis obliquity, rad.
     """
 
@@ -60,14 +60,14 @@ class Style:
 
     @classmethod
     def of_vector(cls, x: Array) -> Style:
-        """Style whose fields stand in a row, in the order above."""
+        """Style from a vector of its fields in the order above."""
         ends = np.cumsum(list(SIZES.values()))[:-1]
         parts = np.split(np.asarray(x, dtype=float), ends)
         values: dict[str, Any] = {name: part if SIZES[name] > 1 else float(part[0]) for name, part in zip(SIZES, parts)}
         return cls(**values)
 
     def vector(self) -> Array:
-        """The fields in a row."""
+        """The fields as one vector."""
         return np.concatenate([np.atleast_1d(getattr(self, f.name)) for f in fields(self)])
 
 
@@ -89,7 +89,7 @@ def pace(speed_mps: float, size: Wearer) -> float:
 
 
 def level_style(pace_: float) -> Style:
-    """Style at a dimensionless speed, held beyond the table's ends."""
+    """Style at a dimensionless speed; constant beyond the table's ends."""
     paces, rows = _table()
     return Style.of_vector(np.array([np.interp(pace_, paces, row) for row in rows]))
 
@@ -102,7 +102,7 @@ def tabled() -> tuple[float, float]:
 
 @cache
 def _table() -> tuple[Array, Array]:
-    """Dimensionless speeds (K,) and the style's numbers at each (len(LABELS), K)."""
+    """Dimensionless speeds (K,) and the style parameters at each (len(LABELS), K)."""
     text = resources.files("stridetwin.sim.gait").joinpath("level_style.csv").read_text(encoding="utf-8")
     lines = [row for row in csv.reader(text.splitlines()) if row and not row[0].startswith("#")]
     values = {row[0]: [float(v) for v in row[1:]] for row in lines}

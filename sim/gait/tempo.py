@@ -1,4 +1,4 @@
-"""How fast the walker goes where, and how long a step is there."""
+"""Speed of the walker along the way, and the step length there."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from stridetwin.sim.gait.style import leg_length, pace
 from stridetwin.sim.route import RUN_OUT_M, Layout
 from stridetwin.streams.samples import Array
 
-_STEP_AT_PACE_1 = 1.05  # legs, by the walk ratio: 0.66 m at 1.2 m/s for a person of 1.75 m
-_BRISK_MPS = 1.2  # nobody goes faster than this from or to standing, on ramps and in tight bends
-_TO_RISER_MPS = 0.9  # or than this where stairs begin and end: their steps are slow
+_STEP_AT_PACE_1 = 1.05  # leg lengths, by the walk ratio: 0.66 m at 1.2 m/s for a person of 1.75 m
+_BRISK_MPS = 1.2  # speed limit near standing, on ramps and in tight bends
+_TO_RISER_MPS = 0.9  # and where stairs begin and end: their steps are slow
 _TIGHT_M = 2.0  # radius
-_GAIN_MPS2 = 0.5  # and only gets faster at this rate
-_STAIR_MAX_MPS = 1.6  # nor climbs stairs as if walking faster
+_GAIN_MPS2 = 0.5  # largest acceleration
+_STAIR_MAX_MPS = 1.6  # speed limit for the cadence on stairs
 _QUICKEST_SHUFFLE_S = 0.48
-_WOBBLE, _WOBBLE_M = 0.20, 2.0  # speed of a stroll: deviation (fraction, SD) and the way on which it changes
+_WOBBLE, _WOBBLE_M = 0.20, 2.0  # speed of a stroll: SD as a fraction, and the distance over which it changes
 _GRID_M = 0.1
 
 
@@ -32,12 +32,11 @@ class Tempo:
 
     Attributes:
         size: Wearer.
-        gait: How the person walks.
-        slow: (K,) arc lengths where the walker may go no faster than `most`: the start, the end, stairs, ramps and
-            tight bends.
+        gait: Gait of the person.
+        slow: (K,) arc lengths with a speed limit `most`: the start, the end, stairs, ramps and tight bends.
         most: (K,) m/s.
         grid: (N,) m, arc lengths of `share`.
-        share: (N,) speed as a share of the preferred one.
+        share: (N,) speed relative to the preferred one.
     """
 
     size: Wearer
@@ -49,7 +48,7 @@ class Tempo:
 
     @classmethod
     def along(cls, layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> Tempo:
-        """Tempo of one walk; only a wanderer's takes random numbers."""
+        """Tempo of one walk; only a wandering walk uses random numbers."""
         profile = layout.profile
         end = profile[-1].s1 - RUN_OUT_M
         uneven = [np.arange(strip.s0, strip.s1 + _GRID_M, _GRID_M) for strip in profile if strip.terrain != "level"]
@@ -63,23 +62,23 @@ class Tempo:
         if gait.pattern == "wander":
             smoothing = _WOBBLE_M / _GRID_M
             wobble = gaussian_filter1d(rng.standard_normal(len(grid)), smoothing, mode="reflect")
-            # the SD that a Gaussian filter leaves of white noise: a short way's own would magnify its mean
+            # the SD after a Gaussian filter of white noise; the SD of a short way would magnify its mean
             share = np.exp(_WOBBLE * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
         return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
 
     def speed(self, s: Array | float) -> Array:
-        """(...) m/s, wanted on a straight way at (...) arc lengths."""
+        """(...) m/s, planned speed on a straight way at (...) arc lengths."""
         s = np.asarray(s, dtype=float)
         away = np.abs(s[..., None] - self.slow)
         most = np.sqrt(np.min(self.most**2 + 2 * _GAIN_MPS2 * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
     def on_stairs(self, s: float) -> float:
-        """M/s on the level that goes with the walker's cadence on stairs there."""
+        """Speed on the level, m/s, with the same cadence as the walker has on stairs there."""
         return min(self.gait.speed_mps * float(np.interp(s, self.grid, self.share)), _STAIR_MAX_MPS)
 
     def step(self, s: Array | float) -> Array:
-        """(...) m, length of a step on a straight level way at (...) arc lengths."""
+        """(...) m, step length on a straight level way at (...) arc lengths."""
         return preferred_step(self.speed(s), self.size) * shuffled_share(self.gait.shuffle)
 
     def duration(self, s: float) -> float:

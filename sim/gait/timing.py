@@ -1,4 +1,4 @@
-"""When each foot lands, and in which style the step is walked."""
+"""Landing time of each foot, and the style of each step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import Gait
-from stridetwin.sim.gait.curves import speed_share, turned
+from stridetwin.sim.gait.curves import speed_share, turn_share
 from stridetwin.sim.gait.manner import held, shuffled, style_at
 from stridetwin.sim.gait.placement import STEEP_RAD, Place, limp
 from stridetwin.sim.gait.style import Style, level_style, pace
@@ -17,21 +17,21 @@ from stridetwin.sim.gait.tempo import Tempo
 from stridetwin.sim.way import Way
 from stridetwin.streams.samples import Array
 
-# Share of a step; the same share of the stride is spent on both feet. Who came down needs the time to lower the heel.
+# Share of a step; the same share of the stride is spent on both feet. Downstairs it takes time to lower the heel.
 _STAIR_DOUBLE_SUPPORT, _COME_DOWN_DOUBLE_SUPPORT = 0.18, 0.30
 _STAIR_TRANSFER, _DOWN_TRANSFER = 0.85, 0.60
 _STEP_TIME = {"level": 1.0, "ramp": 1.04, "up": 1.16, "down": 1.04}
 _STAIR_STEP_S = 0.60  # at the preferred speed of 1.2 m/s
-_STAIR_SWING_MAX_S = 0.75  # who climbs more slowly stands on both feet for longer
+_STAIR_SWING_MAX_S = 0.75  # slower climbers stand on both feet for longer
 _HIGH_RISER_M = 0.18  # steps over higher ones take longer, in proportion
 _RISER_M = 0.02
-_SLOWER_STEEP = 2.5  # a radian beyond `STEEP_RAD`, where steps are shorter as well
+_SLOWER_STEEP = 2.5  # per radian beyond `STEEP_RAD`, where steps are shorter as well
 
 
 def timing(
     way: Way, prints: Sequence[Place], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> tuple[Array, list[Style]]:  # fmt: skip
-    """(N,) time from the touch-down before to each one's own, s, and how that step is walked."""
+    """(N,) time from the previous touch-down to each touch-down, s, and the style of each step."""
     rises = _rises(prints)
     even = _durations(way, prints, rises, gait, tempo, rng)
     styles = [shuffled(style, gait.shuffle) for style in _styles(prints, rises, even, size)]
@@ -42,7 +42,7 @@ def timing(
 
 
 def _rises(prints: Sequence[Place]) -> list[float]:
-    """Height of the riser that each step takes, m, also of one that brings a foot up beside the other; 0 for none."""
+    """Height of the riser of each step, m, including steps that bring one foot beside the other; 0 for none."""
     rises = []
     for i, place in enumerate(prints):
         before = prints[i - 1] if i else None
@@ -69,7 +69,7 @@ def _durations(
         else:
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = np.clip(
-                max((s - previous) / (float(tempo.step(middle)) * slower), turned(way, previous, s)), 0.3, 1.3
+                max((s - previous) / (float(tempo.step(middle)) * slower), turn_share(way, previous, s)), 0.3, 1.3
             )
             ramp = place.strip.terrain == "ramp"
             steep = max(abs(place.strip.slope) - STEEP_RAD, 0.0) if ramp else 0.0
@@ -79,7 +79,7 @@ def _durations(
             duration = max(duration, 0.9 * level_step)
         durations.append(duration * (1.0 + np.clip(rng.normal(0.0, gait.step_sd), -0.06, 0.06)))
         previous = s
-    # neighbouring steps share their tempo: nobody switches cadence from one step to the next
+    # neighbouring steps share their tempo: people do not change cadence abruptly
     return np.convolve(np.pad(durations, 1, mode="edge"), [0.2, 0.6, 0.2], mode="valid")
 
 

@@ -1,4 +1,4 @@
-"""The wearer's coordinates from pelvis, feet and posture, and the zero-moment point of the motion that they make."""
+"""The wearer's coordinates from pelvis, feet and posture, and the zero-moment point of the resulting motion."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def coordinates(
     size: Wearer, layout: Coordinates, p_pelvis: Array, pose: Posture, legs_: Mapping[str, LegAngles],
     exo: Mapping[str, Array], paths: Mapping[str, FootPath],
 ) -> Array:  # fmt: skip
-    """(N, names) coordinates in the order of `layout.names`; `exo` holds (N, J) angles by side, none without it."""
+    """(N, names) coordinates in the order of `layout.names`; `exo` holds (N, J) angles by side, or is empty."""
     columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
     columns |= pose.joints
     for side in SIDES:
@@ -45,11 +45,11 @@ def coordinates(
 def zero_moment_point(
     p_root: Array, force: Array, moment: Array, com_z: Array, z: Array, mass: float
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Where the ground would carry a motion.
+    """Zero-moment point of a motion.
 
     Args:
         p_root: (N, 3) m, root in the world.
-        force: (N, 3) N, that the motion needs from outside, world axes (`rigid_tree.root_wrench`).
+        force: (N, 3) N, external force that the motion needs, world axes (`rigid_tree.root_wrench`).
         moment: (N, 3) N m, likewise, about the root.
         com_z: (N,) height of the centre of mass, m.
         z: (N,) height of the ground, m.

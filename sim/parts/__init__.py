@@ -1,1 +1,1 @@
-"""Parts that a rig is made of: one YAML file a part with the figures of its data sheet, and what reads them."""
+"""Sensor parts of a rig: one YAML file per part with the figures of its data sheet, and their reader."""

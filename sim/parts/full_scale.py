@@ -1,4 +1,4 @@
-"""Full scales of the library's parts, found by what a rig says of a part."""
+"""Full scales of the library's parts, looked up by a rig's description of a part."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from stridetwin.sim.parts.library import library, part
 
 @cache
 def full_scales(text: str) -> Mapping[str, float]:
-    """Largest magnitude by field of the samples (rad/s, m/s², N); empty where the part is not known or has no range.
+    """Largest magnitude by field of the samples (rad/s, m/s², N); empty for an unknown part or one without range.
 
     Args:
-        text: What the rig calls the part: its description in the library, or any text with its name in it.
+        text: Description of the part in the rig: that in the library, or any text that contains its name.
     """
-    match _told_by(text):
+    match _described_by(text):
         case ImuPart() as imu:
             return {"angular_rate": imu.gyroscope.range, "specific_force": imu.accelerometer.range}
         case ForceCellPart() as cell:
@@ -24,8 +24,8 @@ def full_scales(text: str) -> Mapping[str, float]:
     return {}
 
 
-def _told_by(text: str) -> Part | None:
-    """The part with this description, else the one whose name in the text says most."""
+def _described_by(text: str) -> Part | None:
+    """The part with this description, otherwise the one with the longest name in the text."""
     plain = text.replace("-", " ")
     parts = [part(name) for name in library()]
     named = [p for p in parts if p.name.replace("-", " ") in plain]

@@ -1,4 +1,4 @@
-"""The kinds of parts and their figures, in SI and radians; files hold the units of data sheets."""
+"""The kinds of parts and their parameters, in SI and radians; files use the units of data sheets."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from stridetwin.sim.parts.figure import DEG, G, figure, numbers, word
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """What every part has.
+    """Parameters of every part.
 
     Attributes:
-        name: Of the part.
-        description: Maker and type.
-        rate_hz: Of its samples.
-        mass_kg: As it is worn, with its case; 0 where nobody has said.
+        name: Name of the part.
+        description: Manufacturer and type.
+        rate_hz: Sample rate.
+        mass_kg: Mass as worn, with its case; 0 if unknown.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Gyroscope:
         turn_on_bias: Standard deviation from one start to the next, rad/s.
         scale_factor: Standard deviation, a fraction.
         misalignment: Standard deviation of each axis towards each of the others, rad.
-        g_sensitivity: Standard deviation of the rate felt for a specific force, rad/s per m/s².
+        g_sensitivity: Standard deviation of the rate error caused by a specific force, rad/s per m/s².
         range: rad/s.
         bandwidth_hz: −3 dB.
         resolution: One count, rad/s; 0 for none.
@@ -56,7 +56,7 @@ class Gyroscope:
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer:
-    """Three accelerometers; the attributes as those of `Gyroscope`, in m/s² instead of rad/s."""
+    """Three accelerometers; attributes as in `Gyroscope`, in m/s² instead of rad/s."""
 
     noise_density: float = figure("noise_density_ug_per_rthz", 0, 10000, scale=1e-6 * G, ideal=0.0)
     bias_instability: float = figure("bias_instability_ug", 0, 10000, scale=1e-6 * G, ideal=0.0)
@@ -83,14 +83,14 @@ class AhrsPart(Part):
 
     Attributes:
         tilt_bias: Standard deviation of the constant error of roll and pitch, rad.
-        tilt_still: Standard deviation of the wandering one at rest, rad.
-        tilt_moving: The same in full motion, rad.
+        tilt_still: Standard deviation of the varying error at rest, rad.
+        tilt_moving: Likewise in full motion, rad.
         heading_bias: Standard deviation of the heading at the start, rad.
         heading_drift: Largest drift, rad/s.
         heading_walk: rad/√s in full motion.
         rate_noise: Standard deviation of each rate, rad/s.
-        rate_bias: Standard deviation of what its filter leaves of each rate's bias, rad/s.
-        rate_instability: How that wanders: the flat bottom of its Allan deviation, rad/s.
+        rate_bias: Standard deviation of the residual bias of each rate after filtering, rad/s.
+        rate_instability: Instability of that bias: flat bottom of its Allan deviation, rad/s.
     """
 
     tilt_bias: float = figure("tilt_bias_deg", 0, 10, scale=DEG, ideal=0.0)
@@ -107,7 +107,7 @@ class AhrsPart(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class Imager:
-    """Picture sensor behind a lens.
+    """Image sensor behind a lens.
 
     Attributes:
         width: Pixels.
@@ -115,7 +115,7 @@ class Imager:
         focal: Focal length, pixels.
         distortion_model: Of the lens, `radtan` (Brown-Conrady) or `equidistant`.
         distortion: Its four coefficients.
-        exposure_s: Time; the longest where it is automatic.
+        exposure_s: Exposure time; the longest one if exposure is automatic.
         auto_exposure_s: Time constant of the automatic exposure; 0 for a fixed one.
         shutter: `global` or `rolling`.
         readout_s: From the first row to the last of a rolling shutter.
@@ -142,18 +142,18 @@ class Imager:
 
 @dataclass(frozen=True, kw_only=True)
 class DepthSensor:
-    """Stereo depth, registered to the picture.
+    """Stereo depth, registered to the image.
 
     Attributes:
         range_min: m.
         range_max: m.
         noise: Standard deviation over z², 1/m.
-        noise_px: Pixels over which the noise is alike.
+        noise_px: Correlation length of the noise, pixels.
         disparity_step: Smallest step of the disparity over focal length and baseline, 1/m; 0 for none.
         resolution: One count, m; 0 for none.
-        edge_px: Pixels beside an outline where depth is missing or between the two surfaces.
-        slant: Angle between line of sight and surface below which nothing is matched, rad.
-        dark: Grey value, a fraction of white, below which nothing is matched.
+        edge_px: Pixels beside a depth discontinuity where depth is missing or between the two surfaces.
+        slant: Angle between line of sight and surface below which there is no stereo match, rad.
+        dark: Grey value, a fraction of white, below which there is no stereo match.
     """
 
     range_min: float = figure("range_min_m", 0, 10)
@@ -192,7 +192,7 @@ class SonarPart(Part):
         range_max: m.
         step: One count, m; 0 for none.
         noise: Standard deviation before counting, m.
-        ghost: Chance that a reading is an echo by another way.
+        ghost: Probability that a reading comes from an indirect echo.
     """
 
     beam: float = figure("beam_deg", 1, 170, scale=DEG)
@@ -208,9 +208,9 @@ class EncoderPart(Part):
     """Absolute encoder.
 
     Attributes:
-        bits: Of a turn; 0 for no counting.
+        bits: Resolution in bits per turn; 0 for no quantisation.
         nonlinearity: Largest error over a turn, rad.
-        index_offset: Standard deviation of the zero's setting, rad.
+        index_offset: Standard deviation of the zero position, rad.
     """
 
     bits: float = figure("resolution_bits", 0, 32, ideal=0.0)
@@ -226,11 +226,11 @@ class ForceCellPart(Part):
         range: N.
         curve: (b1, b2) of the calibration, force in kgf = b1 x + b2 x², x = counts / 1000; zeros: no counting.
         hysteresis: Width of the loop between loading and unloading, a fraction of the force.
-        drift: Creep under constant load, a fraction of it a decade of time.
+        drift: Creep under constant load, a fraction of it per decade of time.
         gain: Standard deviation of a cell's sensitivity, a fraction (repeatability and linearity).
         noise: Standard deviation, N.
         filter_hz: Cut-off of the second-order Butterworth filter behind it.
-        preload: Of a cell under a strap, N.
+        preload: Preload of a cell under a strap, N.
     """
 
     range: float = figure("range_kgf", 0.1, 1000, scale=G, ideal=math.inf)
@@ -245,7 +245,7 @@ class ForceCellPart(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class ActuatorPart(Part):
-    """Torque and speed as an actuation module tells them: standard deviations, N m and rad/s."""
+    """Measured torque and speed of an actuation module: standard deviations, N m and rad/s."""
 
     torque_noise: float = figure("torque_noise_nm", 0, 50, ideal=0.0)
     speed_noise: float = figure("speed_noise_radps", 0, 10, ideal=0.0)

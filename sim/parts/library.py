@@ -1,4 +1,4 @@
-"""The parts that come with the project, by name, and parts of the user's own from files."""
+"""The parts that come with the project, by name, and custom parts from files."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def library() -> dict[str, Path]:
 
 @cache
 def part(name: str) -> Part:
-    """A part of the library; with `-ideal` behind its name, its ideal twin.
+    """A part of the library; with the suffix `-ideal`, its noise-free version.
 
     Raises:
-        ConfigError: There is no such part; the message lists those there are.
+        ConfigError: Unknown part; the message lists the known ones.
     """
     known, plain = library(), name.removesuffix(IDEAL)
     if plain not in known:
@@ -44,9 +44,9 @@ def read_part(path: Path) -> Part:
     """A part from its file, named after it.
 
     Raises:
-        ConfigError: Unknown or missing keys, an unknown kind, a value that makes no sense; the message names file,
-            key, value and what is valid.
-        StrideTwinError: The file cannot be read or is no YAML.
+        ConfigError: Unknown or missing keys, an unknown kind, or an invalid value; the message names file, key, value
+            and what is valid.
+        StrideTwinError: The file cannot be read or is not YAML.
     """
     data = read_yaml(path)
     read = validated(PartFile, data, path)
@@ -54,10 +54,10 @@ def read_part(path: Path) -> Part:
 
 
 def ideal(of: P) -> P:
-    """The ideal twin of a part: same rate, size and place, but no error, limit or delay."""
+    """The noise-free version of a part: same rate, size and place, but no error, limit or delay."""
     return idealised(of)
 
 
 def kind_of(of: Part) -> str:
-    """The kind of a part as its file says it."""
+    """The kind of a part as named in its file."""
     return next(name for name, kind in KINDS.items() if type(of) is kind)

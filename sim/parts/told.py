@@ -1,4 +1,4 @@
-"""What the rig tells estimators about sensors without a Kalibr section, from the figures of their parts."""
+"""Nominal parameters of sensors without a Kalibr section, from the figures of their parts."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _actuator(part: ActuatorPart) -> Parameters:
     return {"torque_sd_nm": part.torque_noise, "speed_sd_radps": part.speed_noise}
 
 
-TOLD: dict[str, Callable[[Any], Parameters]] = {
+NOMINAL: dict[str, Callable[[Any], Parameters]] = {
     "range": _sonar,
     "ahrs": _ahrs,
     "encoder": _encoder,

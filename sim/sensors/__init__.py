@@ -1,1 +1,1 @@
-"""Sensor models: each turns true motion, loads or pictures into the samples that the real part would give."""
+"""Sensor models: each converts true motion, loads or images to the samples of the real part."""

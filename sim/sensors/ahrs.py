@@ -17,23 +17,23 @@ from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Ahrs, Array, Block
 
 _TILT_S = 2.0
-"""Time in which a filter's tilt forgets an error: that of its accelerometer correction."""
+"""Time constant with which a filter's tilt error decays: that of its accelerometer correction."""
 _FULL_MOTION_RADPS = 2.0
-"""Angular rate beyond which the sensor counts as in full motion, as a limb's in a walk."""
+"""Angular rate from which the sensor counts as in full motion, like a limb in a walk."""
 
 
 class AhrsModel:
-    """Orientation whose tilt error wanders, more so in motion, and whose heading drifts.
+    """Orientation with a slowly varying tilt error, larger in motion, and a drifting heading.
 
-    Roll and pitch have a constant error and a first-order Gauss-Markov one, whose standard deviation goes from that at
-    rest to that in motion with the share |ω| / 2 rad/s of full motion. The heading starts with an error, drifts at a
-    constant rate within the part's limits, and walks at random in motion. The rates keep what the filter leaves of
-    their biases, which wanders.
+    Roll and pitch have a constant error and a first-order Gauss-Markov error, whose standard deviation is interpolated
+    between those at rest and in motion with the share |ω| / 2 rad/s of full motion. The heading starts with an error,
+    drifts at a constant rate within the part's limits, and performs a random walk in motion. The rates keep the bias
+    residuals of the filter, which vary slowly.
 
     Args:
         calibration: Topic and mount.
-        part: The sensor as it really is.
-        noise: What its errors are drawn from.
+        part: True parameters of the sensor.
+        noise: Source of its errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: AhrsPart, noise: Noise) -> None:

@@ -1,4 +1,4 @@
-"""Force-sensing resistors as they are read: creep, a loop between loading and unloading, counts, a filter."""
+"""Readout of force-sensing resistors: creep, hysteresis, quantisation and filter."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.streams.samples import Array
 
-_CREEP_S = (1.0, 10.0, 100.0)  # each adds a share of the load, so that a constant one creeps by as much a decade
-_PLAY = 0.1  # of the load: how far it must come back before a cell follows
+_CREEP_S = (1.0, 10.0, 100.0)  # time constants; a constant load creeps by the same amount per decade
+_PLAY = 0.1  # of the load: play of the hysteresis
 _FULL_COUNT = 4095
 
 
 class ForceCells:
-    """Some cells of one part.
+    """Several cells of one part.
 
-    The loop is a play whose width grows with the force: on the way up the play stands at (1 − 0.1) F, on the way down
-    at (1 + 0.1) F, and a share of the difference to F is felt. Counts x of the converter come from the calibration
-    curve F = b₁ x + b₂ x² (kgf, x in thousands), and are turned back with it.
+    The hysteresis is a play whose width grows with the force: (1 − 0.1) F under rising load and (1 + 0.1) F under
+    falling load, and a share of the difference to F is measured. The counts x of the converter follow from the
+    calibration curve F = b₁ x + b₂ x² (kgf, x in thousands), which also converts them back.
 
     Args:
-        part: What the cells are.
-        count: How many.
-        rate_hz: Of the samples.
-        noise: What their errors are drawn from.
+        part: Parameters of the cells.
+        count: Number of cells.
+        rate_hz: Sample rate.
+        noise: Source of their errors.
     """
 
     def __init__(self, part: ForceCellPart, count: int, rate_hz: float, noise: Noise) -> None:
@@ -43,7 +43,7 @@ class ForceCells:
         self._filter = np.zeros((1, 2, count))
 
     def read(self, load: Array) -> Array:
-        """(N, count) N as told of the following true loads (N, count), N."""
+        """(N, count) measured force, N, for the next true loads (N, count), N."""
         felt = self._loop(self._creep(self._gain * load))
         felt = np.clip(felt + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
         if any(self._part.curve):
@@ -69,7 +69,7 @@ class ForceCells:
 
 @numba.njit(cache=True)
 def _played(last: Array, load: Array) -> Array:
-    """What follows (N, count) loads with play, from (count,) the last of it on, which becomes the new last."""
+    """Output of a play for (N, count) loads, from the (count,) state `last`, which is updated."""
     play = np.empty(load.shape)
     for k in range(len(load)):
         for i in range(len(last)):
@@ -78,7 +78,7 @@ def _played(last: Array, load: Array) -> Array:
 
 
 def _counted(force: Array, b1: float, b2: float) -> Array:
-    """Through the converter's counts and back, N."""
+    """Force after quantisation by the converter, N."""
     kgf = force / G
     x = (-b1 + np.sqrt(np.maximum(b1**2 + 4 * b2 * kgf, 0.0))) / (2 * b2) if b2 else kgf / b1
     counts = np.clip(np.round(1000 * x), 0, _FULL_COUNT) / 1000

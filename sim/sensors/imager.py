@@ -1,4 +1,4 @@
-"""What a camera makes of the light that falls on its sensor: vignetting, shot and read noise, gain, grey values."""
+"""Image sensor: vignetting, shot noise, read noise, gain and grey values."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from stridetwin.sim.parts.kinds import Imager
 
 Pixels = NDArray[np.uint8]
 SPARE = 64
-"""A bank of noise is this much larger than a picture, and each picture takes another cut of it."""
+"""A noise bank is larger than an image by this factor, and each image uses another crop of it."""
 BLANK = 96
-"""Grey value of what is not drawn."""
-_TARGET = 0.45  # mean of a picture over white, to which automatic exposure goes
+"""Grey value of pixels that are not rendered."""
+_TARGET = 0.45  # target of automatic exposure: mean grey value over white
 _GAINS = (0.25, 64.0)
 
 
 class Sensor:
-    """Turns clean grey values into those of the camera.
+    """Converts clean grey values to those of the camera.
 
-    White fills the well of a pixel in the light that the camera is set for, and `light` times as much comes in.
-    Electrons have shot noise, reading them adds read noise, and the gain makes grey values of them.
+    At the nominal illumination white fills the full well of a pixel; the light is `light` times the nominal one.
+    Electrons have shot noise, readout adds read noise, and the gain converts them to grey values.
 
     Args:
         shape: (H, W) or (H, W, 3).
-        imager: The camera as it really is.
-        light: On the scene, over what the camera is set for.
-        noise: What its errors are drawn from.
+        imager: True parameters of the camera.
+        light: Brightness of the scene relative to the camera's setting.
+        noise: Source of its errors.
     """
 
     def __init__(self, shape: tuple[int, ...], imager: Imager, light: float, noise: Noise) -> None:
@@ -42,7 +42,7 @@ class Sensor:
         self._variance = np.zeros(2, np.float32)
         if self._noisy:
             self._bank[:] = noise.normal(1.0, self._bank.shape)
-            # Of a clean level, in levels before the gain: a for each level, and b in the dark.
+            # Variance of a clean level, in levels before the gain: a per level, and b in the dark.
             per_electron = 255 / (imager.full_well * light)
             self._variance[:] = per_electron, (per_electron * imager.read_noise) ** 2
         # Light falls off with the fourth power of the cosine, to 1 - vignetting in the corners: 1 / (1 + tan²)²
@@ -52,9 +52,9 @@ class Sensor:
         self._before_ns = 0
 
     def exposed(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
-        """Grey values or colours of a piece (h, w, ...) of a picture, whose upper left pixel is given.
+        """Grey values or colours of a part (h, w, ...) of an image, given its upper left pixel.
 
-        Pictures of a camera with automatic exposure come in order of time.
+        Images of a camera with automatic exposure must be passed in time order.
         """
         gain = self._gain_for(t_ns, clean) * self._light
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
@@ -64,11 +64,13 @@ class Sensor:
         rows, columns = self._tan2[0][row : row + height], self._tan2[1][column : column + width]
         levels = np.ascontiguousarray(clean).reshape(height, each * width)
         start = (row + down, each * (column + right))
-        told = _developed(levels, rows, np.repeat(columns, each), self._bank, start, self._variance, np.float32(gain))
-        return told.reshape(clean.shape)
+        measured = _developed(
+            levels, rows, np.repeat(columns, each), self._bank, start, self._variance, np.float32(gain)
+        )
+        return measured.reshape(clean.shape)
 
     def _gain_for(self, t_ns: int, clean: Pixels) -> float:
-        """The gain of this picture; that of the next one follows its brightness with the exposure's lag."""
+        """The gain of this image; that of the next one follows its brightness with the lag of the exposure control."""
         lag = self._imager.auto_exposure_s
         if not lag:
             return 1.0
@@ -91,14 +93,14 @@ def _developed(
     variance: NDArray[np.float32],
     gain: np.float32,
 ) -> Pixels:
-    """Levels (H, W) as they are told: vignetting by the squared tangents of rows and columns, noise and gain."""
-    told, one, white = np.empty(levels.shape, np.uint8), np.float32(1), np.float32(255)
+    """Measured levels (H, W): vignetting by the squared tangents of rows and columns, noise and gain."""
+    measured, one, white = np.empty(levels.shape, np.uint8), np.float32(1), np.float32(255)
     of_light, in_dark = variance
     top, left = start
     for i in range(levels.shape[0]):
-        clean, noise, row = levels[i], bank[top + i, left : left + levels.shape[1]], told[i]
+        clean, noise, row = levels[i], bank[top + i, left : left + levels.shape[1]], measured[i]
         for j in range(levels.shape[1]):
             level, spread = np.float32(clean[j]), one + tan2_rows[i] + tan2_columns[j]
             bright = level / (spread * spread) + np.sqrt(of_light * level + in_dark) * noise[j]
             row[j] = np.uint8(min(max(np.rint(gain * bright), np.float32(0)), white))
-    return told
+    return measured

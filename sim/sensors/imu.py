@@ -18,24 +18,24 @@ from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
 INNER_HZ = 1000.0
-"""Least rate at which a part with a limited bandwidth follows the motion."""
+"""Least rate at which a part with limited bandwidth samples the motion internally."""
 
 
 class ImuModel:
     """Sample k is the mean over (t_{k-1}, t_k].
 
-    A real part follows the motion at `INNER_HZ` or more: there it has its scale factors, misalignment, g-sensitivity,
-    turn-on bias and its bandwidth (a second-order low-pass, whose delay its stamps allow for). The steps of a sample
-    are then joined without coning or sculling error (`strapdown.joined`), biases that wander and white noise come on
-    top, and what comes out is held within the range and counted: a register saturates, the element in front of it
-    sways further. An ideal part needs no steps: attitude and velocity come back exactly from its
-    samples, and position, by the trapezoids of the velocity, but for Δt²/12 times the change of the acceleration.
-    Before the very first sample the sensor is taken to move steadily.
+    A real part samples the motion at `INNER_HZ` or more, with scale factors, misalignment, g-sensitivity, turn-on bias
+    and bandwidth (a second-order low-pass filter, whose delay the stamps compensate). The inner steps of a sample are
+    then combined without coning or sculling error (`strapdown.joined`). Varying biases and white noise are added, and
+    the result is clipped to the range and quantised: the register saturates, not the sensing element. An ideal part
+    needs no inner steps: attitude and velocity can be recovered exactly from its samples, and position, by the
+    trapezoidal rule for the velocity, up to Δt²/12 times the change of the acceleration. Before the first sample, the
+    motion is assumed to be steady.
 
     Args:
         calibration: Topic and mount.
-        part: The sensor as it really is.
-        noise: What its errors are drawn from.
+        part: True parameters of the sensor.
+        noise: Source of its errors.
         gravity: m/s², along −z of the world.
     """
 
@@ -57,11 +57,11 @@ class ImuModel:
         self._last: Track | None = None
 
     def read(self, body: Track, t_ns: NDArray[np.int64]) -> Block[Imu]:
-        """The following samples.
+        """The next samples.
 
         Args:
-            body: Track of the body that carries the sensor, at the ends of the steps of every sample (`steps` of them,
-                one for the very first), `delay_s` later than they are told; it follows on the one before.
+            body: Track of the body that carries the sensor, at the ends of the inner steps of every sample (`steps` per
+                sample, one for the very first), `delay_s` after their stamps; it continues the previous track.
             t_ns: (N,) instants of the samples.
         """
         sensor = body.mounted(self._calibration.mount.T_body_sensor)
@@ -75,18 +75,18 @@ class ImuModel:
             rate, force = joined(dt, sensed[:, :3], sensed[:, 3:], self.steps)
         else:
             rate, force = np.split(np.hstack([rate, force]) @ self._mix.T + self._bias, 2, axis=1)
-        told = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
-        told += self._noise.normal(self._white, told.shape)
-        told = _counted(np.clip(told, -self._range, self._range), self._resolution)
+        measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
+        measured += self._noise.normal(self._white, measured.shape)
+        measured = _counted(np.clip(measured, -self._range, self._range), self._resolution)
         return Block(
             topic=self._calibration.topic,
             kind=Imu,
             t_ns=t_ns,
-            columns={"angular_rate": told[:, :3], "specific_force": told[:, 3:]},
+            columns={"angular_rate": measured[:, :3], "specific_force": measured[:, 3:]},
         )
 
     def _followed(self, true: Array) -> Array:
-        """(N, 6) rate and force as the sensing elements follow them."""
+        """(N, 6) rate and force after the bandwidth of the sensing elements."""
         sensed = true @ self._mix.T + self._bias
         for axis, low_pass in enumerate(self._filters):
             sensed[:, axis] = low_pass(sensed[:, axis])
@@ -94,14 +94,14 @@ class ImuModel:
 
 
 class _LowPass:
-    """Second-order Butterworth filter that goes on from piece to piece; it starts in a steady state."""
+    """Second-order Butterworth filter that keeps its state between chunks; it starts in a steady state."""
 
     def __init__(self, cut_hz: float, rate_hz: float) -> None:
         self._sos, self.delay_s = None, 0.0
         self._state: Array | None = None
         if cut_hz < 0.45 * rate_hz:
             self._sos = butter(2, cut_hz, fs=rate_hz, output="sos")
-            # that of slow motion, which the bilinear transform makes less than the analogue filter's
+            # delay for slow motion; the bilinear transform makes it shorter than the analogue filter's
             self.delay_s = math.sqrt(2) / (2.0 * rate_hz * math.tan(math.pi * cut_hz / rate_hz))
 
     def __call__(self, x: Array) -> Array:
@@ -114,12 +114,12 @@ class _LowPass:
 
 
 def _six(part: ImuPart, name: str) -> Array:
-    """(6,) a figure of the three gyroscopes, then of the three accelerometers."""
+    """(6,) a parameter of the three gyroscopes, then of the three accelerometers."""
     return np.repeat([getattr(part.gyroscope, name), getattr(part.accelerometer, name)], 3)
 
 
 def _mix(part: ImuPart, noise: Noise) -> Array:
-    """(6, 6) what each axis senses of each component: scale factors, misalignment, g-sensitivity."""
+    """(6, 6) sensitivity of each axis to each component: scale factors, misalignment, g-sensitivity."""
     mix = np.eye(6)
     triads: tuple[Gyroscope | Accelerometer, ...] = (part.gyroscope, part.accelerometer)
     for i, triad in enumerate(triads):
@@ -131,6 +131,6 @@ def _mix(part: ImuPart, noise: Noise) -> Array:
 
 
 def _counted(x: Array, resolution: Array) -> Array:
-    """In whole counts, where the part counts."""
+    """Quantised to whole counts, for parts that quantise."""
     step = np.where(resolution > 0, resolution, 1.0)
     return np.where(resolution > 0, np.round(x / step) * step, x)

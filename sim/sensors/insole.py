@@ -20,8 +20,8 @@ class InsoleModel:
 
     Args:
         calibration: Topic and mount, with `cells_m`.
-        part: The cells as they really are.
-        noise: What their errors are drawn from.
+        part: True parameters of the cells.
+        noise: Source of their errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
@@ -55,18 +55,18 @@ def cell_shares(cells: Array, cop: Array) -> Array:
 
     Args:
         cells: (4, 2) positions of heel, lateral ball, medial ball and toe, a convex outline, m.
-        cop: (N, 2) centre of pressure, m; one outside the outline is moved to its nearest point.
+        cop: (N, 2) centre of pressure, m; a point outside the outline is moved to its nearest point.
 
     Returns:
-        (N, 4) shares, not negative, of sum 1, whose mean position is the centre of pressure.
+        (N, 4) shares, not negative, with sum 1, whose mean position is the centre of pressure.
     """
     corner = cells[list(_RING)]
     after, before = np.roll(corner, -1, axis=0), np.roll(corner, 1, axis=0)
-    # A right foot's outline runs clockwise.
+    # A right foot's outline is clockwise.
     turning = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
     inside = _into(corner, after, turning, cop)
-    # Twice the triangle of each side with the point; for four corners the weight is that of the two far
-    # sides.
+    # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
+    # far sides.
     area = np.maximum(turning * _cross(after - corner, inside[:, None] - corner), 0.0)
     at_corner = turning * _cross(after - corner, before - corner)
     weight = at_corner * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
@@ -76,7 +76,7 @@ def cell_shares(cells: Array, cop: Array) -> Array:
 
 
 def _into(corner: Array, after: Array, turning: float, point: Array) -> Array:
-    """Points (N, 2), those outside the outline moved to its nearest point."""
+    """Points (N, 2); those outside the outline are moved to its nearest point."""
     side = after - corner
     to = point[:, None] - corner
     share = np.clip(np.sum(to * side, axis=-1) / np.sum(side * side, axis=-1), 0.0, 1.0)

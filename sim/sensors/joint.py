@@ -17,12 +17,12 @@ Instants = NDArray[np.int64]
 
 
 class EncoderModel:
-    """Joint angle in whole counts, off by the setting of its zero and by an error that repeats every turn.
+    """Joint angle in whole counts, with an error of the zero position and an error that repeats every turn.
 
     Args:
         calibration: Topic and mount.
-        part: The encoder as it really is.
-        noise: What its errors are drawn from.
+        part: True parameters of the encoder.
+        noise: Source of its errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: EncoderPart, noise: Noise) -> None:
@@ -33,21 +33,21 @@ class EncoderModel:
 
     def read(self, t_ns: Instants, angle: Array) -> Block[Encoder]:
         """Samples of the true angle (N,), rad, at (N,) instants."""
-        told = angle + self._offset + self._nonlinearity * np.sin(angle + self._phase)
+        measured = angle + self._offset + self._nonlinearity * np.sin(angle + self._phase)
         if self._step:
-            told = self._step * np.round(told / self._step)
-        return Block(topic=self._calibration.topic, kind=Encoder, t_ns=t_ns, columns={"angle": told})
+            measured = self._step * np.round(measured / self._step)
+        return Block(topic=self._calibration.topic, kind=Encoder, t_ns=t_ns, columns={"angle": measured})
 
 
 class InteractionModel:
-    """Two preloaded springs, each on a force cell: a push loads one and unloads the other, until that one is free.
+    """Two preloaded springs, each on a force cell: a force loads one and unloads the other, until that one is free.
 
-    What the two differ by is the push, its sign the direction (Shim et al. 2019, figure 8).
+    The difference of the two is the force, and its sign the direction (Shim et al. 2019, figure 8).
 
     Args:
         calibration: Topic and mount.
-        part: The cells as they really are.
-        noise: What their errors are drawn from.
+        part: True parameters of the cells.
+        noise: Source of their errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
@@ -57,8 +57,8 @@ class InteractionModel:
     def read(self, t_ns: Instants, force: Array) -> Block[Interaction]:
         """Samples of the cuff's force on the limb (N,), N, positive where it presses on the limb's front."""
         push = np.stack([force, -force], axis=-1)
-        told = self._cells.read(np.maximum(self._preload + 0.5 * push, np.maximum(push, 0.0)))
-        return Block(topic=self._calibration.topic, kind=Interaction, t_ns=t_ns, columns={"force": told})
+        measured = self._cells.read(np.maximum(self._preload + 0.5 * push, np.maximum(push, 0.0)))
+        return Block(topic=self._calibration.topic, kind=Interaction, t_ns=t_ns, columns={"force": measured})
 
 
 class ActuatorModel:
@@ -67,7 +67,7 @@ class ActuatorModel:
     Args:
         calibration: Topic and mount.
         part: White noise on torque and speed.
-        noise: What they are drawn from.
+        noise: Source of the noise.
     """
 
     def __init__(self, calibration: OtherSensor, part: ActuatorPart, noise: Noise) -> None:

@@ -1,4 +1,4 @@
-"""Lens distortion: what to render without it, and how to bend that."""
+"""Lens distortion: the undistorted image to render, and its mapping to the distorted one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
 
-_WIDEST = 4.0  # times the picture's size: a pinhole picture cannot hold what lies near 90 degrees
+_WIDEST = 4.0  # times the image size: a pinhole image cannot contain rays near 90 degrees
 
 
 class Lens:
@@ -23,12 +23,12 @@ class Lens:
 
     Attributes:
         straight: Whether there is no distortion.
-        width: Of the pinhole picture to render, pixels.
-        height: Of it.
-        intrinsics: Of it, (fu, fv, pu, pv).
+        width: Width of the pinhole image to render, pixels.
+        height: Height of that image, pixels.
+        intrinsics: Intrinsics of that image, (fu, fv, pu, pv).
 
     Raises:
-        ConfigError: Coefficients that bend the picture's border beyond what a pinhole picture holds.
+        ConfigError: Coefficients that map the image border outside a pinhole image.
     """
 
     def __init__(self, calibration: CameraCalibration) -> None:
@@ -43,18 +43,18 @@ class Lens:
         top, bottom = math.floor(v.min()) - 1, math.ceil(v.max()) + 1
         self.width, self.height = right - left + 1, bottom - top + 1
         if not self.width * self.height < _WIDEST**2 * calibration.width * calibration.height:
-            valid = "coefficients with which the whole picture looks well below 90 deg to the side"
+            valid = "coefficients with which every pixel is well below 90 deg off the axis"
             raise ConfigError(calibration.topic, "distortion", list(calibration.distortion), valid)
         self.intrinsics = fu, fv, pu - left, pv - top
         self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
 
-    def bent(self, picture: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
-        """The camera's picture (H, W, ...) of a pinhole picture (height, width, ...)."""
-        return picture if self.straight else np.asarray(cv2.remap(picture, *self._maps, interpolation))
+    def bent(self, image: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
+        """The camera's image (H, W, ...) from a pinhole image (height, width, ...)."""
+        return image if self.straight else np.asarray(cv2.remap(image, *self._maps, interpolation))
 
 
 def _rays(calibration: CameraCalibration) -> Array:
-    """(H, W, 2) x/z and y/z of what each pixel looks at."""
+    """(H, W, 2) x/z and y/z of the ray of each pixel."""
     v, u = np.mgrid[: calibration.height, : calibration.width].astype(float)
     points, d = np.stack([u, v], axis=-1).reshape(-1, 1, 2), np.array(calibration.distortion)
     undistorted = cv2.undistortPoints if calibration.distortion_model == "radtan" else cv2.fisheye.undistortPoints

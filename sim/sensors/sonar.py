@@ -1,4 +1,4 @@
-"""Ultrasonic ranger: the nearest thing in its cone that sends an echo back."""
+"""Ultrasonic ranger: distance to the nearest echo in its cone."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block, Range
 
-# The other shoe as balls (x, y, z, radius) in its foot frame, m.
+# The other shoe as spheres (x, y, z, radius) in its foot frame, m.
 SHOE = np.array([[-0.005, 0.0, 0.040, 0.038], [0.060, 0.0, 0.040, 0.036], [0.125, 0.0, 0.030, 0.034]])
-# A smooth face sends sound back only where the beam meets it near its normal: a floor seen at a slant is
-# silent.
+# A smooth face reflects sound back only where the beam meets it near its normal: a floor at an oblique angle gives no
+# echo.
 _ECHO_SLANT_RAD = math.radians(40.0)
 _RINGS = ((0.0, 1), (1 / 3, 6), (2 / 3, 12), (1.0, 18))
 
 
 class SonarModel:
-    """Range of the nearest echo in whole steps; 0 where there is none within the range.
+    """Range of the nearest echo in whole steps; 0 for no echo within the range.
 
-    A ghost is an echo that has come by another way: a reading anywhere between the least and the largest range.
+    A ghost is an indirect echo: a reading anywhere between the least and the largest range.
 
     Args:
         calibration: Topic and mount; the x axis of its frame is the beam's axis.
-        part: The sensor as it really is.
-        terrain: Where it is carried.
-        crowd: Who else is about.
-        noise: What its errors are drawn from.
+        part: True parameters of the sensor.
+        terrain: Terrain of the walk.
+        crowd: Bystanders.
+        noise: Source of its errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: SonarPart, terrain: Terrain, crowd: Crowd, noise: Noise) -> None:
@@ -59,10 +59,10 @@ class SonarModel:
             centres, radii = person.balls(body.t_ns * 1e-9)
             nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
         return Block(
-            topic=self._calibration.topic, kind=Range, t_ns=body.t_ns, columns={"distance": self._told(nearest)}
+            topic=self._calibration.topic, kind=Range, t_ns=body.t_ns, columns={"distance": self._measured(nearest)}
         )
 
-    def _told(self, nearest: Array) -> Array:
+    def _measured(self, nearest: Array) -> Array:
         part = self._part
         luck, where = self._luck.uniform((len(nearest), 2)).T
         ghost = luck < part.ghost
@@ -80,14 +80,14 @@ class SonarModel:
 
 
 def _nearest_ball(T_world_sensor: Array, centre_in_world: Array, radius: Array, half_beam: float) -> Array:
-    """(N,) range of the nearest of (N, B, 3) balls."""
+    """(N,) range of the nearest of (N, B, 3) spheres."""
     away = centre_in_world - T_world_sensor[:, None, :3, 3]
     in_sensor = np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], away)
     return np.min(_range_of_balls(in_sensor, radius, half_beam), axis=-1)
 
 
 def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
-    """Shortest way in the cone about x from its apex to each ball (..., B, 3); inf where it misses."""
+    """Shortest distance within the cone about x from its apex to each sphere (..., B, 3); inf for a miss."""
     away = np.linalg.norm(centre, axis=-1)
     off_axis = np.arctan2(np.linalg.norm(centre[..., 1:], axis=-1), centre[..., 0])
     slant = np.clip(off_axis - half_beam, 0.0, math.pi / 2)  # between the centre and the cone's nearest ray

@@ -1,4 +1,4 @@
-"""The stamps that a sensor's clock gives to samples taken at true times."""
+"""Stamps of a sensor's clock for samples measured at true times."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Stamps:
     """Clock of one stream.
 
     Args:
-        clock: How it runs.
-        rate_hz: Of the samples.
-        noise: Of its jitter.
+        clock: Parameters of the clock.
+        rate_hz: Sample rate.
+        noise: Source of its jitter.
     """
 
     def __init__(self, clock: Clock, rate_hz: float, noise: Noise) -> None:
@@ -30,7 +30,7 @@ class Stamps:
         self._most = _MOST_JITTER / rate_hz
 
     def of(self, t_ns: Instants) -> Instants:
-        """(N,) stamps of the following samples, taken at (N,) true times; one before the recording's start is −1."""
+        """(N,) stamps of the next samples, measured at (N,) true times; −1 for stamps before the recording's start."""
         clock = self._clock
         if clock == Clock():
             return t_ns

@@ -1,4 +1,4 @@
-"""Depth as a stereo camera gives it: noise and steps of the disparity, and places where nothing is matched."""
+"""Stereo depth: noise and quantisation of the disparity, and areas without a match."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor
 from stridetwin.sim.sensors.imager import SPARE, Pixels
 
-# How far a disparity is off the mean about it, over itself, beside an outline; 0 on a plane.
+# Relative difference of a disparity from the mean around it, beside a depth discontinuity; 0 on a plane.
 _OUTLINE = np.float32(0.012)
 Grid = NDArray[np.float32]
 _FINEST_STEP_PER_M = 1e-4
 
 
 class DepthModel:
-    """Turns exact depth into what the sensor says.
+    """Converts exact depth to measured depth.
 
-    A disparity is f b / z, so its constant noise and steps make those of the depth grow with z². The noise is alike
-    over a matching window. Beside outlines, on dark surfaces and on those seen at a glancing angle there is nothing,
-    and some pixels beside an outline lie between the two surfaces.
+    A disparity is f b / z, so its constant noise and steps give errors of depth that grow with z². The noise is
+    correlated over a matching window. There is no depth beside discontinuities, on dark surfaces and at glancing
+    angles, and some pixels beside a discontinuity are between the two surfaces (flying pixels).
 
     Args:
         shape: (H, W).
         focal: Pixels.
         centre: (pu, pv).
-        part: The sensor as it really is.
-        noise: What its errors are drawn from.
+        part: True parameters of the sensor.
+        noise: Source of its errors.
     """
 
     def __init__(
@@ -53,19 +53,19 @@ class DepthModel:
         self._focal = focal
         self._window = 2 * round(part.edge_px) + 1
 
-    def picture(self, t_ns: int, depth: NDArray[np.float32], grey: Pixels | None = None) -> NDArray[np.float32]:
-        """Told depth (H, W), m, 0 where none.
+    def image(self, t_ns: int, depth: NDArray[np.float32], grey: Pixels | None = None) -> NDArray[np.float32]:
+        """Measured depth (H, W), m, 0 without a match.
 
         Args:
-            t_ns: When.
-            depth: (H, W) exact depth, m; 0 where nothing is seen.
-            grey: (H, W) how bright the surfaces are; None: bright enough.
+            t_ns: Time of the image.
+            depth: (H, W) exact depth, m; 0 without a surface.
+            grey: (H, W) brightness of the surfaces; None: bright enough.
         """
         part = self._part
         if not part.noise and not part.disparity_step:
-            told = depth.copy()
-            told[(told < part.range_min) | (told > part.range_max)] = 0
-            return told
+            measured = depth.copy()
+            measured[(measured < part.range_min) | (measured > part.range_max)] = 0
+            return measured
         counts = _counts(depth, np.float32(1 / self._step))
         near = np.ascontiguousarray(counts[::2, ::2])
         mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
@@ -73,13 +73,13 @@ class DepthModel:
         row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
         window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
         front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
-        beside = mean if part.noise else counts  # without noise, outlines are where they are
-        return _told(
+        beside = mean if part.noise else counts  # without noise, discontinuities are sharp
+        return _measured(
             depth, counts, beside, unmatched, front, back, self._mixed, self._bank, (row, column), self._depth_of_count
         )
 
     def _unmatched(self, near: Grid, mean: Grid, grey: Pixels | None) -> NDArray[np.bool_]:
-        """Where nothing is matched but for outlines, at half the resolution."""
+        """Pixels without a match for other reasons than discontinuities, at half the resolution."""
         part = self._part
         unmatched = np.zeros(near.shape, bool)
         if part.slant:
@@ -94,7 +94,7 @@ class DepthModel:
 
 @numba.njit(cache=True, error_model="numpy")
 def _counts(depth: Grid, per_m: np.float32) -> Grid:
-    """(H, W) disparity in its steps, 0 where there is no depth."""
+    """(H, W) disparity in its steps, 0 without depth."""
     counts = np.empty_like(depth)
     for i in range(depth.shape[0]):
         for j in range(depth.shape[1]):
@@ -106,10 +106,10 @@ def _counts(depth: Grid, per_m: np.float32) -> Grid:
 def _slanted(
     near: Grid, mean: Grid, a: Grid, b: Grid, x: Grid, y: Grid, length: Grid, focal: np.float32, sine: np.float32
 ) -> NDArray[np.bool_]:
-    """Where a surface is seen at a glancing angle, but for outlines; (h, w), as all but `mean`, (H, W).
+    """Surfaces at a glancing angle, away from discontinuities; (h, w), like all arguments but `mean`, (H, W).
 
-    Of a plane the count is linear in the picture: its normal is (f a, f b, c), and the ray's sine against it the count
-    over both lengths (a, b its slopes, c what is left for the axis).
+    For a plane the count is linear in the image: its normal is (f a, f b, c), and the sine of the ray against the plane
+    is the count over both lengths (a, b its slopes, c the rest on the axis).
     """
     slanted = np.empty(near.shape, np.bool_)
     for i in range(near.shape[0]):
@@ -123,7 +123,7 @@ def _slanted(
 
 
 @numba.njit(cache=True)
-def _told(
+def _measured(
     depth: Grid,
     counts: Grid,
     mean: Grid,
@@ -135,8 +135,8 @@ def _told(
     start: tuple[int, int],
     depth_of_count: NDArray[np.float32],
 ) -> Grid:
-    """(H, W) m: what beside an outline is missing or between its sides, noise and steps; halves as of `_slanted`."""
-    told, last = np.zeros_like(depth), len(depth_of_count) - 1
+    """(H, W) m with missing and flying pixels at discontinuities, noise and steps; halves as in `_slanted`."""
+    measured, last = np.zeros_like(depth), len(depth_of_count) - 1
     (top, left), width = start, depth.shape[1]
     for i in range(depth.shape[0]):
         luck, error = mixed[top + i, left : left + width], noise[top + i, left : left + width]
@@ -150,12 +150,12 @@ def _told(
                 weight = min(-luck[j] / np.float32(2), np.float32(1))  # a flying pixel
                 count = back[i // 2, j // 2] + weight * (front[i // 2, j // 2] - back[i // 2, j // 2])
             at = max(int(np.rint(count + error[j])), 0)
-            told[i, j] = depth_of_count[at] if at <= last else np.float32(0.0)  # nearer than can be told
-    return told
+            measured[i, j] = depth_of_count[at] if at <= last else np.float32(0.0)  # nearer than the range
+    return measured
 
 
 def _smooth(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:
-    """Bank of unit normal deviates that are alike over some pixels."""
+    """Bank of unit normal deviates that are correlated over some pixels."""
     height, width = shape[0] + SPARE, shape[1] + SPARE
     coarse = noise.normal(1.0, (round(height / alike_px) + 1, round(width / alike_px) + 1)).astype(np.float32)
     if alike_px == 1:

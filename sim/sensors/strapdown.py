@@ -1,4 +1,4 @@
-"""Interval means of rate and specific force that strapdown integration turns back into the motion."""
+"""Interval means of rate and specific force from which strapdown integration recovers the motion."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.quaternions import composed, conjugate, exp, log, quaternion, rotated
+from stridetwin.sim.quaternions import exp, inverse, log, multiply, quaternion, rotate
 from stridetwin.sim.track import Track
-from stridetwin.sim.triples import Triple, cross, dot, minus, plus, put, times, triple
+from stridetwin.sim.triples import Vec3, cross, dot, minus, plus, put, times, vec3
 from stridetwin.streams.samples import Array
 
 _SMALL = 1e-3  # rad: below this, series
@@ -20,8 +20,8 @@ _SMALL = 1e-3  # rad: below this, series
 def increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Array, Array]:
     """Constant rate and specific force over each interval.
 
-    The rate is the constant one that turns the attitude at an interval's start into that at its end; the specific force
-    is the constant one, in the turning sensor frame, that makes the velocity's true change: with φ = Log(R₀ᵀR₁) the
+    The rate is the constant one that rotates the attitude at an interval's start to that at its end. The specific force
+    is the constant one, in the rotating sensor frame, that gives the true change of velocity: with φ = Log(R₀ᵀR₁) the
     velocity changes by R₀ Γ₁(φ) f Δt + g Δt, where Γ₁ is the left Jacobian of SO(3).
 
     Args:
@@ -45,21 +45,21 @@ def _increments(
 ) -> tuple[Array, Array, Array]:
     n = len(t)
     dts, rates, forces = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
-    t_last, back, v_last, g = t0[0], conjugate(quaternion(q0[0])), triple(v0[0]), triple(gravity)
+    t_last, back, v_last, g = t0[0], inverse(quaternion(q0[0])), vec3(v0[0]), vec3(gravity)
     for i in range(n):
-        dt, attitude, velocity = (t[i] - t_last) * 1e-9, quaternion(q[i]), triple(v[i])
-        phi = log(composed(back, attitude))
-        push = rotated(back, minus(times(1 / dt, minus(velocity, v_last)), g))
+        dt, attitude, velocity = (t[i] - t_last) * 1e-9, quaternion(q[i]), vec3(v[i])
+        phi = log(multiply(back, attitude))
+        push = rotate(back, minus(times(1 / dt, minus(velocity, v_last)), g))
         dts[i] = dt
         put(times(1 / dt, phi), rates[i])
         put(_left_jacobian_inverse_times(phi, push), forces[i])
-        t_last, back, v_last = t[i], conjugate(attitude), velocity
+        t_last, back, v_last = t[i], inverse(attitude), velocity
     return dts, rates, forces
 
 
 @numba.njit(cache=True)
 def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
-    """One rate and force for every `steps` intervals, free of coning and sculling: same turn, same change of velocity.
+    """One rate and force for every `steps` intervals with the same rotation and velocity change: no coning or sculling.
 
     Args:
         dt: (N,) s.
@@ -73,21 +73,21 @@ def joined(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Arr
     n = len(dt) // steps
     rates, forces = np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
-        turned, change, whole = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+        rotation, change, whole = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
         for k in range(i * steps, (i + 1) * steps):
-            phi = times(dt[k], triple(rate[k]))
-            push = _left_jacobian_times(phi, times(dt[k], triple(force[k])))
-            change = plus(change, rotated(turned, push))
-            turned = composed(turned, exp(phi))
+            phi = times(dt[k], vec3(rate[k]))
+            push = _left_jacobian_times(phi, times(dt[k], vec3(force[k])))
+            change = plus(change, rotate(rotation, push))
+            rotation = multiply(rotation, exp(phi))
             whole += dt[k]
-        total = log(turned)
+        total = log(rotation)
         put(times(1 / whole, total), rates[i])
         put(_left_jacobian_inverse_times(total, times(1 / whole, change)), forces[i])
     return rates, forces
 
 
 def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
-    """`steps` instants before the track's first, `dt` apart, had rate and velocity been constant until then."""
+    """`steps` instants before the track's first, `dt` apart, for constant rate and velocity until then."""
     first = sensor[:1]
     ago = dt * np.arange(steps, 0, -1)[:, None]
     return Track(
@@ -100,7 +100,7 @@ def steadily_before(sensor: Track, steps: int, dt: float) -> Track:
 
 
 @numba.njit(cache=True)
-def _left_jacobian_times(phi: Triple, v: Triple) -> Triple:
+def _left_jacobian_times(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))
     if theta < _SMALL:
@@ -112,7 +112,7 @@ def _left_jacobian_times(phi: Triple, v: Triple) -> Triple:
 
 
 @numba.njit(cache=True)
-def _left_jacobian_inverse_times(phi: Triple, v: Triple) -> Triple:
+def _left_jacobian_inverse_times(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))
     half = 0.5 * theta

@@ -1,4 +1,4 @@
-"""How a picture moves while it is taken, as if everything in it lay in one plane: motion blur and rolling shutter."""
+"""Motion of an image while it is exposed, as if the scene were one plane: motion blur and rolling shutter."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 Pixels = NDArray[np.uint8]
-_LEAST_BLUR_PX = 1.0  # a shorter one spreads an edge by less than 0.3 px
-_COPY_PX = 1.25  # between the copies that make up a blur
+_LEAST_BLUR_PX = 1.0  # shorter blur spreads an edge by less than 0.3 px
+_COPY_PX = 1.25  # spacing of the copies that are averaged to a blur
 _COPIES = (2, 16)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sweep:
-    """Steady motion of a plane against a camera; optical axes of the camera.
+    """Steady motion of a plane relative to a camera; optical axes of the camera.
 
     Attributes:
-        K: (3, 3) camera matrix of the picture.
+        K: (3, 3) camera matrix of the image.
         normal: (3,) unit normal of the plane.
-        distance: m along it from the camera, of either sign.
+        distance: m along it from the camera, signed.
         velocity: (3,) m/s of the plane where the camera is: a point X of it moves with `velocity` + `rate` × X.
         rate: (3,) rad/s.
     """
@@ -37,49 +37,49 @@ class Sweep:
     rate: Array
 
     def homographies(self, dt: Array) -> Array:
-        """(N, 3, 3) from the picture to those `dt` (N,) seconds later: K (R + t nᵀ / d) K⁻¹, lower right element 1."""
+        """(N, 3, 3) from the image to those `dt` (N,) seconds later: K (R + t nᵀ / d) K⁻¹, lower right element 1."""
         return _homographies(self.K, self.normal, self.distance, self.velocity, self.rate, dt)
 
     def homography(self, dt: float) -> Array:
-        """(3, 3) from the picture to the one `dt` seconds later."""
+        """(3, 3) from the image to the one `dt` seconds later."""
         return np.asarray(self.homographies(np.array([dt]))[0])
 
     def way_px(self, dt: float, u: float, v: float) -> float:
-        """How far the point at column u and row v moves in `dt` seconds, pixels."""
+        """Distance that the point at column u and row v moves in `dt` seconds, pixels."""
         return _way_px(self.homography(dt), u, v)
 
-    def of_piece(self, row: int, column: int) -> Sweep:
-        """The same in the pixels of a piece of the picture, whose upper left pixel is given."""
+    def cropped(self, row: int, column: int) -> Sweep:
+        """The same motion in the pixels of a part of the image, given its upper left pixel."""
         return replace(self, K=np.array([[1.0, 0.0, -column], [0.0, 1.0, -row], [0.0, 0.0, 1.0]]) @ self.K)
 
-    def blurred(self, picture: Pixels, exposure_s: float) -> Pixels:
-        """Mean of a picture, taken in the middle of an exposure, along its way during it."""
-        height, width = picture.shape[:2]
+    def blurred(self, image: Pixels, exposure_s: float) -> Pixels:
+        """Mean of an image, taken at mid-exposure, along its motion during the exposure."""
+        height, width = image.shape[:2]
         way = self.way_px(exposure_s, (width - 1) / 2, (height - 1) / 2)
         if way < _LEAST_BLUR_PX:
-            return picture
+            return image
         copies = min(max(math.ceil(way / _COPY_PX), _COPIES[0]), _COPIES[1])
         shares = (np.arange(copies) + 0.5) / copies - 0.5
         moved = (
-            cv2.warpPerspective(picture, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
+            cv2.warpPerspective(image, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
             for H in self.homographies(shares * exposure_s)
         )
         if copies == 2:
             return np.asarray(cv2.addWeighted(next(moved), 0.5, next(moved), 0.5, 0.0))
-        total = np.zeros(picture.shape, np.float32)
+        total = np.zeros(image.shape, np.float32)
         for copy in moved:
             cv2.accumulate(copy, total)
         return np.asarray(cv2.convertScaleAbs(total, alpha=1 / copies))
 
-    def rolled(self, picture: Pixels, readout_s: float) -> Pixels:
-        """Rows taken one after another, the middle one at the time of the picture."""
-        height, width = picture.shape[:2]
+    def rolled(self, image: Pixels, readout_s: float) -> Pixels:
+        """Rows exposed one after another, the middle one at the time of the image."""
+        height, width = image.shape[:2]
         v, u = np.mgrid[:height, :width].astype(np.float32)
         x, y, z = np.einsum("ij,jhw->ihw", self.homography(readout_s), np.stack([u, v, np.ones_like(u)]))
         late = v / max(height - 1, 1) - 0.5
         from_u, from_v = u - late * (x / z - u), v - late * (y / z - v)
         maps = from_u.astype(np.float32), from_v.astype(np.float32)
-        return np.asarray(cv2.remap(picture, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 @numba.njit(cache=True)

@@ -1,4 +1,4 @@
-"""How biases wander: flicker (the bias instability) and a random walk, sample by sample."""
+"""Bias variation: flicker noise (the bias instability) and a random walk, sample by sample."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _TIMES_S = 0.125 * _SPREAD ** np.arange(10)  # 0.1 s to 9 h
 class Wander:
     """Several independent biases.
 
-    Flicker noise of power density B²/(2π f) is the sum of first-order Gauss-Markov processes whose correlation times
-    are spaced evenly on a logarithmic scale, by a factor r, and whose variances are all B² ln(r)/π.
+    Flicker noise of power density B²/(2π f) is the sum of first-order Gauss-Markov processes with correlation times
+    that are spaced evenly on a logarithmic scale, by a factor r, and with variances that all are B² ln(r)/π.
 
     Args:
         floor: (K,) flat bottom of each bias's Allan deviation, in its unit.
         walk: (K,) coefficient of its random walk, unit/√s.
-        rate_hz: Of the samples.
-        noise: What it draws from.
+        rate_hz: Sample rate.
+        noise: Source of the random numbers.
     """
 
     def __init__(self, floor: Array, walk: Array, rate_hz: float, noise: Noise) -> None:
@@ -40,7 +40,7 @@ class Wander:
         self._walked = np.zeros(self._count)
 
     def draw(self, n: int) -> Array:
-        """(n, K) of the following samples."""
+        """(n, K) biases of the next samples."""
         white = self._noise.normal(1.0, (n, len(_TIMES_S) + 1, self._count))
         walked = self._walked + np.cumsum(white[:, -1] * self._walk, axis=0)
         total = walked.copy()

@@ -1,1 +1,1 @@
-"""Other tools' formats: read into recordings, written from them."""
+"""Other tools' formats: importers and exporters."""

@@ -1,7 +1,7 @@
-"""Bags of ROS messages: MCAP files of anyone, ROS 2 bags and ROS 1 bags, read into streams.
+"""Bags of ROS messages: any MCAP files, ROS 2 bags and ROS 1 bags, read into streams.
 
-A `Bag` hands out CDR messages; what they mean is decided as for our own recordings (`streams.topic_reader`).
-Calibrations come from CameraInfo, mounts from /tf_static, truth from poses whose topic says so.
+A `Bag` returns CDR messages, which are decoded like those of our own recordings (`streams.topic_reader`). Calibrations
+come from CameraInfo, mounts from /tf_static, ground truth from poses whose topic name says so.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from stridetwin.streams.formats.bag_names import bag_names
 from stridetwin.streams.formats.bag_poses import POSES, pose_of
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.split_imu import joined, joined_name
-from stridetwin.streams.imported import Notes, Pictures, Source
+from stridetwin.streams.imported import ImageStream, Notes, Source
 from stridetwin.streams.mcap_scan import Messages
 from stridetwin.streams.recording_index import Problem
 from stridetwin.streams.ros_types import deserialise, typestore_for
@@ -28,7 +28,7 @@ from stridetwin.streams.topic_reader import READABLE, TopicReader
 
 @dataclass(frozen=True)
 class Channel:
-    """A stream of a bag: its topic, and type, encoding and text of its messages' definition."""
+    """A stream of a bag: its topic, and the type, encoding and text of its message definition."""
 
     topic: str
     typename: str
@@ -37,7 +37,7 @@ class Channel:
 
 
 class Bag(Protocol):
-    """A bag that is open.
+    """An open bag.
 
     Attributes:
         channels: Its streams.
@@ -46,17 +46,17 @@ class Bag(Protocol):
     channels: list[Channel]
 
     def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
-        """(topic, log time in ns, CDR bytes, key) of every message of the topics, as they lie."""
+        """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
 
     def payload(self, topic: str, key: Any) -> bytes:
-        """CDR bytes of one message again."""
+        """CDR bytes of one message, read again."""
 
 
 class _Stream:
-    """What is gathered of one topic: of pictures the first payload and where the others lie, of all else every payload.
+    """Messages of one topic: for images the first payload and the keys of all, otherwise every payload.
 
     Raises:
-        ValueError: The definition of its messages cannot be understood.
+        ValueError: The message definition cannot be parsed.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -66,16 +66,16 @@ class _Stream:
             if channel.typename in READABLE
             else None
         )
-        self.is_picture = self.reader is not None and self.reader.is_picture
+        self.is_image = self.reader is not None and self.reader.is_image
         self.times: list[int] = []
         self.payloads: list[bytes] = []
         self.keys: list[Any] = []
 
     def add(self, log_time: int, payload: bytes, key: Any) -> None:
-        """Takes a message."""
-        if not self.is_picture or not self.payloads:
+        """Adds a message."""
+        if not self.is_image or not self.payloads:
             self.payloads.append(payload)
-        self.times.append((_picture_stamp(payload) or log_time) if self.is_picture else log_time)
+        self.times.append((_image_stamp(payload) or log_time) if self.is_image else log_time)
         self.keys.append(key)
 
 
@@ -83,9 +83,9 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     """Reads the streams of a bag.
 
     Args:
-        bag: The bag; it stays open for the pictures.
+        bag: The bag; it stays open for the images.
         kind: Kind of the source.
-        notes: Where problems go.
+        notes: Collects problems.
 
     Raises:
         StrideTwinError: The bag cannot be read, unless lenient.
@@ -93,7 +93,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     streams, unread = _streams(bag, notes)
     for topic, log_time, payload, key in bag.messages(set(streams)):
         streams[topic].add(log_time, payload, key)
-    pictures: dict[str, Pictures] = {}
+    images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
     calibration = BagCalibration(notes)
     for topic, stream in streams.items():
@@ -102,29 +102,29 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
         try:
             if stream.reader is None:
                 _extra(stream, calibration, blocks, notes)
-            elif stream.is_picture:
-                pictures[topic] = _pictures(bag, stream, stream.reader)
+            elif stream.is_image:
+                images[topic] = _images(bag, stream, stream.reader)
             else:
                 blocks[topic] = stream.reader.block(_together(stream))
         except ValueError as error:
             notes.problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = joined(blocks, notes)
     frames = {t: _frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
-    # an IMU that was joined turns with its gyro
+    # a joined IMU has the frame of its gyroscope
     frames |= {joined_name(t): f for t, f in frames.items() if t not in blocks and joined_name(t) in blocks}
     return Source(
         kind=kind,
         blocks=blocks,
-        pictures=pictures,
-        rig=calibration.rig(blocks, pictures, frames),
+        images=images,
+        rig=calibration.rig(blocks, images, frames),
         unread=unread,
-        names=bag_names({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in pictures.items()}),
+        names=bag_names({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
         assumed=calibration.assumed,
     )
 
 
 def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]]:
-    """The streams that mean something, and the types of the others."""
+    """The streams that can be read, and the types of the others."""
     streams: dict[str, _Stream] = {}
     unread: dict[str, str] = {}
     definitions = Definitions()
@@ -147,18 +147,18 @@ def _together(stream: _Stream) -> Messages:
     return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
 
 
-def _pictures(bag: Bag, stream: _Stream, reader: TopicReader) -> Pictures:
-    kind = reader.picture_kind(stream.payloads[0])
+def _images(bag: Bag, stream: _Stream, reader: TopicReader) -> ImageStream:
+    kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:
-        return reader.picture(bag.payload(source, keys[i]), int(times[i]), topic)
+        return reader.image(bag.payload(source, keys[i]), int(times[i]), topic)
 
-    return Pictures(kind=kind, t_ns=times, load=load)
+    return ImageStream(kind=kind, t_ns=times, load=load)
 
 
 def _extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
-    """Messages that are no samples as they are: calibrations, mounts, and poses."""
+    """Handles messages that are not samples themselves: calibrations, mounts, and poses."""
     c = stream.channel
     store = typestore_for(c.typename, c.encoding, c.definition)
     try:
@@ -178,7 +178,7 @@ def _extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block
 
 
 def _frame(payload: bytes) -> str:
-    """The frame that a message's header names, "" where it has no header."""
+    """The frame in a message's header, "" without a header."""
     order = "little" if len(payload) > 1 and payload[1] else "big"
     length = int.from_bytes(payload[12:16], order) if len(payload) >= 16 else 0  # type: ignore[arg-type]
     try:
@@ -187,7 +187,7 @@ def _frame(payload: bytes) -> str:
         return ""
 
 
-def _picture_stamp(payload: bytes) -> int:
+def _image_stamp(payload: bytes) -> int:
     if len(payload) < 12:
         return 0
     order = "little" if payload[1] else "big"

@@ -1,4 +1,4 @@
-"""What a bag says about its sensors: intrinsics in CameraInfo, mounts in /tf_static."""
+"""Calibrations in a bag: intrinsics in CameraInfo, mounts in /tf_static."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.calibrations import BODY, GIVE
 from stridetwin.streams.formats.radtan_fit import MOST_TERMS, fitted_radtan
-from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.imported import ImageStream, Notes
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu
@@ -22,21 +22,21 @@ CALIBRATIONS = frozenset(["sensor_msgs/msg/CameraInfo"])
 TRANSFORMS = frozenset(["tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"])
 _MODELS = {"plumb_bob": "radtan", "rational_polynomial": "radtan", "": "radtan", "equidistant": "equidistant"}
 _MODELS |= {"fisheye": "equidistant", "radtan": "radtan", "none": "radtan"}
-# what RealSense's own .bag files call them; the ROS driver publishes all but the last as plumb_bob
+# names in RealSense's own .bag files; the ROS driver publishes all but the last as plumb_bob
 _MODELS |= {f"{kind}brown conrady": "radtan" for kind in ("", "modified ", "inverse ")}
 _MODELS |= {"kannala brandt4": "equidistant"}
 _RECTIFIED = re.compile(r"(?<![a-z])rect(?:ified)?(?![a-z])")  # of image_rect, image_rect_color, rectified/image
-_BEYOND = 1e-6  # a coefficient after the fourth below this is none
+_BEYOND = 1e-6  # coefficients after the fourth below this count as 0
 
 
 class BagCalibration:
-    """Gathers calibrations, and makes a rig of them.
+    """Collects calibrations, and builds a rig from them.
 
     Args:
-        notes: Told what had to be left out.
+        notes: Collects warnings about omissions.
 
     Attributes:
-        assumed: What a camera's calibration assumes, by topic.
+        assumed: Assumptions in a camera's calibration, by topic.
     """
 
     def __init__(self, notes: Notes) -> None:
@@ -46,7 +46,7 @@ class BagCalibration:
         self._parents: dict[str, tuple[str, Array]] = {}
 
     def camera_info(self, topic: str, message: Any) -> None:
-        """Takes a CameraInfo; without a focal length it is the driver's word for "not calibrated"."""
+        """Adds a CameraInfo; drivers publish a focal length of 0 for an uncalibrated camera."""
         K = np.asarray(message.k if hasattr(message, "k") else message.K, float)
         if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
             # RealSense's own files: .../Color_0/info/camera_info beside .../Color_0/image/data
@@ -55,7 +55,7 @@ class BagCalibration:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
 
     def transforms(self, message: Any) -> None:
-        """Takes static transforms, T_parent_child."""
+        """Adds static transforms, T_parent_child."""
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
             q = np.array([r.w, r.x, r.y, r.z])
@@ -65,24 +65,26 @@ class BagCalibration:
                 T[:3, 3] = p.x, p.y, p.z
                 self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)
 
-    def rig(self, blocks: Mapping[str, Block[Any]], pictures: Mapping[str, Pictures], frames: Mapping[str, str]) -> Rig:
-        """The cameras whose CameraInfo there is.
+    def rig(
+        self, blocks: Mapping[str, Block[Any]], images: Mapping[str, ImageStream], frames: Mapping[str, str]
+    ) -> Rig:
+        """The cameras with a CameraInfo.
 
         Args:
             blocks: Small streams by topic; the frame of the IMU beside a camera is taken as the body's.
-            pictures: Picture streams by topic.
+            images: Image streams by topic.
             frames: Frame that each topic's messages name.
         """
         imus = [t for t, b in blocks.items() if b.kind is Imu]
         cameras: dict[str, CameraCalibration] = {}
-        for topic, stream in pictures.items():
+        for topic, stream in images.items():
             info = self._info(topic)
             if info is None:
                 continue
             imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
             T = self._between(frames.get(imu, ""), frames.get(topic, "")) if imu else None
             if imu and T is None:
-                self._assume(topic, "no mount in /tf_static; taken to sit at the IMU without a turn between them")
+                self._assume(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
             cameras[topic] = self._camera(topic, stream, info, np.eye(4) if T is None else T, imu)
         return Rig(cameras=cameras)
 
@@ -93,7 +95,7 @@ class BagCalibration:
     def _assume(self, topic: str, words: str) -> None:
         self.assumed[topic] = f"{self.assumed[topic]}; {words}" if topic in self.assumed else words
 
-    def _camera(self, topic: str, stream: Pictures, info: Any, T: Array, imu: str) -> CameraCalibration:
+    def _camera(self, topic: str, stream: ImageStream, info: Any, T: Array, imu: str) -> CameraCalibration:
         K, d = _numbers(info, "k"), _numbers(info, "d")
         intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
         model = _MODELS.get(info.distortion_model.lower())
@@ -116,39 +118,39 @@ class BagCalibration:
         )
 
     def _rectified(self, topic: str, info: Any, raw: tuple[float, float, float, float]) -> Any:
-        """Intrinsics (fu, fv, pu, pv) in pixels of rectified pictures: those of P, whose lens has no distortion."""
+        """Intrinsics (fu, fv, pu, pv) in pixels of rectified images: those of P, without distortion."""
         P = _numbers(info, "p")
         if len(P) == 12 and np.isfinite(P).all() and P[0] > 0 and P[5] > 0:
             return float(P[0]), float(P[5]), float(P[2]), float(P[6])
-        self._assume(topic, f"its CameraInfo has no P for rectified pictures; K is taken without distortion; {GIVE}")
+        self._assume(topic, f"its CameraInfo has no P for rectified images; K is used without distortion; {GIVE}")
         return raw
 
     def _distortion(
         self,
         topic: str,
-        told: str,
+        model_name: str,
         model: str | None,
         d: Array,
         intrinsics: tuple[float, float, float, float],
         size: tuple[int, int],
     ) -> tuple[str, Array]:
-        """Model and (4,) coefficients; what has more terms is fitted, what has no form here told."""
+        """Model and (4,) coefficients; models with more terms are fitted, unsupported ones are reported."""
         sound = np.nan_to_num(d, posinf=0.0, neginf=0.0)
         four = np.zeros(4)
         four[: len(d[:4])] = sound[:4]
-        what = f"distortion {told!r} with {len(d)} coefficients"
+        what = f"distortion {model_name!r} with {len(d)} coefficients"
         is_more = bool(np.any(np.abs(sound[4:]) > _BEYOND))
         if model == "radtan" and is_more and np.isfinite(d).all() and not np.any(sound[MOST_TERMS:]):
             fitted, worst = fitted_radtan(intrinsics, sound[:MOST_TERMS], size)
             if np.isfinite(worst):
-                self._assume(topic, f"{what} is fitted as radtan, up to {worst:.2g} px off; {GIVE}")
+                self._assume(topic, f"{what} is fitted by radtan, up to {worst:.2g} px off; {GIVE}")
                 return model, fitted
         if (model is None and np.any(d)) or is_more or not np.isfinite(d).all():
-            self._assume(topic, f"{what} has no form here; its first four are kept as {model or 'radtan'}; {GIVE}")
+            self._assume(topic, f"{what} is not supported; its first four are used as {model or 'radtan'}; {GIVE}")
         return model or "radtan", four
 
     def _between(self, target: str, source: str) -> Array | None:
-        """T_target_source along the tree of static transforms, None if they do not hang together."""
+        """T_target_source along the tree of static transforms, None if they are not connected."""
         a, b = self._to_root(target.strip("/")), self._to_root(source.strip("/"))
         if a is None or b is None or a[0] != b[0] or not target or not source:
             return None
@@ -169,5 +171,5 @@ class BagCalibration:
 
 
 def _numbers(info: Any, name: str) -> Array:
-    """A field of a CameraInfo, which ROS 1 writes in capitals."""
+    """A field of a CameraInfo; ROS 1 uses capital letters."""
     return np.asarray(getattr(info, name) if hasattr(info, name) else getattr(info, name.upper(), ()), float)

@@ -1,4 +1,4 @@
-"""MCAP files as bags: one file, or the several of a ROS 2 bag that was split."""
+"""MCAP files as bags: one file, or the parts of a split ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _LOOSE = struct.Struct("<HIqq")
 
 
 class McapBag:
-    """The messages of MCAP files, every CRC checked on the way.
+    """The messages of MCAP files, with CRC checks.
 
     Args:
-        paths: The files, in the order of time.
-        notes: Where damage goes; when lenient, what can be read is.
+        paths: The files, in time order.
+        notes: Collects damage; when lenient, everything readable is read.
 
     Attributes:
         channels: Streams of CDR messages.
@@ -51,7 +51,7 @@ class McapBag:
         self.channels = list(channels.values())
 
     def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
-        """(topic, log time in ns, CDR bytes, key) of every message of the topics, as they lie."""
+        """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         for i, path in enumerate(self._paths):
             unpacking = Unpacking(path)
             for opcode, offset, body in self._records(path):
@@ -71,7 +71,7 @@ class McapBag:
                         yield topic, log_time, body[_LOOSE.size :], (i, -1, *at)
 
     def payload(self, topic: str, key: Any) -> bytes:
-        """CDR bytes of one message again."""
+        """CDR bytes of one message, read again."""
         i, chunk, start, length = key
         if chunk < 0:
             with self._paths[i].open("rb") as file:
@@ -82,7 +82,7 @@ class McapBag:
         return self._cached[1][start : start + length]
 
     def _records(self, path: Path) -> Iterator[tuple[int, int, bytes]]:
-        """The file's records, as far as they can be read."""
+        """The records of a file, as far as they can be read."""
         try:
             yield from top_records(path)
         except OSError as error:
@@ -90,14 +90,14 @@ class McapBag:
         except DamagedError as error:
             if "no MCAP" in str(error):
                 raise RecordingError(f"{path}: {error}") from error
-            cut = "; what lies before can be read" if isinstance(error, CutOffError) else ""
+            cut = "; the part before can be read" if isinstance(error, CutOffError) else ""
             self._notes.problem(Problem("", None, f"{path.name}: {error}{cut}"))
 
     def _chunk(self, path: Path, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
         try:
             chunk = parse(records.Chunk, body)
             if not chunk.uncompressed_crc:
-                self._notes.warn(f"{path.name}: chunks without a CRC, so that a changed number would go unnoticed")
+                self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
             return unpacking.contents(chunk)
         except DamagedError as error:
             self._notes.problem(Problem("", None, f"{path.name}: {error}"))

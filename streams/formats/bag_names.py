@@ -1,4 +1,4 @@
-"""Which stream of a bag is which of ours, by type and by what its topic says."""
+"""Mapping of a bag's streams to our topics, by type and topic name."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
         kinds: Kind of samples by topic, in the order of the bag.
 
     Returns:
-        Foot IMUs and cameras by "left" or "right" beside "foot", "shoe" or "ankle"; the first other IMU, colour
-        camera and depth camera as those of the head; a pose that calls itself the truth as the head's. Topics
-        that have our names already, or none of ours, are left out and keep theirs.
+        Foot IMUs and cameras by "left" or "right" together with "foot", "shoe" or "ankle"; the first other IMU, colour
+        camera and depth camera become those of the head; a pose named as truth becomes the head's. Topics that already
+        have our names, or have no counterpart, are omitted and keep their names.
     """
     taken = {t for t in kinds if OURS.fullmatch(t)}
     names: dict[str, str] = {}

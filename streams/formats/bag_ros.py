@@ -25,24 +25,24 @@ _WITHOUT_SEQ = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 
 
 class RosBag:
-    """The messages of a bag that rosbags reads; it stays open until it is forgotten.
+    """The messages of a bag that rosbags reads; it stays open until it is garbage collected.
 
     Args:
         path: A `.bag`, a `.db3`, or the folder of a ROS 2 bag.
-        is_ros1: Which of them.
-        notes: Where damage goes.
+        is_ros1: Whether it is a ROS 1 bag.
+        notes: Collects damage.
 
     Attributes:
         channels: Its streams.
 
     Raises:
-        RecordingError: It cannot be opened.
+        RecordingError: The bag cannot be opened.
     """
 
     def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
         self.path, self._is_ros1, self._notes = path, is_ros1, notes
         self._definitions = Definitions()
-        with self._told():
+        with self._reported():
             if is_ros1:
                 check_index(path)
             self._reader: Any = BoundedReader(path) if is_ros1 else rosbag2.Reader(path)
@@ -55,13 +55,13 @@ class RosBag:
         self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]
 
     def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
-        """(topic, log time in ns, CDR bytes, key) of every message of the topics, as they lie."""
+        """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         wanted = [c for c in self._connections if c.topic in topics]
         counts: dict[tuple[int, int], int] = {}
         found = self._reader.messages(connections=wanted) if wanted else iter(())
         while True:
             try:
-                with self._told():
+                with self._reported():
                     message = next(found, None)
                     if message is None:
                         return
@@ -70,20 +70,20 @@ class RosBag:
             except RecordingError as error:
                 if not self._notes.lenient:
                     raise
-                self._notes.problem(Problem("", None, f"{error}; what lies before can be read"))
+                self._notes.problem(Problem("", None, f"{error}; the part before can be read"))
                 return
             nth = counts[connection.id, time] = counts.get((connection.id, time), -1) + 1
             yield connection.topic, time, payload, (connection, time, nth)
 
     def payload(self, topic: str, key: Any) -> bytes:
-        """CDR bytes of one message again."""
+        """CDR bytes of one message, read again."""
         connection, time, nth = key
-        with self._told():
+        with self._reported():
             found = self._reader.messages(connections=[connection], start=time, stop=time + 1)
             for k, (_, _, raw) in enumerate(found):
                 if k == nth:
                     return self._cdr(raw, connection.msgtype)
-        raise StrideTwinError(f"{self.path}: {topic}: a message that was there is gone; has the file changed?")
+        raise StrideTwinError(f"{self.path}: {topic}: a previously read message is missing; has the file changed?")
 
     def _cdr(self, raw: bytes, typename: str) -> bytes:
         return bytes(self._store.ros1_to_cdr(raw, typename)) if self._is_ros1 else bytes(raw)
@@ -93,20 +93,20 @@ class RosBag:
         text, encoding = connection.msgdef.data, "ros2msg"
         if connection.msgdef.format == MessageDefinitionFormat.IDL:
             encoding = "ros2idl"
-        elif not text:  # bags of older ROS 2 releases hold no definitions: the standard types are the same
+        elif not text:  # bags of older ROS 2 releases contain no definitions: the standard types are the same
             text = definition(name) if name in typestore().fielddefs else ""
         if self._is_ros1:
             text = self._as_ros2(name, text)
         return Channel(connection.topic, name, encoding, text)
 
     def _as_ros2(self, name: str, text: str) -> str:
-        """A ROS 1 definition as ROS 2 has it; "" where it cannot be understood, which is told if it is needed."""
+        """A ROS 1 definition converted to ROS 2; "" if it cannot be parsed, which is reported if it is needed."""
         try:
             if name not in self._store.fielddefs:
                 self._definitions.take(text)
                 types = get_types_from_msg(text, name)
                 check_types(types)
-                # a header's `seq` falls away on the way to CDR, so the types must not have it
+                # the conversion to CDR drops a header's `seq`, so the types must not have it
                 ours = {n: typestore().fielddefs[n] for n in _WITHOUT_SEQ}
                 self._store.register(types | ours)
             return str(self._store.generate_msgdef(name, ros_version=2)[0])
@@ -114,15 +114,15 @@ class RosBag:
             return ""
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Whatever the library meets in a damaged file, as one error that names the file."""
+    def _reported(self) -> Iterator[None]:
+        """Converts any exception of the library for a damaged file to one error that names the file."""
         try:
             yield
         except StrideTwinError:
             raise
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
-        except Exception as error:  # asserts, index and key errors, MemoryError: the library trusts its input
+        except Exception as error:  # asserts, index and key errors, MemoryError: unvalidated input
             words = " ".join(str(error).split()) or type(error).__name__
             raise RecordingError(f"{self.path}: a damaged bag: {words[:200]}") from error
 
@@ -132,12 +132,12 @@ def _close(reader: Any) -> None:
 
 
 def check_tables(path: Path) -> None:
-    """Refuses an SQLite file that holds more than tables of plain columns: others make rows out of nothing.
+    """Rejects an SQLite file with more than tables of plain columns: other objects can generate rows without data.
 
     Raises:
-        RecordingError: It does.
+        RecordingError: The file has other objects.
     """
-    with suppress(sqlite3.Error):  # of a damaged one, which `sqlite_is_sound` tells
+    with suppress(sqlite3.Error):  # damaged files are reported by `sqlite_is_sound`
         connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
         try:
             kinds = connection.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(
@@ -152,7 +152,7 @@ def check_tables(path: Path) -> None:
 
 
 def sqlite_is_sound(path: Path) -> bool:
-    """Whether SQLite's own check of the file's structure passes; it has no checksum of what the rows say."""
+    """Whether SQLite's own check of the file's structure passes; there is no checksum of the row data."""
     try:
         connection = sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)
         try:

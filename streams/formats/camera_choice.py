@@ -1,4 +1,4 @@
-"""Which of a recording's cameras an export is about."""
+"""Choice of the camera for an export."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from stridetwin.streams.samples import Image
 
 
 def chosen_camera(recording: Recording, topic: str | None) -> CameraCalibration:
-    """The camera of a topic, or the first that has depth (else the first at all).
+    """The camera of a topic, or the first one with depth (otherwise the first one).
 
     Raises:
-        ConfigError: There is no such camera; the message lists those there are.
+        ConfigError: Unknown camera; the message lists the known ones.
     """
     there = [c for t, c in recording.rig.cameras.items() if t in recording.topics]
-    names = ", ".join(c.topic for c in there) or "none (a recording with pictures)"
+    names = ", ".join(c.topic for c in there) or "none (a recording with images)"
     if topic is not None:
         camera = recording.rig.cameras.get(topic)
         if camera is None or camera not in there:

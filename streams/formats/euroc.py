@@ -1,8 +1,8 @@
 """EuRoC MAV folders (ASL layout): `mav0/imu0/data.csv`, `mav0/cam0/data/*.png`, `sensor.yaml` beside each.
 
-Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016; the layout is also that of TUM-VI. The body frame
-is the IMU's; a true path of something else, such as the marker of `vicon0`, is carried over by its `T_BS`. Columns are
-found by the names in the header, in the published order where there is no header.
+Burri et al., The EuRoC micro aerial vehicle datasets, IJRR 2016; TUM-VI uses the same layout. The body frame is the
+IMU's; the ground truth of another frame, such as the marker of `vicon0`, is converted with its `T_BS`. Columns are
+found by the names in the header, or in the published order without a header.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import numpy as np
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.calibrations import BODY
-from stridetwin.streams.formats.picture_lists import read_picture_list
+from stridetwin.streams.formats.picture_lists import read_image_list
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
-from stridetwin.streams.imported import Notes, Pictures, Source, unreadable
+from stridetwin.streams.imported import ImageStream, Notes, Source, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
 from stridetwin.streams.yaml_node import Node, parse_node
@@ -44,7 +44,7 @@ _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant"
 
 
 def euroc_root(path: Path) -> Path | None:
-    """The folder that holds `imu0` or `cam0`, if `path` is it or holds it as `mav0`."""
+    """The folder with `imu0` or `cam0`: `path` itself or its subfolder `mav0`."""
     for root in (path / "mav0", path):
         if any((root / name).is_dir() for name in ("imu0", "cam0")):
             return root
@@ -55,21 +55,21 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     """Reads a folder in the ASL layout.
 
     Args:
-        path: The folder, or the one around `mav0`.
-        notes: Where problems go.
+        path: The folder, or the parent of `mav0`.
+        notes: Collects problems.
 
     Returns:
         Its IMUs, cameras and the first ground truth of `GROUND_TRUTHS`, under our topics (further sensors
         under their folder's name).
 
     Raises:
-        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+        StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
     root = euroc_root(path)
     if root is None:
         raise ConfigError(path, "", "no imu0 and no cam0", "a folder in the ASL layout")
     blocks: dict[str, Block[Any]] = {}
-    pictures: dict[str, Pictures] = {}
+    images: dict[str, ImageStream] = {}
     imus: dict[str, ImuCalibration] = {}
     cameras: dict[str, CameraCalibration] = {}
     folders = sorted(p for p in root.iterdir() if p.is_dir())
@@ -80,7 +80,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
             if (imu := _imu_calibration(folder, topic)) is not None:
                 imus[topic] = imu
         elif re.fullmatch(r"cam\d+", folder.name):
-            pictures[topic] = read_picture_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
+            images[topic] = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
             if (camera := _camera_calibration(folder, topic)) is not None:
                 cameras[topic] = camera
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
@@ -90,7 +90,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     rig = Rig(imus=imus, cameras={t: replace(c, imu_topic=first) for t, c in cameras.items()})
     known = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
     unread = {f"/{f.name}": "folder" for f in folders if f.name not in known}
-    return Source(kind="euroc", blocks=blocks, pictures=pictures, rig=rig, unread=unread)
+    return Source(kind="euroc", blocks=blocks, images=images, rig=rig, unread=unread)
 
 
 def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
@@ -115,7 +115,7 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
 
 
 def _marker(folder: Path) -> Array | None:
-    """T_BS of a true path's sensor, such as Vicon's marker, in the body; None where its poses are the body's own."""
+    """T_BS of the sensor of a ground truth, such as Vicon's marker; None if its poses are the body's own."""
     node = _sensor(folder)
     if node is None or "T_BS" not in node:
         return None
@@ -126,18 +126,18 @@ def _marker(folder: Path) -> Array | None:
 def _columns(
     file: Path, header: list[str], wanted: Sequence[str], units: Sequence[str], notes: Notes
 ) -> list[tuple[str, int]]:
-    """Where the wanted columns stand, by the header's names; in the published order without a header."""
+    """Indices of the given columns, by the header's names, or in the published order without a header."""
     where = f"{file.parent.name}/{file.name}"
-    names, told = zip(*(_name_and_unit(word) for word in header)) if header else ((), ())
+    names, own_units = zip(*(_name_and_unit(word) for word in header)) if header else ((), ())
     if not header:
-        notes.warn(f"{where}: no header; columns taken in the published order")
+        notes.warn(f"{where}: no header; columns assumed in the published order")
     elif not any(name in names for name in wanted):
         raise ConfigError(file, "header", ",".join(header), f"the columns timestamp, {', '.join(wanted)}")
     else:
         for name, valid in zip(wanted, units):
             if names.count(name) != 1:
                 raise ConfigError(file, "header", ",".join(header), f"one column {name}")
-            unit = told[names.index(name)]
+            unit = own_units[names.index(name)]
             if unit and unit.replace("/s", " s^-1") != valid:
                 raise ConfigError(file, f"header, unit of {name}", unit, valid)
         return [(name, names.index(name)) for name in wanted]
@@ -161,7 +161,7 @@ def _sensor(folder: Path) -> Node | None:
         text = read_text(file, LARGEST_SETTING)
     except (OSError, UnicodeDecodeError) as error:
         raise unreadable(file, error) from error
-    # OpenCV's own YAML marks: a directive and a tag that other parsers do not know
+    # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
     return parse_node(re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE), str(file))
 
 

@@ -26,16 +26,16 @@ RIGHT_SUFFIX = "_right"
 def write_euroc(
     recording: Recording, folder: Path, camera_topic: str | None = None, stereo_baseline_m: float | None = None
 ) -> dict[str, int]:
-    """Writes `folder/mav0` in the ASL layout, and the whole calibration beside it as `rig.yaml`.
+    """Writes `folder/mav0` in the ASL layout, and the complete calibration beside it as `rig.yaml`.
 
-    A camera whose topic ends in `_right` becomes `cam1` beside the one it belongs to; where there is none, one
-    can be made from depth. The biases of the true states, which a recording does not tell, are 0.
+    A camera whose topic ends in `_right` becomes `cam1` beside its left camera; without one, a right camera can be made
+    from depth. The biases of the true states are not recorded and written as 0.
 
     Args:
         recording: Needs a camera, and an IMU on the same body.
         folder: An empty folder.
-        camera_topic: Which camera; the first with depth by default.
-        stereo_baseline_m: Makes a right camera at this distance; the camera needs depth then.
+        camera_topic: Topic of the camera; by default the first one with depth.
+        stereo_baseline_m: Adds a virtual right camera at this distance; the camera then needs depth.
 
     Returns:
         Rows written, by sensor.
@@ -57,8 +57,8 @@ def write_euroc(
     else:
         cameras += [recording.rig.cameras[right]] if right in recording.topics else []
         for i, each in enumerate(cameras):
-            pictures = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
-            counts[f"cam{i}"] = _write_camera(pictures, each, imu, root / f"cam{i}")
+            images = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
+            counts[f"cam{i}"] = _write_camera(images, each, imu, root / f"cam{i}")
     truth = f"/truth{imu.topic}/odometry"
     if truth in recording.topics:
         counts["state_groundtruth_estimate0"] = _write_truth(recording, truth, root / "state_groundtruth_estimate0")
@@ -87,32 +87,32 @@ def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
 def _write_stereo(
     recording: Recording, left: CameraCalibration, right: CameraCalibration, imu: ImuCalibration, root: Path
 ) -> dict[str, int]:
-    """Both cameras of a pair whose right one is made: the pictures for which there is depth."""
+    """Both cameras of a pair with a virtual right one: the images that have depth."""
     if left.depth_topic not in recording.topics:
         raise ConfigError(recording.path, f"depth of {left.topic}", left.depth_topic or None, "a camera with depth")
-    times = np.intersect1d(recording.picture_times(left.topic), recording.picture_times(left.depth_topic))
+    times = np.intersect1d(recording.image_times(left.topic), recording.image_times(left.depth_topic))
     baseline = float(np.linalg.norm(right.mount.T_body_sensor[:3, 3] - left.mount.T_body_sensor[:3, 3]))
     topics = {"cam0": left, "cam1": right}
 
-    def pictures(camera: CameraCalibration) -> Iterator[Image]:
+    def images(camera: CameraCalibration) -> Iterator[Image]:
         for t in times.tolist():
-            (picture,) = recording.images(left.topic, t_ns=[t])
-            assert isinstance(picture, Image)
+            (image,) = recording.images(left.topic, t_ns=[t])
+            assert isinstance(image, Image)
             if camera is right:
                 (depth,) = recording.images(left.depth_topic, t_ns=[t])
                 assert isinstance(depth, Depth)
-                pixels = right_view(picture.pixels, depth.depth, left.intrinsics[0], baseline)
-                picture = Image(topic=right.topic, t_ns=t, pixels=pixels)
-            yield picture
+                pixels = right_view(image.pixels, depth.depth, left.intrinsics[0], baseline)
+                image = Image(topic=right.topic, t_ns=t, pixels=pixels)
+            yield image
 
-    return {name: _write_camera(pictures(camera), camera, imu, root / name) for name, camera in topics.items()}
+    return {name: _write_camera(images(camera), camera, imu, root / name) for name, camera in topics.items()}
 
 
-def _write_camera(pictures: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
+def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
     data = folder / "data"
     data.mkdir(parents=True)
     rows = ["#timestamp [ns],filename"]
-    for sample in pictures:
+    for sample in images:
         write_image(data / f"{sample.t_ns}.png", sample)
         rows.append(f"{sample.t_ns},{sample.t_ns}.png")
     (folder / "data.csv").write_text("\n".join(rows) + "\n", encoding="ascii")
@@ -154,10 +154,10 @@ def _write_csv(folder: Path, header: list[str], t_ns: Any, *columns: Array) -> N
 
 
 def _both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
-    """IMU and cameras under their own topics, and under those that a folder of this layout is read as."""
+    """IMU and cameras under their own topics, and under the topics that an import of this layout uses."""
     read_as = [replace(c, topic=NAMES[f"cam{i}"], imu_topic=NAMES["imu0"]) for i, c in enumerate(cameras)]
     imus = [imu, replace(imu, topic=NAMES["imu0"])]
-    # the layout's names go last: they are those that count when it is read
+    # the topics of the layout come last, because they take precedence on import
     return Rig(
         imus={i.topic: i for i in imus}, cameras={c.topic: c for c in (*cameras, *read_as)}, boards=rig.boards
     )  # fmt: skip

@@ -1,6 +1,6 @@
-"""Calibrations under our topics: a rig that follows its streams to their new names, and one that is given beside them.
+"""Calibrations under our topics: renaming the sensors of a rig, and matching a given rig to a source.
 
-A rig that is given names its sensors as the source does (`rostopic`), as we do, or as Kalibr numbers them (`cam0`,
+A given rig may name its sensors like the source (`rostopic`), by our topics, or by Kalibr's numbers (`cam0`,
 `imu0`).
 """
 
@@ -27,14 +27,14 @@ _TRANSPORT = re.compile(r"/(compressed|compressedDepth|image/data|imu/data)$")
 
 @dataclass(frozen=True, kw_only=True)
 class Streams:
-    """Which streams of a source have become which of ours.
+    """Mapping of a source's streams to ours.
 
     Attributes:
         topics: Our topic by the source's name.
-        names: The topic that the source's names would get unless told otherwise.
+        names: Default topic of each of the source's names.
         imus: Our topics of its IMUs.
         cameras: Our topics of its colour cameras.
-        numbered: Whether the source has sensors without topics, so that Kalibr's `cam0` is its first camera.
+        numbered: Whether the source has sensors without topics; Kalibr's `cam0` is then its first camera.
     """
 
     topics: Mapping[str, str]
@@ -44,26 +44,26 @@ class Streams:
     numbered: bool = False
 
     def find(self, rostopic: str, as_read: bool, number: str = "") -> str | None:
-        """Our topic of the stream that a calibration is about, None if there is none.
+        """Our topic of the stream that a calibration describes, None without such a stream.
 
         Args:
-            rostopic: What the calibration calls it.
-            as_read: Whether our topics go before the source's names, where one is both.
-            number: Kalibr's name of the section, such as `cam0`, where it may decide.
+            rostopic: Topic in the calibration.
+            as_read: Whether our topics take precedence over the source's names when a name is both.
+            number: Kalibr's name of the section, such as `cam0`, if it may be used.
         """
         name = "/" + rostopic.strip("/")
         ours = {t: t for t in self.topics.values()}
         defaults = {default: self.topics[n] for n, default in self.names.items()}
-        told = defaults | dict(self.topics)
-        for table in (ours, told) if as_read else (told, ours):
+        by_topic = defaults | dict(self.topics)
+        for table in (ours, by_topic) if as_read else (by_topic, ours):
             if name in table:
                 return table[name]
         bare = {_TRANSPORT.sub("", n): t for n, t in self.topics.items()}
         if (found := bare.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
             return found
         for section in (name.split("/")[1], number):
-            if (target := NAMES.get(section, f"/{section}")) in told:
-                return told[target]
+            if (target := NAMES.get(section, f"/{section}")) in by_topic:
+                return by_topic[target]
             alone = {"imu0": self.imus, "cam0": self.cameras}.get(section, ())
             if len(alone) == 1:
                 return alone[0]
@@ -71,29 +71,29 @@ class Streams:
 
 
 def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Streams:
-    """How the streams of a source are called here, by the topics that its names become."""
+    """Mapping of a source's streams, given the topics of its names."""
     return Streams(
         topics=topics,
         names={n: source.names.get(n, n) for n in topics},
         imus=tuple(topics[n] for n, b in source.blocks.items() if b.kind is Imu),
-        cameras=tuple(topics[n] for n, p in source.pictures.items() if p.kind is Image),
+        cameras=tuple(topics[n] for n, p in source.images.items() if p.kind is Image),
         numbered=numbered,
     )
 
 
-def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_told: bool) -> Rig:
-    """A rig whose sensors have other topics, and sit on the bodies that these say.
+def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool) -> Rig:
+    """A rig whose sensors get other topics, and the bodies that these imply.
 
     Args:
         rig: The rig.
         topic_of: New topic by the old one.
-        bodies_are_told: The rig knows which body carries a sensor: it stays there unless the new topic says another
-            one than the old topic did.
+        bodies_are_known: Whether the rig knows the body of each sensor; then it only changes if the new topic implies
+            another body than the old topic.
     """
 
     def moved(item: Any) -> Any:
         topic, body = topic_of(item.topic), item.mount.body
-        if not bodies_are_told or body_of(topic) != body_of(item.topic):
+        if not bodies_are_known or body_of(topic) != body_of(item.topic):
             body = body_of(topic)
         changes: dict[str, Any] = {"topic": topic, "mount": replace(item.mount, body=body)}
         for link in ("depth_topic", "imu_topic"):
@@ -108,19 +108,19 @@ def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_told: bool)
 
 
 def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> tuple[Rig, list[str]]:
-    """A rig that is given for a source, under our topics.
+    """A rig given for a source, under our topics.
 
-    What a plain Kalibr file does not tell (where on the body its IMU sits, rates, the depth beside a camera) stays as
-    it is known.
+    Values that a plain Kalibr file does not contain (the IMU's pose on the body, rates, the depth stream of a camera)
+    keep their known values.
 
     Args:
-        rig: As the file says.
-        known: What is known of the source's sensors, under our topics.
-        streams: Names of the source's streams.
-        as_read: Whether our topics go before the source's names.
+        rig: Rig from the file.
+        known: Known calibrations of the source's sensors, under our topics.
+        streams: Mapping of the source's streams.
+        as_read: Whether our topics take precedence over the source's names.
 
     Returns:
-        The rig, and the sensors in it that no stream belongs to, in the file's words; these are left out.
+        The rig, and the file's names of sensors that match no stream; these are omitted.
     """
     imus, cameras, others = (_by_number(t) for t in (rig.imus, rig.cameras, rig.others))
     found: dict[str, str] = {}
@@ -130,7 +130,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
             target = streams.find(item.topic, as_read, number)
             depth = getattr(item, "depth_topic", "")
             if target is None and depth and streams.find(depth, as_read) is not None:
-                target = item.topic  # of a camera whose depth alone is there
+                target = item.topic  # a camera that has depth alone
             if target is not None and target not in found.values():
                 found[item.topic] = target
     links = {c.depth_topic for _, c in cameras} - {""} - found.keys()
@@ -141,7 +141,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
         boards=rig.boards,
         others={t: o for t, o in rig.others.items() if t in found},
     )
-    moved = renamed_rig(there, lambda t: found.get(t) or linked.get(t, t), bodies_are_told=True)
+    moved = renamed_rig(there, lambda t: found.get(t) or linked.get(t, t), bodies_are_known=True)
     plain = {found[t] for t, i in there.imus.items() if i.mount.body == PLAIN_BODY}
     plain |= {found[t] for t, c in there.cameras.items() if c.mount.body == PLAIN_BODY}
     placed = {t: _placed_imu(i, known.imus.get(t)) if t in plain else i for t, i in moved.imus.items()}
@@ -154,21 +154,21 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     return Rig(imus=placed, cameras=seen, boards=moved.boards, others=moved.others), left
 
 
-def told_what_is_left(file: Path, rig: Rig, left: Iterable[str], streams: Streams, notes: Notes) -> None:
-    """Says which calibrations of a file no stream belongs to; a file that does nothing at all is refused.
+def report_unmatched(file: Path, rig: Rig, left: Iterable[str], streams: Streams, notes: Notes) -> None:
+    """Reports the calibrations of a file that match no stream; a file without any match is rejected.
 
     Raises:
-        ConfigError: No stream belongs to any of them, unless lenient.
+        ConfigError: No calibration matches a stream, unless lenient.
     """
     left = list(left)
     names = sorted({*streams.topics, *streams.names.values(), *streams.topics.values()})
     if streams.numbered:
         names += ["/cam0, /imu0, ..."]
-    valid = f"a stream that is there: {', '.join(names)}"
+    valid = f"an existing stream: {', '.join(names)}"
     if left and len(left) == len(rig.imus) + len(rig.cameras) + len(rig.others):
         notes.invalid(ConfigError(file, "rostopic", ", ".join(left), valid))
     elif left:
-        notes.warn(f"{file}: {', '.join(left)}: no stream of this name, so that its calibration is not used")
+        notes.warn(f"{file}: {', '.join(left)}: no stream of this name; its calibration is not used")
 
 
 def _by_number(items: Mapping[str, Any]) -> list[tuple[int, Any]]:
@@ -176,7 +176,7 @@ def _by_number(items: Mapping[str, Any]) -> list[tuple[int, Any]]:
 
 
 def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:
-    """A plain calibration, whose body is the IMU itself, where the IMU is known to sit."""
+    """A plain calibration, whose body is the IMU itself, moved to the known mount of the IMU."""
     if known is None:
         return replace(imu, mount=Mount(body=body_of(imu.topic)))
     return replace(imu, mount=known.mount, part=imu.part or known.part)
@@ -185,16 +185,20 @@ def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibra
 def _placed_camera(
     camera: CameraCalibration, known: CameraCalibration | None, mounts: Mapping[str, Mount], imus: tuple[str, ...]
 ) -> CameraCalibration:
-    """A plain calibration, mounted in its IMU's frame, where that IMU is known to sit."""
-    told = [camera.imu_topic, known.imu_topic if known else "", *(t for t in imus if body_of(t) == camera.mount.body)]
-    imu = next((t for t in told if t in imus or t in mounts), "")
+    """A plain calibration, mounted in its IMU's frame, moved to the known mount of that IMU."""
+    candidates = [
+        camera.imu_topic,
+        known.imu_topic if known else "",
+        *(t for t in imus if body_of(t) == camera.mount.body),
+    ]
+    imu = next((t for t in candidates if t in imus or t in mounts), "")
     T: Array = camera.mount.T_body_sensor
     mount = mounts.get(imu, Mount(body=body_of(camera.topic)))
     mount = Mount(body=mount.body, T_body_sensor=mount.T_body_sensor @ T)
     shift = camera.timeshift_cam_imu_s
     if known is None:
         return replace(camera, imu_topic=imu, mount=mount)
-    if np.array_equal(T, np.eye(4)):  # a file without T_cam_imu: the lens alone
+    if np.array_equal(T, np.eye(4)):  # a file without T_cam_imu: intrinsics alone
         mount, shift = known.mount, shift or known.timeshift_cam_imu_s
     return replace(
         camera,

@@ -1,4 +1,4 @@
-"""The true motion and loads as OpenSim files: joint angles and ground reactions as `.mot`, and what ties them together.
+"""True motion and loads as OpenSim files: joint angles and ground reactions as `.mot`, and the external loads file.
 
 Coordinates have the names and signs of the Rajagopal full-body model (Rajagopal et al., IEEE TBME 63(10), 2016) or of
 gait2392 (Delp et al., IEEE TBME 37(8), 1990), whose knees bend to negative angles and which has no arms. The ground
@@ -45,13 +45,13 @@ _SIDES = ("r", "l")
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """How an OpenSim model names and counts what the twin moves.
+    """Names and signs of an OpenSim model for the twin's motion.
 
     Attributes:
-        coordinates: Its coordinate and the sign, by the twin's joint.
+        coordinates: Coordinate name and sign, by the twin's joint.
         p_hips_in_pelvis: (3,) m, middle of the hip centres in its pelvis' frame, as the unscaled model has it.
-        force: Columns of force and point begin so, by side.
-        torque: Those of the free torque.
+        force: Prefix of the columns of force and point, by side.
+        torque: Prefix of the columns of the free torque, by side.
     """
 
     coordinates: Mapping[str, tuple[str, float]]
@@ -85,23 +85,23 @@ def write_opensim(recording: Recording, folder: Path, model: str = "rajagopal") 
     """Writes `motion.mot` (degrees, m), `ground_reactions.mot` (N, m, N m) and `external_loads.xml`.
 
     Joints without a counterpart in the model (neck, exoskeleton) keep their names. Ground reactions are forces
-    at the centre of pressure with their free torque; without load they are 0. The pelvis of OpenSim's models lies
-    before and above the hips, that of the twin between them; the way from one to the other is the unscaled model's.
+    at the centre of pressure with their free torque; without load they are 0. The pelvis of OpenSim's models is in
+    front of and above the hips, that of the twin between them; the offset is that of the unscaled model.
 
     Args:
-        recording: Needs the truth of the twin.
-        folder: Where to write.
+        recording: Recording with the twin's ground truth.
+        folder: Output folder.
         model: One of `MODELS`.
 
     Returns:
         Rows written, by file.
 
     Raises:
-        RecordingError: The recording holds no true joint angles; real recordings do not.
+        RecordingError: The recording has no true joint angles, as real recordings.
     """
     for topic in ("/truth/joints", "/truth/pelvis/odometry"):
         if topic not in recording.topics:
-            raise RecordingError(f"{recording.path}: no {topic}; valid: a recording of the twin, with its truth")
+            raise RecordingError(f"{recording.path}: no {topic}; valid: a recording of the twin, with ground truth")
     counts = {MOTION: _write_motion(recording, MODELS[model], folder / MOTION)}
     sides = [s for s in _SIDES if f"/truth/foot_{s}/wrench" in recording.topics]
     if sides:
@@ -119,9 +119,9 @@ def _write_motion(recording: Recording, model: Model, path: Path) -> int:
     R = _R_OPENSIM_WORLD @ R @ _R_OPENSIM_WORLD.T
     p = pelvis.columns["p_frame_in_world"][at] @ _R_OPENSIM_WORLD.T - R @ np.array(model.p_hips_in_pelvis)
     # the model's pelvis turns about its own z (tilt), then x (list), then y (rotation)
-    turns = Rotation.from_matrix(R).as_euler("ZXY")
+    angles = Rotation.from_matrix(R).as_euler("ZXY")
     names = ["pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"]
-    columns = [np.degrees(np.unwrap(turns, axis=0)), p]
+    columns = [np.degrees(np.unwrap(angles, axis=0)), p]
     for i, name in enumerate(joints.constants["names"]):
         theirs, sign = model.coordinates.get(name, (name, 1.0))
         names.append(theirs)
@@ -141,7 +141,7 @@ def _write_loads(recording: Recording, model: Model, sides: list[str], path: Pat
 
 
 def _at_pressure_centre(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[Array, Array, Array]:
-    """(N, 3) force, point and free torque, world axes, at the stamps; 0 where the foot bears nothing."""
+    """(N, 3) force, point and free torque, world axes, at the stamps; 0 for an unloaded foot."""
     force, point, torque = (np.zeros((len(t_ns), 3)) for _ in range(3))
     if f"/truth/foot_{side}/cop" not in recording.topics:
         return force, point, torque

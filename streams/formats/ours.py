@@ -1,4 +1,4 @@
-"""What our own recordings tell beside their messages: calibration and metadata, when they are read as a bag."""
+"""Calibration and metadata of our own recordings, when they are read as a bag."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from stridetwin.streams.rig import Rig
 
 
 def is_ours(path: Path, if_damaged: bool) -> bool:
-    """Whether an MCAP file begins as our recorder writes it, with its calibration and its metadata.
+    """Whether an MCAP file begins like our recordings, with calibration and metadata.
 
     Args:
         path: The file.
-        if_damaged: The answer for one that cannot be read that far.
+        if_damaged: Result for a file that cannot be read that far.
     """
     try:
         for opcode, _, body in top_records(path):
@@ -41,15 +41,15 @@ def is_ours(path: Path, if_damaged: bool) -> bool:
     return False
 
 
-def read_told(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
-    """The calibration and the metadata that stand at the beginning of one of our recordings.
+def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
+    """The calibration and the metadata at the beginning of one of our recordings.
 
     Args:
         path: The file.
-        notes: Where damage goes.
+        notes: Collects damage.
 
     Raises:
-        StrideTwinError: It was made by a newer release, or (unless lenient) one of them is damaged.
+        StrideTwinError: A newer release made the file, or (unless lenient) one of them is damaged.
     """
     rig, metadata = Rig(), dict[str, str]()
     try:
@@ -63,15 +63,15 @@ def read_told(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
                 else:
                     rig = _rig(attachment.data, notes)
             elif opcode == Opcode.METADATA:
-                told = parse(records.Metadata, body)
-                if told.name == schema_version.RECORD:
-                    schema_version.read(told.metadata, path)
-                elif told.name == METADATA_NAME:
-                    metadata.update(told.metadata)
+                record = parse(records.Metadata, body)
+                if record.name == schema_version.RECORD:
+                    schema_version.read(record.metadata, path)
+                elif record.name == METADATA_NAME:
+                    metadata.update(record.metadata)
             elif opcode != Opcode.HEADER:
                 break  # the recorder writes them before all messages
     except DamagedError:
-        pass  # told when the messages are read
+        pass  # reported when the messages are read
     return rig, metadata
 
 
@@ -79,5 +79,5 @@ def _rig(data: bytes, notes: Notes) -> Rig:
     try:
         return rig_from_yaml(data.decode(), RIG_NAME)
     except (UnicodeDecodeError, StrideTwinError) as error:
-        notes.problem(Problem("", None, f"its calibration is not valid: {error}"))
+        notes.problem(Problem("", None, f"invalid calibration: {error}"))
         return Rig()

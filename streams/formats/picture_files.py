@@ -1,4 +1,4 @@
-"""Pictures as single files: 8-bit colour or grey, and depth as 16-bit PNG."""
+"""Image files: 8-bit colour or grey, and depth as 16-bit PNG."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.bounded import LARGEST_PICTURE, MOST_PIXELS, decode_picture, read_bytes
+from stridetwin.streams.bounded import LARGEST_IMAGE, MOST_PIXELS, decode_image, read_bytes
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.imported import unreadable
 from stridetwin.streams.ros_pictures import rgb_from_bgr
@@ -21,10 +21,10 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def read_image(path: Path, topic: str, t_ns: int) -> Image:
-    """A colour or grey picture; the upper byte of 16-bit grey.
+    """Reads a colour or grey image; of 16-bit grey the upper byte.
 
     Raises:
-        StrideTwinError: It is missing or damaged.
+        StrideTwinError: The file is missing or damaged.
     """
     pixels = _pixels(path)
     if pixels.dtype == np.uint16:
@@ -35,10 +35,10 @@ def read_image(path: Path, topic: str, t_ns: int) -> Image:
 
 
 def read_depth(path: Path, topic: str, t_ns: int, per_metre: float) -> Depth:
-    """A depth picture of 16 bits; 0 and 65535 both mean none.
+    """Reads a depth image of 16 bits; 0 and 65535 both mean no depth.
 
     Raises:
-        StrideTwinError: It is missing, damaged or has not 16 bits.
+        StrideTwinError: The file is missing, damaged or does not have 16 bits.
     """
     raw = _pixels(path)
     if raw.dtype != np.uint16 or raw.ndim != 2:
@@ -54,13 +54,13 @@ def write_image(path: Path, sample: Image) -> None:
 
 
 def write_depth(path: Path, sample: Depth, per_metre: float) -> None:
-    """Writes a PNG of 16 bits; what lies beyond its range becomes 0, none."""
+    """Writes a PNG of 16 bits; depth out of range becomes 0, none."""
     units = np.rint(sample.depth * np.float32(per_metre))
     _write(path, np.where((units > 0) & (units < NONE[1]), units, 0).astype(np.uint16))
 
 
 def png_is_sound(data: bytes) -> bool:
-    """Whether every chunk of a PNG is whole by its CRC: OpenCV decodes some that are not, and only grumbles."""
+    """Whether the CRC of every chunk of a PNG is correct: OpenCV decodes some damaged ones with just a warning."""
     at = len(_PNG)
     while at + 12 <= len(data):
         end = at + 8 + int.from_bytes(data[at : at + 4], "big")
@@ -74,17 +74,17 @@ def png_is_sound(data: bytes) -> bool:
 
 def _pixels(path: Path) -> NDArray[Any]:
     try:
-        data = read_bytes(path, LARGEST_PICTURE)
+        data = read_bytes(path, LARGEST_IMAGE)
         sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
-        pixels = decode_picture(data) if sound else None
+        pixels = decode_image(data) if sound else None
     except OSError as error:
         raise unreadable(path, error) from error
     except ValueError as error:
         raise ConfigError(
-            path, "", f"a damaged picture: {error}", f"a PNG or JPEG of up to {MOST_PIXELS} pixels"
+            path, "", f"a damaged image: {error}", f"a PNG or JPEG of up to {MOST_PIXELS} pixels"
         ) from error
     if pixels is None:
-        raise ConfigError(path, "", "a damaged picture", "one that OpenCV reads")
+        raise ConfigError(path, "", "a damaged image", "one that OpenCV can read")
     return pixels
 
 

@@ -1,4 +1,4 @@
-"""Lists of stamped picture files, as the EuRoC and TUM layouts have them."""
+"""Lists of image files with stamps, as in the EuRoC and TUM layouts."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.picture_files import read_depth, read_image
 from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
-from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.imported import ImageStream, Notes
 from stridetwin.streams.samples import Depth, Image
 
 
-def read_picture_list(
+def read_image_list(
     file: Path,
     folder: Path,
     separator: str | None,
     stamp: Callable[[str], int],
     notes: Notes,
     per_metre: float | None = None,
-) -> Pictures:
-    """Reads rows of a stamp and the name of a picture.
+) -> ImageStream:
+    """Reads rows of a stamp and an image file name.
 
     Args:
         file: The list.
-        folder: Where the names begin.
+        folder: Folder that the names are relative to.
         separator: Between stamp and name; None is any white space.
-        stamp: Word to nanoseconds.
-        notes: Where rows that are not valid go, which are left out when lenient.
-        per_metre: Units of depth in a metre; None for colour.
+        stamp: Converts a word to nanoseconds.
+        notes: Collects invalid rows, which are omitted when lenient.
+        per_metre: Units of depth per metre; None for colour.
 
     Raises:
-        StrideTwinError: The list cannot be read, is empty, or a row is not valid, unless lenient.
+        StrideTwinError: The list cannot be read, is empty, or a row is invalid, unless lenient.
     """
     _, rows = read_text_rows(file, separator)
     stamps: list[int] = []
@@ -47,22 +47,22 @@ def read_picture_list(
             notes.invalid(error)
     if not files:
         notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
-    return picture_stream(stamps, files, per_metre)
+    return image_stream(stamps, files, per_metre)
 
 
-def picture_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> Pictures:
-    """Stamped picture files as a stream: of depth with `per_metre` units in a metre, of colour without."""
+def image_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> ImageStream:
+    """Image files with stamps as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
 
     def load(topic: str, i: int) -> Image | Depth:
         if per_metre is None:
             return read_image(files[i], topic, stamps[i])
         return read_depth(files[i], topic, stamps[i], per_metre)
 
-    return Pictures(kind=Image if per_metre is None else Depth, t_ns=np.array(stamps, np.int64), load=load)
+    return ImageStream(kind=Image if per_metre is None else Depth, t_ns=np.array(stamps, np.int64), load=load)
 
 
 def _listed(file: Path, folder: Path, line: int, name: str) -> Path:
-    where, valid = f"line {line}, filename", f"a picture inside {folder.name}/"
+    where, valid = f"line {line}, filename", f"an image inside {folder.name}/"
     parts = PurePath(name).parts
     if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
         raise ConfigError(file, where, name, valid)

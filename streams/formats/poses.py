@@ -1,4 +1,4 @@
-"""Poses of a true path, with the velocities that the source does not tell."""
+"""Poses of a ground truth, with velocities if the source has none."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ def odometry(
     v: Array | None,
     notes: Notes,
     file: object,
-    T_body_told: Array | None = None,
+    T_body_source: Array | None = None,
 ) -> Block[Odometry]:
-    """Poses as a block of odometry; what is not known is the central difference of what is.
+    """Poses as a block of odometry; missing velocities are central differences.
 
     Args:
-        name: Stream.
+        name: Topic.
         t_ns: (N,) stamps.
         p: (N, 3) m, origin of the frame in the world.
         q: (N, 4) quaternions (w, x, y, z), frame to world; normalised here.
         v: (N, 3) m/s, or None.
-        notes: Where problems go.
-        file: What errors call the source.
-        T_body_told: (4, 4) where the frame whose poses are told sits in the one that is wanted, m; the velocity, which
-            is that of another point, then counts as not told. None: they are one.
+        notes: Collects problems.
+        file: Name of the source in errors.
+        T_body_source: (4, 4) pose of the source's frame in the wanted frame, m; the source's velocity, which is that of
+            another point, is then ignored. None: the frames are equal.
 
     Raises:
-        ConfigError: A quaternion that is far from a unit one, unless lenient (its row is left out).
+        ConfigError: A quaternion far from unit norm, unless lenient (its row is omitted).
     """
     with np.errstate(over="ignore"):
         norm = np.linalg.norm(q, axis=1)
@@ -49,13 +49,13 @@ def odometry(
         t_ns, p, q, norm = t_ns[sound], p[sound], q[sound], norm[sound]
         v = None if v is None else v[sound]
     q = q / norm[:, None]
-    if T_body_told is not None and len(q):
-        T_told_body = np.linalg.inv(T_body_told)
-        told = Rotation.from_quat(q, scalar_first=True)
-        p, v = p + told.apply(T_told_body[:3, 3]), None
-        q = (told * Rotation.from_matrix(T_told_body[:3, :3])).as_quat(scalar_first=True)
+    if T_body_source is not None and len(q):
+        T_source_body = np.linalg.inv(T_body_source)
+        rotation = Rotation.from_quat(q, scalar_first=True)
+        p, v = p + rotation.apply(T_source_body[:3, 3]), None
+        q = (rotation * Rotation.from_matrix(T_source_body[:3, :3])).as_quat(scalar_first=True)
     rates = np.zeros((2, len(t_ns), 3))
-    rising = np.flatnonzero(increasing(t_ns, -1))  # what goes backwards is refused or left out later on
+    rising = np.flatnonzero(increasing(t_ns, -1))  # decreasing stamps are rejected or omitted later
     if len(rising) > 1:
         attitude = Rotation.from_quat(q[rising], scalar_first=True)
         rates[:, rising] = _rates(t_ns[rising], p[rising], attitude)
@@ -73,7 +73,7 @@ def odometry(
 
 
 def _rates(t_ns: NDArray[np.int64], p: Array, attitude: Rotation) -> Array:
-    """(2, N, 3) velocity in the world, and angular rate in the frame, over the neighbours of each pose."""
+    """(2, N, 3) velocity in the world, and angular rate in the frame, from the neighbours of each pose."""
     i = np.arange(len(t_ns))
     before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)
     span = (t_ns[after] - t_ns[before])[:, None] * 1e-9

@@ -1,4 +1,4 @@
-"""Lenses with more terms than four, as `radtan` lenses that do the same within the picture."""
+"""Approximation of lenses with more than four terms by `radtan` lenses, within the image."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import numpy as np
 from stridetwin.streams.samples import Array
 
 MOST_TERMS = 8
-_ACROSS = 41  # points along each side of the picture
+_ACROSS = 41  # points along each side of the image
 _STEPS = 300
-_ENOUGH = 0.8  # of the picture must belong to rays
-_CLOSE = 0.01  # px, how well a ray must lie under its pixel
+_ENOUGH = 0.8  # of the image must correspond to rays
+_CLOSE = 0.01  # px, largest error of a ray's pixel
 
 
 def fitted_radtan(
     intrinsics: tuple[float, float, float, float], distortion: Array, size: tuple[int, int]
 ) -> tuple[Array, float]:
-    """The radtan coefficients that lie nearest to a lens of ROS's rational model, over the whole picture.
+    """The radtan coefficients closest to a lens of ROS's rational model, over the whole image.
 
     Args:
         intrinsics: (fu, fv, pu, pv) in pixels.
@@ -24,8 +24,8 @@ def fitted_radtan(
         size: (width, height) in pixels.
 
     Returns:
-        k1, k2, p1, p2, and how far at most a point of the picture lies from where it belongs, px. Corners that belong
-        to no ray, as higher terms make them, do not count; infinite where that is much of the picture.
+        k1, k2, p1, p2, and the largest error of a point of the image, px. Corners without a ray, as higher terms cause,
+        do not count; infinite if they are a large part of the image.
     """
     fu, fv, pu, pv = intrinsics
     focal = np.array([fu, fv])
@@ -34,7 +34,7 @@ def fitted_radtan(
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, _ACROSS), np.linspace(0, size[1] - 1, _ACROSS))
     seen: Array = (np.column_stack((u.ravel(), v.ravel())) - (pu, pv)) / focal
     rays = seen
-    with np.errstate(all="ignore"):  # what runs away is found below
+    with np.errstate(all="ignore"):  # divergence is detected below
         for _ in range(_STEPS):
             radial, aside = _lens(rays, d)
             rays = (seen - aside) / radial
@@ -45,7 +45,7 @@ def fitted_radtan(
     rays, seen = rays[there], seen[there]
     x, y = rays.T
     r2 = x * x + y * y
-    # what radtan adds to a ray is linear in its coefficients; in pixels, so that all points count alike
+    # radtan's change of a ray is linear in its coefficients; in pixels, so that all points have equal weight
     terms = np.concatenate(
         (
             fu * np.column_stack((x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x)),
@@ -58,7 +58,7 @@ def fitted_radtan(
 
 
 def _lens(rays: Array, d: Array) -> tuple[Array, Array]:
-    """(N, 1) factor and (N, 2) shift by which a lens of the rational model sees rays x, y at z = 1."""
+    """(N, 1) factor and (N, 2) offset that a lens of the rational model applies to rays x, y at z = 1."""
     x, y = rays.T
     r2 = x * x + y * y
     k1, k2, p1, p2, k3, k4, k5, k6 = d

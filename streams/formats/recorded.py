@@ -1,4 +1,4 @@
-"""Recordings written anew from any source, second by second, without losing a pixel."""
+"""Conversion of any source to a recording, second by second and lossless."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _SECOND_NS = 1_000_000_000
 
 
 def write_recording(recording: Recording, path: Path, progress: Callable[[float], None] = lambda _: None) -> None:
-    """Writes every sample of a recording as an MCAP file, whole or not at all: pictures as PNG, depth as float metres.
+    """Writes every sample of a recording as an MCAP file, atomically: images as PNG, depth as float metres.
 
     Args:
         recording: The source.
-        path: File to make.
-        progress: Told how far it is (0-1).
+        path: Output file.
+        progress: Called with the completed share (0-1).
 
     Raises:
-        StrideTwinError: There is nothing to write, a picture is damaged (unless lenient), or the place is not writable.
+        StrideTwinError: There is nothing to write, an image is damaged (unless lenient), or the path is not writable.
     """
     if not recording.topics:
         raise RecordingError(f"{recording.path}: no stream that can be read")
@@ -39,9 +39,9 @@ def write_recording(recording: Recording, path: Path, progress: Callable[[float]
 def _write(recording: Recording, path: Path, progress: Callable[[float], None]) -> None:
     blocks = [recording.block(t) for t, i in recording.topics.items() if i.kind not in (Image, Depth)]
     topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
-    times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.picture_times, topics)])
-    pictures = recording.samples(topics)
-    picture = next(pictures, None)
+    times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])
+    images = recording.samples(topics)
+    image = next(images, None)
     with RecordingWriter(path, recording.rig, recording.metadata, depth_encoding="32FC1", jpeg_quality=None) as writer:
         for second in np.unique(times // _SECOND_NS).tolist():
             since, until = second * _SECOND_NS, (second + 1) * _SECOND_NS
@@ -51,7 +51,7 @@ def _write(recording: Recording, path: Path, progress: Callable[[float], None]) 
                     here = np.zeros(len(block), bool)
                     here[first:last] = True
                     writer.write(selected(block, here))
-            while picture is not None and picture.t_ns < until:
-                writer.write(picture)
-                picture = next(pictures, None)
+            while image is not None and image.t_ns < until:
+                writer.write(image)
+                image = next(images, None)
             progress((until - times.min()) / max(1, times.max() - times.min()))

@@ -29,9 +29,9 @@ def write_rosbag2(recording: Recording, folder: Path, name: str, storage: str = 
     MCAP storage keeps the recording's CRCs; SQLite storage has no checksum.
 
     Args:
-        recording: Any recording; the messages of an MCAP file are carried over byte for byte.
+        recording: Any recording; the messages of an MCAP file are copied byte for byte.
         folder: An empty folder.
-        name: Of the file inside, without suffix.
+        name: Name of the file inside, without suffix.
         storage: `mcap` or `sqlite3`.
 
     Returns:
@@ -97,7 +97,7 @@ def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str
 def _write_sqlite(bag: McapBag, folder: Path, name: str) -> dict[str, int]:
     counts = {c.topic: 0 for c in bag.channels}
     with TemporaryDirectory(dir=folder) as temporary:
-        inner = Path(temporary) / name  # the library makes the folder itself, and names the file after it
+        inner = Path(temporary) / name  # the library creates the folder itself, and names the file after it
         with Writer(inner, version=_VERSION, storage_plugin=StoragePlugin.SQLITE3) as writer:
             connections = {
                 c.topic: writer.add_connection(c.topic, c.typename, typestore=typestore()) for c in bag.channels

@@ -1,4 +1,4 @@
-"""Bounds on what a ROS 1 bag may ask of the rosbags library, which trusts its index and its chunks.
+"""Size limits of ROS 1 bags for the rosbags library, which does not validate a bag's index and chunks.
 
 The format is that of http://wiki.ros.org/Bags/Format/2.0.
 """
@@ -25,10 +25,10 @@ _KINDS = {decompressors[kind.value]: kind for kind in Compression}
 
 
 def check_index(path: Path) -> None:
-    """Refuses an index whose headers, or their numbers, are more than the file holds.
+    """Rejects an index whose headers, or their numbers, exceed the size of the file.
 
     Raises:
-        ValueError: They are; or whatever rosbags raises where it cannot be read.
+        ValueError: They do; or any exception of rosbags if the index cannot be read.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -36,9 +36,9 @@ def check_index(path: Path) -> None:
         header = _header(file, size)
         connections, chunks = header.get_uint32("conn_count"), header.get_uint32("chunk_count")
         if connections > _MOST_CONNECTIONS or chunks > size // 32:
-            raise ValueError(f"{connections} connections and {chunks} chunks are more than it can hold")
+            raise ValueError(f"{connections} connections and {chunks} chunks are more than the file can hold")
         if not (index := header.get_uint64("index_pos")):
-            return  # it was cut off, which the library tells
+            return  # a truncated file, which the library reports
         file.seek(index)
         for _ in range(connections):
             _header(file, size)
@@ -51,7 +51,7 @@ def check_index(path: Path) -> None:
 
 
 class BoundedReader(rosbag1.Reader):
-    """The library's reader, that unpacks no chunk beyond `LARGEST_CHUNK`, nothing without end, and no index twice."""
+    """The library's reader with limits: on the size of a chunk, on the total unpacked, and on repeated indexes."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -60,10 +60,10 @@ class BoundedReader(rosbag1.Reader):
         self._entries = self._size // _BYTES_PER_ENTRY
 
     def read_chunk(self) -> Any:
-        """Where a chunk lies, and how to unpack it.
+        """Position of a chunk, and how to unpack it.
 
         Raises:
-            ValueError: It is larger than `LARGEST_CHUNK` as it lies.
+            ValueError: The packed chunk is larger than `LARGEST_CHUNK`.
         """
         chunk = super().read_chunk()
         if chunk.datasize > LARGEST_CHUNK:
@@ -71,10 +71,10 @@ class BoundedReader(rosbag1.Reader):
         return chunk._replace(decompressor=partial(self._unpacked, _KINDS[chunk.decompressor]))
 
     def read_index_data(self, pos: int, indexes: Any) -> None:
-        """Takes the index of one connection in one chunk.
+        """Reads the index of one connection in one chunk.
 
         Raises:
-            ValueError: All of them together are longer than the file.
+            ValueError: All indexes together are longer than the file.
         """
         assert self.bio is not None
         here = self.bio.tell()
@@ -85,7 +85,7 @@ class BoundedReader(rosbag1.Reader):
         super().read_index_data(pos, indexes)
 
     def _unpacked(self, kind: Compression, data: bytes) -> bytes:
-        """A chunk, which may come again and again where its messages alternate with another's."""
+        """An unpacked chunk; it may be requested repeatedly if its messages alternate with another's."""
         if kind == Compression.NONE:
             return data
         unpacker: Any = bz2.BZ2Decompressor() if kind == Compression.BZ2 else lz4.frame.LZ4FrameDecompressor()
@@ -99,7 +99,7 @@ class BoundedReader(rosbag1.Reader):
 
 
 def _header(file: BinaryIO, size: int) -> Header:
-    """The header of the record that begins here; the library takes memory for whatever length it declares."""
+    """The header of the record at this position, checked, because the library allocates any declared length."""
     length = int.from_bytes(file.read(4), "little")
     if length > min(size, _LONGEST_HEADER):
         raise ValueError(f"a header of {length} bytes; valid: up to {_LONGEST_HEADER}")

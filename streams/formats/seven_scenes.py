@@ -1,7 +1,7 @@
 """RGB-D folders in the 7-Scenes layout: `frame-000000.color.png`, `.depth.png` (mm), `.pose.txt` (camera to world).
 
-Shotton et al., Scene coordinate regression forests, CVPR 2013. The layout carries no time: frames are taken to follow
-each other at 30 Hz. `camera-intrinsics.txt`, a 3 x 3 matrix, is read where it is there.
+Shotton et al., Scene coordinate regression forests, CVPR 2013. The layout has no time stamps: frames are assumed at
+30 Hz. An optional `camera-intrinsics.txt`, a 3 x 3 matrix, is read.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.calibrations import BODY, picture_size
-from stridetwin.streams.formats.picture_lists import picture_stream
+from stridetwin.streams.formats.calibrations import BODY, image_size
+from stridetwin.streams.formats.picture_lists import image_stream
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import read_text_rows
-from stridetwin.streams.imported import Notes, Pictures, Source
+from stridetwin.streams.imported import ImageStream, Notes, Source
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block
 
@@ -42,11 +42,11 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
 
     Args:
         path: The folder.
-        notes: Where problems go.
-        per_metre: Units of the depth pictures in a metre.
+        notes: Collects problems.
+        per_metre: Units of the depth images per metre.
 
     Raises:
-        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+        StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
     folder = frames_folder(path)
     if folder is None:
@@ -55,20 +55,20 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     for file in sorted(folder.iterdir()):
         if name := _FRAME.fullmatch(file.name):
             found[name[2].partition(".")[0]][int(name[1])] = file
-    notes.warn(f"the 7-Scenes layout carries no time: {RATE_HZ:g} Hz assumed")
-    _tell_missing(found, notes)
-    pictures = {
-        topic: picture_stream([_stamp(f) for f in sorted(files)], [files[f] for f in sorted(files)], scale)
+    notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
+    _warn_of_missing(found, notes)
+    images = {
+        topic: image_stream([_stamp(f) for f in sorted(files)], [files[f] for f in sorted(files)], scale)
         for topic, files, scale in ((COLOR, found["color"], None), (DEPTH, found["depth"], per_metre))
         if files
     }
     blocks: dict[str, Block[Any]] = {}
     if found["pose"]:
         blocks[TRUTH] = _poses(found["pose"], notes)
-    return Source(kind="7scenes", blocks=blocks, pictures=pictures, rig=_rig(path, folder, pictures), unread={})
+    return Source(kind="7scenes", blocks=blocks, images=images, rig=_rig(path, folder, images), unread={})
 
 
-def _tell_missing(found: dict[str, dict[int, Path]], notes: Notes) -> None:
+def _warn_of_missing(found: dict[str, dict[int, Path]], notes: Notes) -> None:
     frames = sorted({f for files in found.values() for f in files})
     for what, files in found.items():
         missing = [f for f in range(frames[0], frames[-1] + 1) if f not in files] if files else []
@@ -113,9 +113,9 @@ def _matrix(file: Path, size: int) -> Array:
     return table
 
 
-def _rig(path: Path, folder: Path, pictures: dict[str, Pictures]) -> Rig:
-    depth_size = picture_size(pictures[DEPTH]) if DEPTH in pictures else None
-    color_size = picture_size(pictures[COLOR]) if COLOR in pictures else None
+def _rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
+    depth_size = image_size(images[DEPTH]) if DEPTH in images else None
+    color_size = image_size(images[COLOR]) if COLOR in images else None
     size = depth_size or color_size
     file = next((f for p in (folder, path) if (f := p / "camera-intrinsics.txt").is_file()), None)
     if size is None:
@@ -138,6 +138,6 @@ def _rig(path: Path, folder: Path, pictures: dict[str, Pictures]) -> Rig:
         width=size[0],
         height=size[1],
         intrinsics=intrinsics,  # type: ignore[arg-type]
-        depth_topic=DEPTH if DEPTH in pictures else "",
+        depth_topic=DEPTH if DEPTH in images else "",
     )
     return Rig(cameras={topic: camera})

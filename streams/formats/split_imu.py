@@ -1,4 +1,4 @@
-"""IMUs that a driver publishes as two streams, one for each sensor (RealSense: `gyro/sample` and `accel/sample`)."""
+"""IMUs that a driver publishes as two streams, one per sensor (RealSense: `gyro/sample` and `accel/sample`)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _JOINED = "imu"
 
 
 def joined(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]:
-    """The streams with such pairs made one: the force is interpolated to the stamps of the rate.
+    """The streams with such pairs joined: the force is interpolated to the stamps of the rate.
 
     Args:
         blocks: Streams by topic.
-        notes: Told of every pair.
+        notes: Collects a warning per pair.
     """
     result = dict(blocks)
     for topic, gyro in blocks.items():
@@ -38,17 +38,17 @@ def joined(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]
 
 
 def joined_name(topic: str) -> str:
-    """Topic of the IMU that a gyro's stream is a part of."""
+    """Topic of the IMU that a gyroscope's stream is a part of."""
     return _GYRO.sub(_JOINED, topic)
 
 
 def joined_at_rates(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu]:
-    """One IMU of two streams, with the force interpolated to those stamps of the rate that lie within its own.
+    """One IMU from two streams, with the force interpolated to those stamps of the rate that are within its own.
 
     Args:
         name: Topic of the IMU.
-        gyro: Its rates count.
-        accel: Its forces count; two samples or more.
+        gyro: Stream whose rates are used.
+        accel: Stream whose forces are used; at least two samples.
     """
     order = increasing(accel.t_ns, -1)
     t, force = accel.t_ns[order], accel.columns["specific_force"][order]

@@ -1,4 +1,4 @@
-"""Rows of words in a text file, turned into numbers with an error that says where."""
+"""Rows of words in a text file, converted to numbers; errors name the line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Row:
 
     Attributes:
         line: Its number in the file.
-        text: What it says, without comments.
+        text: Its text, without comments.
         separator: Between words; None is any white space.
     """
 
@@ -52,9 +52,9 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
     rows: list[Row] = []
     try:
         for number, line in enumerate(lines(path, "utf-8-sig"), 1):
-            told, mark, comment = line.partition("#")
-            if told := told.strip():
-                rows.append(Row(number, told, separator))
+            content, mark, comment = line.partition("#")
+            if content := content.strip():
+                rows.append(Row(number, content, separator))
             elif mark and not rows:
                 header = [w.strip() for w in comment.strip().split(separator)]
     except (OSError, UnicodeDecodeError) as error:
@@ -70,12 +70,12 @@ def numbers(
     Args:
         path: What errors call the file.
         rows: The rows.
-        columns: Name and place of each column.
-        stamp: Word to nanoseconds; ValueError if it is none.
-        notes: Where rows that are not valid go, which are left out when lenient.
+        columns: Name and index of each column.
+        stamp: Converts a word to nanoseconds; ValueError for an invalid one.
+        notes: Collects invalid rows, which are omitted when lenient.
 
     Raises:
-        ConfigError: A word is no number, or there is no row, unless lenient.
+        ConfigError: A word is not a number, or there is no row, unless lenient.
     """
     places = [at for _, at in columns]
     try:
@@ -86,7 +86,7 @@ def numbers(
         if rows and np.isfinite(whole).all():
             return times, whole
     except (ValueError, IndexError, OverflowError):
-        pass  # something is wrong: row by row the error says where
+        pass  # something is invalid: the row-by-row pass below locates it
     stamps: list[int] = []
     table: list[list[float]] = []
     for row in rows:
@@ -105,7 +105,7 @@ def row_stamp(path: Path, row: Row, stamp: Callable[[str], int]) -> int:
     """Stamp of a row, ns.
 
     Raises:
-        ConfigError: Its first word is none.
+        ConfigError: Its first word is not a stamp.
     """
     try:
         return stamp(row.words[0])

@@ -21,14 +21,14 @@ from stridetwin.streams.tum import seconds, write_tum
 
 
 def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None = None) -> dict[str, int]:
-    """Writes `rgb/`, `depth/` (5000 units a metre, up to 13.1 m) and the lists, truth and calibration of the layout.
+    """Writes `rgb/`, `depth/` (5000 units per metre, up to 13.1 m) and the lists, ground truth and calibration.
 
-    The layout knows no gyroscope: rates and forces together go into an `imu.txt` of their own.
+    The layout has no gyroscope: rates and forces are written together to an additional `imu.txt`.
 
     Args:
         recording: Needs a colour camera with a registered depth stream.
         folder: An empty folder.
-        camera_topic: Which camera; the first with depth by default.
+        camera_topic: Topic of the camera; by default the first one with depth.
 
     Returns:
         Rows written, by file.
@@ -44,7 +44,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
         )  # fmt: skip
     counts = {}
     for name, topic in (("rgb", camera.topic), ("depth", camera.depth_topic)):
-        counts[f"{name}.txt"] = _write_pictures(recording, topic, folder, name)
+        counts[f"{name}.txt"] = _write_images(recording, topic, folder, name)
     imu = camera.imu_topic
     if imu in recording.topics:
         block = recording.block(imu)
@@ -68,18 +68,18 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
 
 
 def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
-    """The true path of a camera's optical frame: told, or that of its IMU carried over by their mounts."""
-    told = f"/truth{camera.topic}/odometry"
+    """Ground truth of a camera's optical frame: recorded, or from that of its IMU and their mounts."""
+    truth_topic = f"/truth{camera.topic}/odometry"
     T_frame_cam: Array = np.eye(4)
-    if told not in recording.topics:
+    if truth_topic not in recording.topics:
         if camera.imu_topic not in recording.rig.imus:
             return None
-        told = f"/truth{camera.imu_topic}/odometry"
+        truth_topic = f"/truth{camera.imu_topic}/odometry"
         T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
         T_frame_cam = np.linalg.inv(T_body_imu) @ camera.mount.T_body_sensor
-    if told not in recording.topics:
+    if truth_topic not in recording.topics:
         return None
-    block = recording.block(told)
+    block = recording.block(truth_topic)
     from scipy.spatial.transform import Rotation
 
     R = Rotation.from_quat(block.columns["q_world_frame"], scalar_first=True)
@@ -91,14 +91,14 @@ def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory |
 
 
 def _both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
-    """Camera and IMU under their own topics, and under those that a folder of this layout is read as."""
+    """Camera and IMU under their own topics, and under the topics that an import of this layout uses."""
     read_as = replace(camera, topic=COLOR, depth_topic=DEPTH, imu_topic=IMU if imu else "")
     cameras = {c.topic: c for c in (camera, read_as)}
     imus = {i.topic: i for i in (imu, replace(imu, topic=IMU))} if imu else {}
     return Rig(cameras=cameras, imus=imus)
 
 
-def _write_pictures(recording: Recording, topic: str, folder: Path, name: str) -> int:
+def _write_images(recording: Recording, topic: str, folder: Path, name: str) -> int:
     (folder / name).mkdir()
     rows = ["# timestamp filename"]
     for sample in recording.samples([topic]):

@@ -1,9 +1,9 @@
-"""RGB-D folders in the TUM layout: `rgb.txt`, `depth.txt`, `groundtruth.txt`, `accelerometer.txt` and the pictures.
+"""RGB-D folders in the TUM layout: `rgb.txt`, `depth.txt`, `groundtruth.txt`, `accelerometer.txt` and the images.
 
-Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012. Depth PNGs hold 5000 units a metre. Poses
-are those of the colour camera's optical frame. `calibration.txt` (fx fy cx cy) is that of the ETH3D sets. Of the IMU
-the layout has no more than the accelerometer: rates come from `gyroscope.txt` beside it, or rates and forces from one
-`imu.txt`, whose header names its columns (wx wy wz ax ay az, in this order where there is none).
+Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012. Depth PNGs have 5000 units per metre. The
+poses are those of the colour camera's optical frame. `calibration.txt` (fx fy cx cy) is that of the ETH3D datasets. The
+layout has only the accelerometer of the IMU: rates are read from an additional `gyroscope.txt`, or rates and forces
+from one `imu.txt`, whose header names its columns (wx wy wz ax ay az, in this order without a header).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.calibrations import BODY, picture_size
-from stridetwin.streams.formats.picture_lists import read_picture_list
+from stridetwin.streams.formats.calibrations import BODY, image_size
+from stridetwin.streams.formats.picture_lists import read_image_list
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.split_imu import joined_at_rates
 from stridetwin.streams.formats.text_rows import numbers, read_text_rows
-from stridetwin.streams.imported import Notes, Pictures, Source
+from stridetwin.streams.imported import ImageStream, Notes, Source
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Imu
@@ -44,30 +44,30 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
 
     Args:
         path: The folder.
-        notes: Where problems go.
-        per_metre: Units of the depth pictures in a metre.
+        notes: Collects problems.
+        per_metre: Units of the depth images per metre.
 
     Raises:
-        StrideTwinError: A file cannot be read or a value in it is not valid, unless lenient.
+        StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
-    pictures: dict[str, Pictures] = {}
+    images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
     if (path / "rgb.txt").is_file():
-        pictures[COLOR] = read_picture_list(path / "rgb.txt", path, None, decimal_seconds, notes)
+        images[COLOR] = read_image_list(path / "rgb.txt", path, None, decimal_seconds, notes)
     if (path / "depth.txt").is_file():
-        pictures[DEPTH] = read_picture_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
-        _check_depth(pictures[DEPTH], per_metre, notes)
+        images[DEPTH] = read_image_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
+        _check_depth(images[DEPTH], per_metre, notes)
     blocks |= _inertial(path, notes)
     file = path / "groundtruth.txt"
     if file.is_file():
         _, rows = read_text_rows(file, None)
         t_ns, table = numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], decimal_seconds, notes)
         blocks[TRUTH] = odometry(TRUTH, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
-    return Source(kind="tum", blocks=blocks, pictures=pictures, rig=_rig(path, pictures), unread={})
+    return Source(kind="tum", blocks=blocks, images=images, rig=_rig(path, images), unread={})
 
 
 def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
-    """Accelerometer and IMU, as far as there are files of them."""
+    """Accelerometer and IMU, if their files exist."""
     blocks: dict[str, Block[Any]] = {}
     force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
     if force.is_file():
@@ -87,31 +87,31 @@ def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
 
 
 def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[NDArray[np.int64], Array]:
-    """Stamps (N,) ns and (N, K) columns of a file, where its header says, or in this order after the stamp."""
+    """Stamps (N,) ns and (N, K) columns of a file, by the names in its header, or in this order after the stamp."""
     header, rows = read_text_rows(file, None)
-    told = all(name in header for name in names)
-    places = [(name, header.index(name) if told else i) for i, name in enumerate(names, 1)]
+    named = all(name in header for name in names)
+    places = [(name, header.index(name) if named else i) for i, name in enumerate(names, 1)]
     return numbers(file, rows, places, decimal_seconds, notes)
 
 
-def _check_depth(pictures: Pictures, per_metre: float, notes: Notes) -> None:
-    """A wrong scale shows in a distance that no such camera measures."""
+def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
+    """Warns of a distance that no such camera measures, the effect of a wrong scale."""
     try:
-        first = pictures.load(DEPTH, 0)
+        first = images.load(DEPTH, 0)
     except (StrideTwinError, IndexError):
-        return  # met again, and told, when the picture is read
+        return  # reported when the image is read
     seen = first.depth[first.depth > 0] if isinstance(first, Depth) else np.zeros(0)
     if len(seen) and not _PLAUSIBLE_M[0] < (median := float(np.median(seen))) < _PLAUSIBLE_M[1]:
         notes.warn(
-            f"depth: {median:.3g} m in the median of the first picture at {per_metre:g} units a metre; "
-            "if the pictures hold another unit, give it with --depth-scale"
+            f"depth: {median:.3g} m in the median of the first image at {per_metre:g} units per metre; "
+            "if the images have another unit, give it with --depth-scale"
         )
 
 
-def _rig(path: Path, pictures: dict[str, Pictures]) -> Rig:
+def _rig(path: Path, images: dict[str, ImageStream]) -> Rig:
     file = path / "calibration.txt"
-    topic = COLOR if COLOR in pictures else DEPTH
-    if not file.is_file() or topic not in pictures or (size := picture_size(pictures[topic])) is None:
+    topic = COLOR if COLOR in images else DEPTH
+    if not file.is_file() or topic not in images or (size := image_size(images[topic])) is None:
         return Rig()
     _, rows = read_text_rows(file, None)
     words = [w for row in rows for w in row.words]
@@ -125,11 +125,11 @@ def _rig(path: Path, pictures: dict[str, Pictures]) -> Rig:
     camera = CameraCalibration(
         topic=topic,
         part="",
-        rate_hz=mean_rate(pictures[topic].t_ns),
+        rate_hz=mean_rate(images[topic].t_ns),
         mount=Mount(body=BODY),
         width=size[0],
         height=size[1],
         intrinsics=(fu, fv, pu, pv),
-        depth_topic=DEPTH if DEPTH in pictures else "",
+        depth_topic=DEPTH if DEPTH in images else "",
     )
     return Rig(cameras={topic: camera})

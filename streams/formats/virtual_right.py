@@ -1,8 +1,8 @@
-"""The view of a camera that is not there: the right one of a stereo pair, made from the left picture and its depth.
+"""Virtual view of the right camera of a stereo pair, from the left image and its depth.
 
-Depth-image-based rendering (Fehn, SPIE 5291, 2004): the disparity fu·b/z is carried over to the right picture, the
-nearest surface first, and the left picture is sampled through it. What only the right camera would see is filled with
-the background beside it.
+Depth-image-based rendering (Fehn, SPIE 5291, 2004): the disparity fu·b/z is warped to the right image, nearest surface
+first, and the left image is sampled with it. Areas that only the right camera would see are filled with the adjacent
+background.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> Came
     """The calibration of a right camera beside a left one, its axes parallel, +x away.
 
     Raises:
-        ConfigError: A baseline that is none, or a left camera with distortion, for which the rows would not agree.
+        ConfigError: An invalid baseline, or a left camera with distortion, so that the rows would not match.
     """
     low, high = BASELINE_M
     if not low <= baseline_m <= high:
@@ -50,7 +50,7 @@ def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> Came
 
 
 def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
-    """The right picture.
+    """The right image.
 
     Args:
         left: (H, W) or (H, W, 3) uint8.
@@ -59,17 +59,17 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
         baseline_m: Distance of the two cameras.
 
     Returns:
-        Picture of the shape and type of `left`.
+        Image with the shape and type of `left`.
     """
     with np.errstate(divide="ignore"):
-        told = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
-    disparity = np.nan_to_num(np.take_along_axis(told, _background(told), axis=1))
+        measured = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
+    disparity = np.nan_to_num(np.take_along_axis(measured, _background(measured), axis=1))
     width = disparity.shape[1]
     rows: Any
     columns: Any
     rows, columns = np.indices(disparity.shape)
     seen = np.full(disparity.shape, -np.inf)
-    for reach in (np.floor, np.ceil):  # both columns that a pixel lands between, so that slopes leave no cracks
+    for reach in (np.floor, np.ceil):  # both columns next to a warped pixel, so that slopes leave no cracks
         target = reach(columns - disparity).astype(np.int64)
         inside = (target >= 0) & (target < width)
         np.maximum.at(seen, (rows[inside], target[inside]), disparity[inside])
@@ -82,7 +82,7 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
 
 
 def _background(disparity: Array) -> NDArray[np.int64]:
-    """(H, W) column that stands for each pixel: itself, or in a hole (NaN) the farther of the row's two neighbours."""
+    """(H, W) source column of each pixel: itself, or in a hole (NaN) the farther of the row's two neighbours."""
     known = np.isfinite(disparity)
     at = np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(known, at, -1), axis=1)

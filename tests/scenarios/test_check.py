@@ -165,8 +165,8 @@ def test_the_command_line_tells_in_a_table_and_by_its_exit_code(tmp_path, capsys
     assert main(["check", str(tmp_path / "broken"), "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert not data["fit"]
-    assert any("does not lie after" in f["what"] for f in data["findings"])
+    assert any("is not after" in f["what"] for f in data["findings"])
     next((source / "mav0" / "cam0" / "data").iterdir()).write_bytes(b"junk")
     assert main(["check", str(source)]) == 1
-    assert "damaged picture" in capsys.readouterr().out
+    assert "damaged image" in capsys.readouterr().out
     assert open_any(source).topics["/head/imu"].count == 200

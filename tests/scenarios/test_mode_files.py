@@ -14,7 +14,7 @@ from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.mode_files import COLUMNS, predicted_steps
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording import Recording, RecordingWriter
 
@@ -25,7 +25,7 @@ def walk(tmp_path_factory):
     path = tmp_path_factory.mktemp("walk") / "walk.mcap"
     config = TwinConfig(
         name="modes", route=Route(segments=(Level(length_m=4.0),)), sensors=("insole", "head_imu", "head_camera"),
-        gait=Gait(stand_s=0.6), fittings={"head_camera": Fitting(rate_hz=10.0)},
+        gait=Gait(stand_s=0.6), fittings={"head_camera": SensorConfig(rate_hz=10.0)},
     )  # fmt: skip
     record(Twin(config, 5), path, lambda *_: None)
     return path

@@ -4,7 +4,7 @@ import pytest
 from stridetwin.scenarios.sensor_model import SensorsInFile
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.fitting import KIND
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.validation import validated
 
@@ -25,7 +25,7 @@ def read(node, folder="."):
 
 def fitted(node, folder="."):
     asked = read(node, folder)
-    return outfit(TwinConfig(name="x", route=ROUTE, sensors=asked.groups, fittings=asked.fittings))
+    return sensor_rig(TwinConfig(name="x", route=ROUTE, sensors=asked.groups, fittings=asked.fittings))
 
 
 def test_a_list_names_what_is_on():

@@ -114,8 +114,8 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
         _, depth = view.frame(data, T, (60.0, 60.0, 31.5, 23.5))
     seen = float(depth[22:26, 30:34].min())
     assert seen == pytest.approx(0.85, abs=0.03)
-    sonar = make("corner", sensors=("sonar",)).outfit.sensors["/foot_l/sonar"]
-    T_body_sensor = sonar.told.mount.T_body_sensor
+    sonar = make("corner", sensors=("sonar",)).sensor_rig.sensors["/foot_l/sonar"]
+    T_body_sensor = sonar.calibration.mount.T_body_sensor
     T_world_sensor = np.eye(4)
     T_world_sensor[:3, :3] = np.column_stack([toward[:, 2], toward[:, 0], np.cross(toward[:, 2], toward[:, 0])])
     T_world_sensor[:3, 3] = eye
@@ -128,7 +128,7 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
     }
     body = Track(p_body_in_world=T_world_body[None, :3, 3], **still)
     away = Track(p_body_in_world=np.full((1, 3), 100.0), **still)
-    model = SonarModel(sonar.told, ideal(sonar.part), twin.terrain, twin.crowd, Noise(None))
+    model = SonarModel(sonar.calibration, ideal(sonar.part), twin.terrain, twin.crowd, Noise(None))
     heard = float(model.read(body, away).columns["distance"][0])
     assert 0.5 < heard <= seen + 0.03
 

@@ -11,29 +11,29 @@ from scipy.spatial.transform import Rotation
 from stridetwin.sim.calibration import CalibrationSd, depth_scale
 from stridetwin.sim.cameras import Cameras, Due
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.fitting import Fitting
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.fitting import SensorConfig
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Depth
 
 SD = CalibrationSd(rotation_rad=0.004, position_m=0.002, intrinsics=0.001, offset_s=0.001, depth_scale=0.005)
 CONFIG = TwinConfig(
     name="few steps", route=Route(segments=(Level(length_m=2.0),), scenery="room"), gait=Gait(stand_s=0.5), exo=None,
-    sensors=("head_imu", "head_camera"), fittings={"head_camera": Fitting(calibration_sd=SD, rate_hz=1.0)},
+    sensors=("head_imu", "head_camera"), fittings={"head_camera": SensorConfig(calibration_sd=SD, rate_hz=1.0)},
 )  # fmt: skip
 SEEDS = range(300)
 
 
 def test_a_perfect_calibration_is_told_as_it_is() -> None:
-    worn = outfit(replace(CONFIG, fittings={}))
-    assert worn.told(3) is worn.rig
+    worn = sensor_rig(replace(CONFIG, fittings={}))
+    assert worn.nominal(3) is worn.rig
     assert depth_scale("/head/color", CalibrationSd(), 3) == 1.0
 
 
 def test_errors_are_as_large_as_they_are_said_to_be_and_of_one_seed_always_the_same() -> None:
-    worn = outfit(CONFIG)
+    worn = sensor_rig(CONFIG)
     true = worn.rig.cameras["/head/color"]
-    told = [worn.told(seed).cameras["/head/color"] for seed in SEEDS]
+    told = [worn.nominal(seed).cameras["/head/color"] for seed in SEEDS]
     between = [np.linalg.inv(true.mount.T_body_sensor) @ c.mount.T_body_sensor for c in told]
     turns = np.array([Rotation.from_matrix(T[:3, :3]).as_rotvec() for T in between])
     for values, sd in (
@@ -45,13 +45,13 @@ def test_errors_are_as_large_as_they_are_said_to_be_and_of_one_seed_always_the_s
     ):
         assert values.std(axis=0) == pytest.approx(np.full(values.shape[1], sd), rel=0.15)
         assert np.abs(values.mean(axis=0)).max() < 0.2 * sd
-    again = worn.told(7).cameras["/head/color"]
+    again = worn.nominal(7).cameras["/head/color"]
     np.testing.assert_array_equal(again.mount.T_body_sensor, told[7].mount.T_body_sensor)
-    assert worn.told(7).imus is worn.rig.imus
+    assert worn.nominal(7).imus is worn.rig.imus
 
 
 def test_what_is_told_wrong_changes_nothing_but_the_scale_of_depth() -> None:
-    twin, perfect = Twin(CONFIG, 4), Twin(replace(CONFIG, fittings={"head_camera": Fitting(rate_hz=1.0)}), 4)
+    twin, perfect = Twin(CONFIG, 4), Twin(replace(CONFIG, fittings={"head_camera": SensorConfig(rate_hz=1.0)}), 4)
     assert not np.array_equal(
         twin.rig.cameras["/head/color"].mount.T_body_sensor, perfect.rig.cameras["/head/color"].mount.T_body_sensor
     )
@@ -66,7 +66,7 @@ def depth_seen(twin: Twin) -> np.ndarray:
     """A picture in the middle of the walk."""
     t_ns = np.array([round(0.5e9 * twin.duration_s)])
     motion, due = twin.player().motion(t_ns), Due(t_ns=int(t_ns[0]), topic="/head/color", twist=np.zeros((2, 6)))
-    with Cameras(twin.model, twin.outfit, twin.crowd, twin.seed) as cameras:
+    with Cameras(twin.model, twin.sensor_rig, twin.crowd, twin.seed) as cameras:
         taken = list(cameras.frames([due], motion.qpos, motion.upper_poses(np.arange(1))))
     (depth,) = [item.depth for item in taken if isinstance(item, Depth)]
     return depth
@@ -74,7 +74,9 @@ def depth_seen(twin: Twin) -> np.ndarray:
 
 def test_strikes_shake_the_case_and_truth_and_imu_agree_on_it() -> None:
     quiet = Twin(replace(CONFIG, sensors=("head_imu",)), 4)
-    shaken = Twin(replace(CONFIG, sensors=("head_imu",), fittings={"head_imu": Fitting(strike=9.81, ideal=True)}), 4)
+    shaken = Twin(
+        replace(CONFIG, sensors=("head_imu",), fittings={"head_imu": SensorConfig(strike=9.81, ideal=True)}), 4
+    )
     t_ns = np.arange(0, int(quiet.duration_s * 1e9), 1_000_000)
     still, moved = (t.player().motion(t_ns).carrier("head") for t in (quiet, shaken))
     apart = np.linalg.norm(moved.p_body_in_world - still.p_body_in_world, axis=1)

@@ -17,7 +17,7 @@ from stridetwin.sim.exoskeleton import EXO_LEG_JOINTS, couplings
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.joint import InteractionModel
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block
@@ -34,10 +34,10 @@ def twin() -> Twin:
 
 
 def force_cells(place: str) -> InteractionModel:
-    sensor = outfit(CONFIG).sensors[f"/exo/{place}/interaction"]
-    assert isinstance(sensor.told, OtherSensor)
+    sensor = sensor_rig(CONFIG).sensors[f"/exo/{place}/interaction"]
+    assert isinstance(sensor.calibration, OtherSensor)
     assert isinstance(sensor.part, ForceCellPart)
-    return InteractionModel(sensor.told, sensor.part, Noise(None))
+    return InteractionModel(sensor.calibration, sensor.part, Noise(None))
 
 
 def settled(twin: Twin, place: str, push: float) -> float:

@@ -18,7 +18,7 @@ from stridetwin.sim.dynamics.feel import Soles
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.replan import Planned, Sensed, StepReplan
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.dynamics.soles import sole_points, toe_prices
+from stridetwin.sim.dynamics.soles import sole_points, toe_weights
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
 from stridetwin.sim.dynamics.whole_body import PushingPoints, Tasks, contact_forces, eliminate, solve
 from stridetwin.sim.exoskeleton import couplings
@@ -384,9 +384,9 @@ def test_forces_that_cost_what_toes_cost_press_where_they_are_wanted(share: floa
     size = Twin(TwinConfig(name="toes", route=Route(segments=(Level(length_m=2.0),)), sensors=()), 1).size
     ahead = np.array([p[0] for body, p in sole_points(size) if body == "toe"])
     x = size.shoe.toe_hinge_x + share * ahead.max()
-    force = 1.0 / toe_prices(size, np.array([x]))[0]  # the least cost of any sum of forces
+    force = 1.0 / toe_weights(size, np.array([x]))[0]  # the least cost of any sum of forces
     assert size.shoe.toe_hinge_x + force @ ahead / force.sum() == pytest.approx(x)
-    assert toe_prices(size, np.array([-1.0, 1.0])).max() < 10.0
+    assert toe_weights(size, np.array([-1.0, 1.0])).max() < 10.0
 
 
 def test_a_simulated_foot_presses_under_its_toes_until_the_heel_is_down() -> None:

@@ -37,7 +37,7 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.joint import InteractionModel
-from stridetwin.sim.standard_rig import EXO_GROUPS, outfit, standard_rig
+from stridetwin.sim.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
@@ -291,7 +291,7 @@ def moving(rng: np.random.Generator) -> Pose:
 
 def energy(c: Coupling, exo: tuple[Array, Array], body: tuple[Array, Array]) -> float:
     moved, turned, _, _ = strain(c, *exo, *body)
-    return float(0.5 * (moved @ c.stiffness @ moved + turned @ c.turn_stiffness @ turned))
+    return float(0.5 * (moved @ c.stiffness @ moved + turned @ c.rotation_stiffness @ turned))
 
 
 def after(pose: Pose, dt: float) -> tuple[Array, Array]:
@@ -303,7 +303,7 @@ def test_wrench_is_the_gradient_of_the_energy(name: str) -> None:
     """The power that both bodies lose is the growth of the energy (no damping), whatever the motion."""
     rng, h = np.random.default_rng(5), 1e-6
     c = next(c for c in couplings(wearer(Person())) if c.name == name)
-    c = replace(c, damping=np.zeros((3, 3)), turn_damping=np.zeros((3, 3)))
+    c = replace(c, damping=np.zeros((3, 3)), rotation_damping=np.zeros((3, 3)))
     for _ in range(20):
         exo, body = moving(rng), moving(rng)
         force, torque, point = wrench(c, exo, body)
@@ -316,7 +316,7 @@ def test_wrench_is_the_gradient_of_the_energy(name: str) -> None:
 def test_damping_takes_energy_away() -> None:
     rng = np.random.default_rng(6)
     for c in couplings(wearer(Person())):
-        damper = replace(c, stiffness=np.zeros((3, 3)), turn_stiffness=np.zeros((3, 3)))
+        damper = replace(c, stiffness=np.zeros((3, 3)), rotation_stiffness=np.zeros((3, 3)))
         for _ in range(10):
             exo, body = moving(rng), moving(rng)
             force, torque, point = wrench(damper, exo, body)
@@ -331,8 +331,8 @@ def test_limb_that_pushes_forward_presses_the_front_cell(forward: float) -> None
     limb = replace(still, p=cuff.p_in_exo - cuff.p_in_body + [forward, 0.0, 0.03])
     force, _, _ = wrench(cuff, still, limb)
     np.testing.assert_allclose(force, [4000.0 * forward, 0.0, 0.0], atol=1e-9)  # on the frame; it slides along the limb
-    worn = outfit(replace(config("level"), ideal=True)).sensors["/exo/thigh_l/interaction"]
-    pair = InteractionModel(worn.told, worn.part, Noise.of_topic(1, "x"))
+    worn = sensor_rig(replace(config("level"), ideal=True)).sensors["/exo/thigh_l/interaction"]
+    pair = InteractionModel(worn.calibration, worn.part, Noise.of_topic(1, "x"))
     front, back = pair.read(np.array([0]), force[:1]).columns["force"][0]
     assert (front > back) == (forward > 0)
 

@@ -71,7 +71,7 @@ def cut(block: Block, size: int) -> list[Block]:
     ]
 
 
-def spoiled(block: Block, *faults, seed: int = 0, size: int = 200) -> tuple[np.ndarray, np.ndarray, dict]:
+def corrupted(block: Block, *faults, seed: int = 0, size: int = 200) -> tuple[np.ndarray, np.ndarray, dict]:
     """Stamps, arrivals and columns of what arrives of one block, sent in pieces."""
     planned = plan_faults(faults, RIG, seed, DURATION_S)
     got = list(arrivals(cut(block, size), planned))
@@ -86,14 +86,14 @@ def during(t_ns: np.ndarray, start: float, end: float) -> np.ndarray:
 
 def test_dropout_takes_the_samples_of_its_time_and_no_others() -> None:
     block = imu_block()
-    stamps, logs, _ = spoiled(block, Dropout(topic=LEFT, at_s=3, duration_s=0.5))
+    stamps, logs, _ = corrupted(block, Dropout(topic=LEFT, at_s=3, duration_s=0.5))
     np.testing.assert_array_equal(stamps, block.t_ns[~during(block.t_ns, 3, 3.5)])
     np.testing.assert_array_equal(logs, stamps)
 
 
 def test_freeze_repeats_the_value_before_it_with_new_stamps() -> None:
     block = imu_block()
-    stamps, _, columns = spoiled(block, Freeze(topic=LEFT, at_s=3, duration_s=0.5))
+    stamps, _, columns = corrupted(block, Freeze(topic=LEFT, at_s=3, duration_s=0.5))
     frozen = during(block.t_ns, 3, 3.5)
     np.testing.assert_array_equal(stamps, block.t_ns)
     assert (columns["angular_rate"][frozen] == block.columns["angular_rate"][299]).all()
@@ -102,7 +102,7 @@ def test_freeze_repeats_the_value_before_it_with_new_stamps() -> None:
 
 def test_repeat_sends_each_sample_twice_with_its_stamp() -> None:
     block = imu_block()
-    stamps, logs, columns = spoiled(block, Repeat(topic=LEFT, at_s=3, duration_s=0.5))
+    stamps, logs, columns = corrupted(block, Repeat(topic=LEFT, at_s=3, duration_s=0.5))
     times = np.where(during(block.t_ns, 3, 3.5), 2, 1)
     np.testing.assert_array_equal(stamps, np.repeat(block.t_ns, times))
     np.testing.assert_array_equal(logs, stamps)
@@ -111,7 +111,7 @@ def test_repeat_sends_each_sample_twice_with_its_stamp() -> None:
 
 def test_nan_spoils_every_value() -> None:
     block = imu_block()
-    stamps, _, columns = spoiled(block, Nan(topic=LEFT, at_s=3, duration_s=0.5))
+    stamps, _, columns = corrupted(block, Nan(topic=LEFT, at_s=3, duration_s=0.5))
     bad = during(stamps, 3, 3.5)
     for values in columns.values():
         assert np.isnan(values[bad]).all()
@@ -120,7 +120,7 @@ def test_nan_spoils_every_value() -> None:
 
 def test_late_samples_keep_stamps_and_order_and_hold_up_those_after_them() -> None:
     block = imu_block()
-    stamps, logs, _ = spoiled(block, Late(topic=LEFT, at_s=3, duration_s=0.5, delay_s=0.25))
+    stamps, logs, _ = corrupted(block, Late(topic=LEFT, at_s=3, duration_s=0.5, delay_s=0.25))
     late = during(stamps, 3, 3.5)
     np.testing.assert_array_equal(stamps, block.t_ns)
     np.testing.assert_array_equal(logs[late], stamps[late] + 250_000_000)
@@ -131,7 +131,7 @@ def test_late_samples_keep_stamps_and_order_and_hold_up_those_after_them() -> No
 
 def test_out_of_order_swaps_neighbours_and_loses_none() -> None:
     block = imu_block()
-    stamps, logs, _ = spoiled(block, OutOfOrder(topic=LEFT, at_s=9.8))
+    stamps, logs, _ = corrupted(block, OutOfOrder(topic=LEFT, at_s=9.8))
     np.testing.assert_array_equal(np.sort(stamps), block.t_ns)
     assert (np.diff(stamps)[stamps[:-1] >= 9_800_000_000] < 0).sum() == 10
     assert (np.diff(logs) >= 0).all()
@@ -139,13 +139,13 @@ def test_out_of_order_swaps_neighbours_and_loses_none() -> None:
 
 def test_a_clock_that_jumps_shifts_stamps_but_not_arrivals() -> None:
     block = imu_block()
-    stamps, logs, _ = spoiled(block, ClockJump(topic=LEFT, at_s=3, jump_s=-5))
+    stamps, logs, _ = corrupted(block, ClockJump(topic=LEFT, at_s=3, jump_s=-5))
     np.testing.assert_array_equal(logs, block.t_ns)
     np.testing.assert_array_equal(stamps - block.t_ns, np.where(block.t_ns >= 3_000_000_000, -5_000_000_000, 0))
 
 
 def test_saturation_clips_at_its_share_of_the_parts_full_scale() -> None:
-    _, _, columns = spoiled(imu_block(), Saturation(topic=LEFT, at_s=0, fraction=0.5))
+    _, _, columns = corrupted(imu_block(), Saturation(topic=LEFT, at_s=0, fraction=0.5))
     assert abs(columns["angular_rate"]).max() == pytest.approx(np.radians(225))
     assert abs(columns["specific_force"]).max() == pytest.approx(2.5 * 9.80665)
 
@@ -162,7 +162,7 @@ def test_a_part_has_its_own_full_scale_and_not_that_of_a_shorter_name(name: str)
 def test_a_dead_cell_reads_zero_or_stays(stuck: bool) -> None:
     block = insole_block()
     fault = DeadCell(topic=INSOLE, at_s=3, duration_s=1, cell="medial_ball", stuck=stuck)
-    stamps, _, columns = spoiled(block, fault)
+    stamps, _, columns = corrupted(block, fault)
     dead = during(stamps, 3, 4)
     assert (columns["force"][dead, 2] == (block.columns["force"][300, 2] if stuck else 0)).all()
     np.testing.assert_array_equal(np.delete(columns["force"], 2, 1), np.delete(block.columns["force"], 2, 1))
@@ -207,7 +207,7 @@ def test_pictures_that_share_their_pixels_share_them_behind_dirt() -> None:
 def test_what_is_overtaken_last_still_arrives_through_the_faults_after_it() -> None:
     block = imu_block(seconds=0.05)
     twice = OutOfOrder(topic=LEFT, at_s=0.04), OutOfOrder(topic=LEFT, at_s=0.03, name="other"), Late(topic=LEFT, at_s=0)
-    stamps, logs, _ = spoiled(block, *twice)
+    stamps, logs, _ = corrupted(block, *twice)
     np.testing.assert_array_equal(np.sort(stamps), block.t_ns)
     assert (np.diff(logs) >= 0).all()
 
@@ -232,7 +232,7 @@ FAULTS = (
 )
 def test_any_faults_together_give_the_same_arrivals_however_the_stream_is_cut(faults, seed, size) -> None:
     block = imu_block(seconds=3)
-    whole, pieces = spoiled(block, *faults, seed=seed, size=10**6), spoiled(block, *faults, seed=seed, size=size)
+    whole, pieces = corrupted(block, *faults, seed=seed, size=10**6), corrupted(block, *faults, seed=seed, size=size)
     for a, b in zip((*whole[:2], *whole[2].values()), (*pieces[:2], *pieces[2].values()), strict=True):
         np.testing.assert_array_equal(a, b)
     assert (np.diff(whole[1]) >= 0).all()
@@ -287,10 +287,10 @@ def test_faults_that_cannot_be_are_refused_by_name(faults, words) -> None:
 
 
 REFUSED = {
-    Repeat(topic=LEFT, at_s=3, duration_s=0.5): "the stamp does not lie after the one before",
+    Repeat(topic=LEFT, at_s=3, duration_s=0.5): "the stamp is not after the previous one",
     Nan(topic=LEFT, at_s=3, duration_s=0.5): "NaN or infinity",
-    OutOfOrder(topic=LEFT, at_s=3, duration_s=0.5): "the stamp does not lie after the one before",
-    ClockJump(topic=LEFT, at_s=3, jump_s=-5.0): "the stamp does not lie after the one before",
+    OutOfOrder(topic=LEFT, at_s=3, duration_s=0.5): "the stamp is not after the previous one",
+    ClockJump(topic=LEFT, at_s=3, jump_s=-5.0): "the stamp is not after the previous one",
     ClockJump(topic=LEFT, at_s=3, jump_s=3600.0): "Hz where the rig declares",
     Dropout(topic=LEFT, at_s=3, duration_s=5): "Hz where the rig declares",
 }

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.live import LATENCY_S, LiveTwin
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
@@ -52,7 +52,7 @@ def test_an_imu_of_narrow_bandwidth_waits_for_the_motion_that_it_needs() -> None
         standard, gyroscope=replace(standard.gyroscope, bandwidth_hz=20.0),
         accelerometer=replace(standard.accelerometer, bandwidth_hz=20.0),
     )  # fmt: skip
-    walk = replace(WALK, sensors=("foot_imu",), exo=None, fittings={"foot_imu": Fitting(part=slow)})
+    walk = replace(WALK, sensors=("foot_imu",), exo=None, fittings={"foot_imu": SensorConfig(part=slow)})
     held = {
         (sample.topic, sample.t_ns): sample
         for blocks in Twin(walk, 3).blocks()

@@ -48,8 +48,8 @@ def test_a_stair_and_a_ramp_become_segments(tmp_path, suffix):
     assert ramp.down
     assert ramp.angle_rad == pytest.approx(math.atan2(0.2, 2.0), abs=0.003)
     assert last.length_m == pytest.approx(2.0, abs=0.02)
-    assert "replaced by exact boxes and wedges" in made.told
-    off = float(made.told.split("lies up to ")[1].split(" mm")[0])
+    assert "replaced by exact boxes and wedges" in made.summary
+    off = float(made.summary.split("lies up to ")[1].split(" mm")[0])
     assert 0.0 <= off < 3.0
 
 

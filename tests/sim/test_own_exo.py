@@ -268,7 +268,7 @@ def test_rig_files_that_make_no_sense_are_refused(tmp_path, old, new, said):
         (
             ["  foot_l: {link: stirrup_l, at_mm: [-20, -120, -65]}\n", ""],
             ["  foot_r: {link: stirrup_r, at_mm: [-20, 120, -65]}\n", ""],
-            "nothing that holds exo_ankle_flexion_l",
+            "none that hold exo_ankle_flexion_l",
         ),
         (
             ["-20, -120, -65]}", "-20, -120, -65], turn_stiffness_nm: [1.0e4, 1.0e4, 1.0e4]}"],

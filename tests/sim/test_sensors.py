@@ -18,12 +18,12 @@ from stridetwin.sim.sensors.insole import InsoleModel, cell_shares
 from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
 from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.sensors.stamps import Stamps
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.sim.terrain import Terrain
 from stridetwin.sim.track import Track
 
 ROUTE = Route(segments=(Level(length_m=3.0), Stairs(risers=3)))
-OUTFIT = outfit(TwinConfig(name="test", route=ROUTE))
+OUTFIT = sensor_rig(TwinConfig(name="test", route=ROUTE))
 RIG = OUTFIT.rig
 IDEAL = Noise(None)
 
@@ -31,7 +31,7 @@ IDEAL = Noise(None)
 def made(kind, topic, noise, *more):
     """Model of a sensor of the standard rig; an ideal one where there is no noise."""
     sensor = OUTFIT.sensors[topic]
-    return kind(sensor.told, ideal(sensor.part) if noise is IDEAL else sensor.part, *more, noise)
+    return kind(sensor.calibration, ideal(sensor.part) if noise is IDEAL else sensor.part, *more, noise)
 
 
 def still(positions, yaw=0.0, pitch=0.0):

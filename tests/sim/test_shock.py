@@ -38,7 +38,7 @@ def every(twin: Twin, rate_hz: float, begin: float = 0.0, end: float | None = No
 
 
 def perfect_imu(twin: Twin, topic: str, rate_hz: float) -> ImuModel:
-    part = twin.outfit.sensors[topic].part
+    part = twin.sensor_rig.sensors[topic].part
     assert isinstance(part, ImuPart)
     return ImuModel(twin.rig.imu(topic), replace(ideal(part), rate_hz=rate_hz), Noise(None))
 

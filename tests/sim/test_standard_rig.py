@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Level, Route, TwinConfig
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.rig_bodies import add_rig, visible
 from stridetwin.sim.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -59,7 +59,7 @@ def test_left_and_right_are_mirrored():
 
 
 def test_a_sweep_can_move_shoe_cameras_and_boards():
-    fitting = Fitting(
+    fitting = SensorConfig(
         mount=replace(FOOT_CAMERA, position_m=(-0.05, 0.04, 0.05)), board=replace(FOOT_BOARD, faces_rad=(2.8, 0.1))
     )
     moved = standard_rig(replace(CONFIG, fittings={"foot_camera": fitting}))

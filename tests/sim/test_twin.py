@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import Gait, Level, Route, Stairs, TwinConfig
-from stridetwin.sim.fitting import Clock, Fitting
+from stridetwin.sim.fitting import Clock, SensorConfig
 from stridetwin.sim.parts.library import part
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.twin import Twin
@@ -114,7 +114,9 @@ def test_the_fast_track_of_a_body_is_that_of_the_physics_engine(quiet: Twin, bod
 
 def test_another_part_or_clock_of_one_group_changes_no_other_sensor(plain: dict[str, list[Block]]) -> None:
     late = Clock(offset_s=0.002, drift_ppm=50.0, jitter_s=0.0002)
-    other = Twin(replace(QUIET, fittings={"foot_imu": Fitting(part=part("MPU-9250")), "sonar": Fitting(clock=late)}), 5)
+    other = Twin(
+        replace(QUIET, fittings={"foot_imu": SensorConfig(part=part("MPU-9250")), "sonar": SensorConfig(clock=late)}), 5
+    )
     changed = blocks(other)
     for topic, own in plain.items():
         same = all(
@@ -132,7 +134,7 @@ def test_the_number_of_rendering_processes_changes_no_pixel(short: Twin) -> None
     motion = Playback(short.model, short.reference).motion(t_ns)
     taken = []
     for count in (1, 2):
-        with CameraProcesses(short.model, short.outfit, Crowd(), 5, processes=count) as processes:
+        with CameraProcesses(short.model, short.sensor_rig, Crowd(), 5, processes=count) as processes:
             taken.append(list(processes.ask(motion, int(t_ns[0]) - 1, int(t_ns[-1]))))
     assert len(taken[0]) == len(taken[1]) == 2 * 8 + 2 * 4
     for a, b in zip(*taken):
@@ -145,7 +147,7 @@ def test_the_number_of_rendering_processes_changes_no_pixel(short: Twin) -> None
 def test_a_rendering_process_that_dies_is_told(short: Twin) -> None:
     t_ns = np.round(np.arange(0, 60) * 1e9 / 60).astype(np.int64)
     motion = Playback(short.model, short.reference).motion(t_ns)
-    with CameraProcesses(short.model, short.outfit, Crowd(), 5) as processes:
+    with CameraProcesses(short.model, short.sensor_rig, Crowd(), 5) as processes:
         pictures = processes.ask(motion, -1, int(t_ns[-1]))
         os.kill(processes.pids[0], signal.SIGKILL)
         with pytest.raises(StrideTwinError, match="rendering process ended early"):

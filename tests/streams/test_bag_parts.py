@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.bag_calibration import BagCalibration
 from stridetwin.streams.formats.calibrations import completed
-from stridetwin.streams.imported import Notes, Pictures
+from stridetwin.streams.imported import ImageStream, Notes
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.ros_pictures import COMPRESSED, picture_kind, read_picture
+from stridetwin.streams.ros_pictures import COMPRESSED, image_kind, read_image_message
 from stridetwin.streams.ros_types import serialise, typestore
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 
@@ -29,8 +29,8 @@ def compressed(form, raw, a=0.0, b=0.0):
 def test_compressed_depth_in_mm():
     raw = np.array([[0, 65535, 1234, 3]], np.uint16)
     payload = compressed("16UC1; compressedDepth png", raw)
-    assert picture_kind(payload, COMPRESSED, typestore()) is Depth
-    depth = read_picture(payload, COMPRESSED, typestore(), "/d", 5).depth
+    assert image_kind(payload, COMPRESSED, typestore()) is Depth
+    depth = read_image_message(payload, COMPRESSED, typestore(), "/d", 5).depth
     np.testing.assert_allclose(depth, [[0, 0, 1.234, 0.003]], atol=1e-6)
 
 
@@ -38,7 +38,7 @@ def test_compressed_depth_as_inverse():
     z, (a, b) = np.array([[0.5, 1.0, 4.0]]), (100.0, -3.0)
     raw = np.rint(a / z + b).astype(np.uint16)
     raw[0, 2] = 0
-    depth = read_picture(compressed("32FC1; compressedDepth", raw, a, b), COMPRESSED, typestore(), "/d", 5).depth
+    depth = read_image_message(compressed("32FC1; compressedDepth", raw, a, b), COMPRESSED, typestore(), "/d", 5).depth
     np.testing.assert_allclose(depth, [[0.5, 1.0, 0.0]], rtol=0.01)
 
 
@@ -47,7 +47,7 @@ def test_compressed_depth_as_inverse():
 )
 def test_damaged_pictures_are_value_errors(payload):
     with pytest.raises(ValueError, match=r"sensor_msgs/msg/CompressedImage|compressedDepth"):
-        read_picture(payload, COMPRESSED, typestore(), "/d", 5)
+        read_image_message(payload, COMPRESSED, typestore(), "/d", 5)
 
 
 def transform(parent, child, rotvec, p):
@@ -72,7 +72,7 @@ def info(d=(), model="plumb_bob", focal=400.0, p=()):
 
 def streams():
     imu = Block(topic="/cam/imu", kind=Imu, t_ns=np.arange(5), columns={})
-    picture = Pictures(kind=Image, t_ns=np.arange(5) * 33_333_333, load=lambda topic, i: None)
+    picture = ImageStream(kind=Image, t_ns=np.arange(5) * 33_333_333, load=lambda topic, i: None)
     return {"/cam/imu": imu}, {"/cam/color/image_raw": picture}
 
 
@@ -112,22 +112,22 @@ def test_a_loop_or_a_gap_in_the_tree_is_no_mount():
 
 
 @pytest.mark.parametrize(
-    ("d", "model", "told"),
+    ("d", "model", "report"),
     [
         ((0.1, 0.2, 0.001, 0.002, 0.0), "plumb_bob", ""),
         ((0.1, 0.2, 0.3, 0.4), "equidistant", ""),
         ((0.1, 0.2, 0.3, 0.4), "Kannala Brandt4", ""),
-        ((0.1,), "omni", "'omni' with 1 coefficients has no form here; .*--rig"),
-        ((0.1, 0.2, 0.0, 0.0, 40.0), "plumb_bob", "has no form here"),
+        ((0.1,), "omni", "'omni' with 1 coefficients is not supported; .*--rig"),
+        ((0.1, 0.2, 0.0, 0.0, 40.0), "plumb_bob", "is not supported"),
     ],
 )
-def test_distortions_that_have_no_form_are_told(d, model, told):
+def test_unsupported_distortions_are_reported(d, model, report):
     calibration = BagCalibration(Notes(Path("a"), False))
     calibration.camera_info("/cam/color/camera_info", info(d, model))
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
     assert camera.distortion[0] == 0.1
-    words = calibration.assumed["/cam/color/image_raw"].partition("between them")[2]
-    assert re.search(told, words) if told else not words
+    words = calibration.assumed["/cam/color/image_raw"].partition("the same orientation")[2]
+    assert re.search(report, words) if report else not words
     assert camera.distortion_model == ("radtan" if model in ("plumb_bob", "omni") else "equidistant")
 
 
@@ -137,7 +137,7 @@ AZURE = (0.5237, -2.2886, 0.0007, -0.0002, 1.3255, 0.4035, -2.1325, 1.2605)
 @pytest.mark.parametrize(
     ("d", "model"), [(AZURE, "rational_polynomial"), ((-0.056, 0.066, 5e-4, 3e-4, -0.021), "plumb_bob")]
 )
-def test_lenses_of_more_terms_are_fitted_and_the_rest_told(d, model):
+def test_lenses_of_more_terms_are_fitted_and_the_rest_is_reported(d, model):
     calibration = BagCalibration(Notes(Path("a"), False))
     calibration.camera_info("/cam/color/camera_info", info(d, model))
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
@@ -146,8 +146,8 @@ def test_lenses_of_more_terms_are_fitted_and_the_rest_told(d, model):
     full, ours = (cv2.projectPoints(rays, zero, zero, camera.K, np.array(c))[0][:, 0] for c in (d, camera.distortion))
     off = np.linalg.norm(full - ours, axis=1)[(full >= 0).all(axis=1) & (full < (640, 480)).all(axis=1)]
     assert len(off) > 100
-    told = float(re.search(r"fitted as radtan, up to (\S+) px off", calibration.assumed["/cam/color/image_raw"])[1])
-    assert off.max() <= 1.1 * told < 2.0
+    reported = float(re.search(r"fitted by radtan, up to (\S+) px off", calibration.assumed["/cam/color/image_raw"])[1])
+    assert off.max() <= 1.1 * reported < 2.0
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_rectified_pictures_go_with_p_and_no_distortion(topic):
     calibration.camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=np.zeros(12)))
     camera = calibration.rig(blocks, {topic: raw}, {}).cameras[topic]
     assert (camera.intrinsics[0], any(camera.distortion)) == (400.0, False)
-    assert "has no P for rectified pictures" in calibration.assumed[topic]
+    assert "has no P for rectified images" in calibration.assumed[topic]
 
 
 def test_realsense_files_keep_calibrations_apart_from_pictures():
@@ -187,14 +187,14 @@ def test_depth_of_the_size_of_colour_is_taken_as_registered_with_a_warning():
 
     t = np.arange(5) * 33_333_333
     pictures = {
-        "/head/color": Pictures(kind=Image, t_ns=t, load=lambda topic, i: load("color", i)),
-        "/head/depth": Pictures(kind=Depth, t_ns=t, load=lambda topic, i: load("depth", i)),
+        "/head/color": ImageStream(kind=Image, t_ns=t, load=lambda topic, i: load("color", i)),
+        "/head/depth": ImageStream(kind=Depth, t_ns=t, load=lambda topic, i: load("depth", i)),
     }
     for registered in ((), ("/head/depth",)):
         notes = Notes(Path("a"), False)
         rig = completed(Rig(), {}, pictures, notes, registered)
         assert rig.cameras["/head/color"].depth_topic == "/head/depth"
-        assert any("for its size alone" in w for w in notes.warnings) is not bool(registered)
+        assert any("because of its size" in w for w in notes.warnings) is not bool(registered)
 
 
 def test_a_camera_info_without_a_focal_length_is_none():

@@ -22,7 +22,7 @@ from stridetwin.streams.receiver import MOST_PEERS, Arrival, Receiver
 from stridetwin.streams.recording import Recording
 from stridetwin.streams.reorder import Reorder
 from stridetwin.streams.samples import Depth, Image, Imu
-from stridetwin.streams.sender import PICTURES_HELD, SAMPLES_HELD, Sender
+from stridetwin.streams.sender import IMAGES_HELD, SAMPLES_HELD, Sender
 from stridetwin.streams.stored_messages import stored_messages
 from stridetwin.streams.wire import HELLO, SAMPLE, Hello, Message, WireError, frame, hello_frame, sample_frame
 
@@ -108,7 +108,7 @@ def test_a_slow_receiver_is_told_how_much_it_has_missed(monkeypatch):
         came += everything(receiver)
     stamps = [a.sample.t_ns for a in came if isinstance(a, Arrival)]
     assert stamps == sorted(stamps)
-    newest = PICTURES_HELD - 1  # the oldest go, but for the one that is on its way
+    newest = IMAGES_HELD - 1  # the oldest go, but for the one that is on its way
     assert stamps[-newest:] == list(range(61 - newest, 61))
     assert receiver.traffic["/head/color"].lost == sender.dropped["/head/color"] == 60 - len(stamps)
 

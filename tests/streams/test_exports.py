@@ -20,7 +20,7 @@ from stridetwin.streams.recording import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Joints, Odometry, Point, Wrench
 
-N, PICTURES = 400, 12
+N, IMAGES = 400, 12
 T_NS = 10**9 + np.arange(N) * 5_000_000
 NAMES = ("hip_flexion_l", "knee_flexion_l", "lumbar_flexion", "neck_flexion")
 
@@ -71,7 +71,7 @@ def recording(tmp_path_factory):
         writer.write(Block(topic="/truth/foot_l/wrench", kind=Wrench, t_ns=T_NS, columns=wrench))
         cop = {"p_in_world": rng.normal(size=(N, 3))[loaded]}
         writer.write(Block(topic="/truth/foot_l/cop", kind=Point, t_ns=T_NS[loaded], columns=cop))
-        for t in T_NS[:: N // PICTURES][:PICTURES].tolist():
+        for t in T_NS[:: N // IMAGES][:IMAGES].tolist():
             writer.write(Image(topic="/head/color", t_ns=t, pixels=rng.integers(0, 256, (24, 32, 3), np.uint8)))
             depth = rng.integers(0, 12_000, (24, 32)).astype(np.float32) / np.float32(1000)
             writer.write(Depth(topic="/head/depth", t_ns=t, depth=depth))
@@ -126,7 +126,7 @@ def test_euroc_comes_back(recording, tmp_path, place):
     recording = worn_at(place, recording, tmp_path / "worn.mcap")
     (folder := tmp_path / "out").mkdir()
     counts = write_euroc(recording, folder)
-    assert counts == {"imu0": N, "cam0": PICTURES, "state_groundtruth_estimate0": N}
+    assert counts == {"imu0": N, "cam0": IMAGES, "state_groundtruth_estimate0": N}
     back = open_any(folder)
     for name in ("imu", "imu/odometry"):
         mine, read = (f"{'/truth' * ('odometry' in name)}/{p}/{name}" for p in (place, "head"))
@@ -292,7 +292,7 @@ def test_a_bag_can_be_made_of_an_imported_folder(recording, tmp_path):
     (tmp_path / "bag").mkdir()
     write_euroc(recording, tmp_path / "euroc")
     counts = write_rosbag2(open_any(tmp_path / "euroc"), tmp_path / "bag", "walk", "sqlite3")
-    assert counts["/head/color"] == PICTURES
+    assert counts["/head/color"] == IMAGES
     same_block(recording, open_any(tmp_path / "bag"), "/head/imu")
 
 
@@ -358,9 +358,9 @@ def test_what_a_format_needs_is_named(tmp_path):
 
 def test_a_stereo_pair_is_made_where_asked(recording, tmp_path):
     counts = write_euroc(recording, tmp_path, stereo_baseline_m=0.05)
-    assert (counts["cam0"], counts["cam1"]) == (PICTURES, PICTURES)
+    assert (counts["cam0"], counts["cam1"]) == (IMAGES, IMAGES)
     back = open_any(tmp_path)
-    assert back.topics["/head/color_right"].count == PICTURES
+    assert back.topics["/head/color_right"].count == IMAGES
     left, right = (back.rig.cameras[f"/head/color{s}"].mount.T_body_sensor for s in ("", "_right"))
     expected = np.eye(4)
     expected[0, 3] = 0.05

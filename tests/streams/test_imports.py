@@ -69,7 +69,7 @@ def test_bags_give_what_was_put_in(sources, walk, name):
     truth = recording.block("/truth/head/odometry")
     np.testing.assert_allclose(truth.columns["p_frame_in_world"], walk.p, atol=1e-12)
     np.testing.assert_allclose(truth.columns["q_world_frame"], walk.q, atol=1e-12)
-    np.testing.assert_array_equal(recording.picture_times("/head/color"), walk.t_pictures)
+    np.testing.assert_array_equal(recording.image_times("/head/color"), walk.t_pictures)
     pictures, depths = recording.images("/head/color"), recording.images("/head/depth", [7, 2])
     np.testing.assert_array_equal([p.pixels for p in pictures], walk.colour)
     np.testing.assert_allclose(depths[0].depth, expected_depth(walk)[7], atol=1e-6)
@@ -403,10 +403,16 @@ def test_names_of_common_drivers():
         ("euroc", "mav0/imu0/data.csv", "w_RS_S_y", "w_RS_S_q", r"data\.csv: header: .*one column w_RS_S_y"),
         ("euroc", "mav0/imu0/data.csv", "[rad s^-1]", "[deg/s]", r"unit of w_RS_S_x: 'deg/s' .*valid: rad s\^-1"),
         ("euroc", "mav0/imu0/data.csv", f"\n{START + 10**7},", f"\n{START + 10**7}.5,", "line 3, time stamp: .*whole"),
-        ("euroc", "mav0/imu0/data.csv", f"\n{START + 10**7},", f"\n{START - 10**7},", "/head/imu at .*does not lie"),
+        (
+            "euroc",
+            "mav0/imu0/data.csv",
+            f"\n{START + 10**7},",
+            f"\n{START - 10**7},",
+            "/head/imu at .*is not after the previous one",
+        ),
         ("euroc", "mav0/imu0/data.csv", f"\n{START + 10**7},", f"\n{'9' * 19},", "line 3, time stamp: .*whole"),
         ("euroc", "mav0/cam0/data.csv", ".png", ".jpg", r"data\.csv: line 2, filename: .*no such file"),
-        ("euroc", "mav0/cam0/data.csv", f"{START}.png", "../../../x.png", "filename: .*a picture inside data/"),
+        ("euroc", "mav0/cam0/data.csv", f"{START}.png", "../../../x.png", "filename: .*an image inside data/"),
         ("euroc", "mav0/cam0/sensor.yaml", "pinhole", "omni", r"sensor\.yaml: camera_model: 'omni' .*pinhole"),
         ("euroc", "mav0/cam0/sensor.yaml", "[32, 24]", "[64, 48]", "/head/color, size: '32 x 24' .*64 x 48"),
         ("euroc", "mav0/imu0/sensor.yaml", "rate_hz: 100", "rate_hz: fast", r"sensor\.yaml: rate_hz: 'fast'"),
@@ -472,7 +478,7 @@ def test_lenient_leaves_out_what_cannot_be_read(sources, tmp_path):
     recording = open_any(root, lenient=True)
     assert len(recording.block("/head/imu")) == 199
     assert sum(isinstance(s, Image) for s in recording.samples()) == 9
-    assert any("damaged picture" in str(p) for p in recording.problems)
+    assert any("damaged image" in str(p) for p in recording.problems)
     write_recording(recording, tmp_path / "a.mcap")
     assert Recording(tmp_path / "a.mcap").topics["/head/color"].count == 9
 
@@ -480,7 +486,7 @@ def test_lenient_leaves_out_what_cannot_be_read(sources, tmp_path):
 def test_a_damaged_picture_leaves_no_half_recording(sources, tmp_path):
     root = copied(sources["7scenes"], tmp_path)
     (root / "frame-000004.color.png").write_bytes(b"junk")
-    with pytest.raises(StrideTwinError, match="damaged picture"):
+    with pytest.raises(StrideTwinError, match="damaged image"):
         write_recording(open_any(root), tmp_path / "a.mcap")
     assert {p.name for p in tmp_path.iterdir()} == {root.name}
 

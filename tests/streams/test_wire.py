@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rigs import every_small_block, small_rig
 
-from stridetwin.streams.bounded import picture_size
+from stridetwin.streams.bounded import image_size
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.messages import Decoder, Encoder
 from stridetwin.streams.recording import Recording
@@ -215,7 +215,7 @@ def test_payloads_that_lie_are_refused(message, said):
 def test_sizes_of_pictures_are_read_without_unpacking_them():
     pixels = np.zeros((37, 53, 3), np.uint8)
     for form in (".jpg", ".png"):
-        assert picture_size(cv2.imencode(form, pixels)[1].tobytes()) == (53, 37)
+        assert image_size(cv2.imencode(form, pixels)[1].tobytes()) == (53, 37)
 
 
 def test_progressive_pictures_are_read():
@@ -227,7 +227,7 @@ def test_pictures_of_endless_marks_cost_nothing():
     began = time.process_time()
     for mark in (b"\xff", b"\xff\x01", b"\xff\xe0\0\0"):
         with pytest.raises(ValueError, match="neither"):
-            picture_size(b"\xff\xd8" + mark * 10_000_000)
+            image_size(b"\xff\xd8" + mark * 10_000_000)
     assert time.process_time() - began < 0.5
 
 

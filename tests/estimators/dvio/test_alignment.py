@@ -15,7 +15,7 @@ from stridetwin.estimators.dvio.structure import Sightings, structure_of_bearing
 from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-PERIOD_NS, PICTURES, BETWEEN, POINTS = 5_000_000, 8, 20, 80
+PERIOD_NS, IMAGES, BETWEEN, POINTS = 5_000_000, 8, 20, 80
 SIGHT_SD, TOLD_SD = 8e-4, 0.014
 BIAS_SD, MOUNT_SD, OFFSET_SD, SCALE_SD = np.repeat([0.02, 0.1], 3), np.repeat([2e-3, 5e-3], 3), 5e-3, 1e-2
 
@@ -44,7 +44,7 @@ class Walk(NamedTuple):
 def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_SD) -> Walk:
     """A head that bobs and turns as in walking; without noise also the calibration is as told."""
     rng = np.random.default_rng(seed)
-    n = BETWEEN * (PICTURES - 1) + 1
+    n = BETWEEN * (IMAGES - 1) + 1
     t_ns = PERIOD_NS * np.arange(n, dtype=np.int64)
     s, phase = t_ns[:, None] * 1e-9, rng.uniform(0, 2 * np.pi, 6)
     rate = np.array([0.4, 0.3, 0.5]) * np.sin(2 * np.pi * np.array([1.8, 1.1, 0.6]) * s + phase[:3])
@@ -56,7 +56,7 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
     force = np.array([about[max(k - 1, 0)].inv().apply(pushed[k] - GRAVITY) for k in range(n)])
     true, doubt, v_first = np.hstack([rate, force]), np.zeros(n, np.uint8), rng.normal([0.0, 1.0, 0.0], [0.4, 0.2, 0.2])
     at_picture, z, R_first = t_ns[::BETWEEN], blank_increment(), first.as_matrix()
-    R, p, v = np.zeros((PICTURES, 3, 3)), np.zeros((PICTURES, 3)), np.zeros((PICTURES, 3))
+    R, p, v = np.zeros((IMAGES, 3, 3)), np.zeros((IMAGES, 3)), np.zeros((IMAGES, 3))
     for k, end in enumerate(at_picture):
         kernel.integrate(z, t_ns, true, doubt, n, 0, int(end), np.zeros(6), NOISE)
         dt = z.dt[0]
@@ -64,8 +64,8 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
         p[k] = v_first * dt + 0.5 * GRAVITY * dt**2 + R_first @ z.alpha
     bias = BIAS_SD * rng.normal(size=6)
     white = np.repeat([NOISE.rate, NOISE.force], 3) / np.sqrt(PERIOD_NS * 1e-9)
-    told, increments = true + bias + noisy * white * rng.normal(size=true.shape), blank_increment(PICTURES - 1)
-    for k in range(PICTURES - 1):
+    told, increments = true + bias + noisy * white * rng.normal(size=true.shape), blank_increment(IMAGES - 1)
+    for k in range(IMAGES - 1):
         ends = int(at_picture[k]), int(at_picture[k + 1])
         kernel.integrate_into(increments, k, t_ns, told, doubt, n, *ends, np.zeros(6), NOISE)
     off = noisy * rng.normal(size=8)
@@ -76,7 +76,7 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
         p + v * off[6] * OFFSET_SD + R_seen @ (T_IMU_CAMERA[:3, 3] + off[:3] * MOUNT_SD[:3]),
     )
     rays = np.concatenate([rng.uniform(-0.6, 0.6, (POINTS, 2)), np.ones((POINTS, 1))], axis=1)
-    middle = PICTURES // 2
+    middle = IMAGES // 2
     points = (rays * rng.uniform(1.5, 5.0, (POINTS, 1))) @ cameras[middle].T + places[middle]
     q = np.matmul(points[None] - places[:, None], cameras)
     at, inverse = q[..., :2] / q[..., 2:], np.exp(off[7] * SCALE_SD) / q[..., 2]
@@ -138,7 +138,7 @@ def test_what_passes_by_is_left_out():
     by = np.zeros(POINTS, bool)
     by[:25] = True
     at = walk.sightings.at.copy()
-    at[:, by] += 0.05 * np.arange(PICTURES)[:, None, None]
+    at[:, by] += 0.05 * np.arange(IMAGES)[:, None, None]
     found = walk.aligned(structure_with_depth(Sightings(**{**vars(walk.sightings), "at": at})))
     assert np.linalg.norm(found.v - walk.v) < 0.05
     assert np.linalg.norm(np.cross(found.up, walk.up)) < 0.04

@@ -14,7 +14,7 @@ from stridetwin.scenarios.closed_loop.helping import HELP, Helped, Helper
 from stridetwin.scenarios.closed_loop.recognition import Known, Predicted, Unaware
 from stridetwin.scenarios.experiments import assistance
 from stridetwin.sim.config import Exo, Gait, Level, Route, Stairs, TwinConfig
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.streams.samples import Insole
 
 JOINTS = ("hip_l", "hip_r", "knee_l", "knee_r")
@@ -79,7 +79,7 @@ def test_the_mode_is_that_of_the_tread_stood_on_or_the_one_to_come() -> None:
         def __init__(self) -> None:
             self.standing, self.coming = {"l": "LG", "r": "SA"}, {"l": "SD", "r": "RA"}
 
-    rig = outfit(replace(STAIR, exo=Exo(mode=1), sensors=("insole", "actuator"))).told(0)
+    rig = sensor_rig(replace(STAIR, exo=Exo(mode=1), sensors=("insole", "actuator"))).nominal(0)
     observer = Helped(rig, Told)
     assert observer.observation()["mode"].tolist() == [0.0, 0.0]  # before a walk has begun
     observer.reset()

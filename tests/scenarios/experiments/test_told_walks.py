@@ -25,7 +25,7 @@ from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
 from stridetwin.scenarios.norms import reference
 from stridetwin.scenarios.walk_spread import EDGES, pitch_down, spread, together
 from stridetwin.sim.config import Turn
-from stridetwin.sim.fitting import Fitting
+from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.route import lay_out
 from stridetwin.sim.standard_rig import standard_rig
@@ -101,7 +101,7 @@ def test_the_camera_looks_as_far_down_as_it_is_fitted(mount) -> None:
     pitch = {}
     for degrees in (None, 8.0):
         asked = None if degrees is None else math.radians(degrees)
-        rig = standard_rig(replace(config, fittings={"head_camera": Fitting(pitch_down_rad=asked)}))
+        rig = standard_rig(replace(config, fittings={"head_camera": SensorConfig(pitch_down_rad=asked)}))
         (camera,), (imu,) = rig.cameras.values(), rig.imus.values()
         assert np.allclose(camera.mount.T_body_sensor[:3, :3], imu.mount.T_body_sensor[:3, :3])
         axis = camera.mount.T_body_sensor[:3, 2]

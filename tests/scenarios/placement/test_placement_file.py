@@ -11,7 +11,7 @@ from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.placement.free import Knob
 from stridetwin.scenarios.placement.places import Place, check_ends, scenario_at
 from stridetwin.scenarios.placement.problem_file import problems, read_problem
-from stridetwin.sim.standard_rig import outfit
+from stridetwin.sim.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError
 
 GOOD = {
@@ -95,7 +95,7 @@ def test_a_point_on_the_shoe_is_outside_of_it_by_what_is_asked(tmp_path):
     found = {}
     for angle in (90.0, 180.0):
         config = scenario_at(problem, problem.bases[0], Place(values={knob: angle}), tmp_path).config
-        found[angle] = 1e3 * outfit(config).rig.imus["/foot_l/imu"].mount.T_body_sensor[:3, 3]
+        found[angle] = 1e3 * sensor_rig(config).rig.imus["/foot_l/imu"].mount.T_body_sensor[:3, 3]
     assert found[180.0] == pytest.approx([-52.0, 0.0, 50.0], abs=0.5)  # heel of 42 mm
     assert found[90.0] == pytest.approx([0.0, 44.0, 50.0], abs=3.0)  # outer side, 34 mm
 
