@@ -9,7 +9,7 @@ from typing import Any
 
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 
-SCHEMAS = ("scenario", "part")
+SCHEMAS = ("scenario", "campaign", "placement", "part")
 
 
 def schema_command(arguments: Namespace, progress: Progress) -> Outcome:
@@ -40,6 +40,14 @@ def _type(kind: str) -> Any:
         from stridetwin.sim.parts.library import PartFile
 
         return PartFile
+    if kind == "campaign":
+        from stridetwin.scenarios.campaign.campaign_file import CampaignFile
+
+        return CampaignFile
+    if kind == "placement":
+        from stridetwin.scenarios.placement.problem_file import PlacementFile
+
+        return PlacementFile
     from stridetwin.scenarios.scenario_model import ScenarioFile
 
     return ScenarioFile

@@ -5,16 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stridetwin.scenarios.campaign.distributions import Choice, Fixed, distribution
-from stridetwin.scenarios.fields import Where
+from stridetwin.scenarios.campaign.distributions import Choice, DistributionInFile, Fixed
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.validation import validated
 
-WHERE = Where(source="c.yaml", path="set.x")
 MIDDLES = (np.arange(20000) + 0.5) / 20000
 
 
 def read(node):
-    return distribution(node, WHERE)
+    return validated(DistributionInFile, node, "c.yaml", at="set.x")
 
 
 def drawn(node) -> np.ndarray:
