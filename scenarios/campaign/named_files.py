@@ -120,12 +120,10 @@ class NamedFiles:
 
     def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
         """The list `scenarios`, with what the file says of each."""
-        return tuple(
-            self._base(item, where.item(i), short=isinstance(node, str))
-            for i, (item, node) in enumerate(zip(items, nodes))
-        )
+        short = [isinstance(node, str) for node in nodes]
+        return tuple(self.base(item, where.item(i), short=short[i]) for i, item in enumerate(items))
 
-    def _base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
+    def base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
         """A scenario and its own variables."""
         name, known = item.scenario, catalogue()
         at = where if short else where.key("scenario")

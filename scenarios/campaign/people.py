@@ -14,6 +14,7 @@ from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.fields import refused, unique, whole, words
 
 MOST = 10_000
+_NOWHERE = Where(source="")
 _BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")
 _MASS_KG = (45.0, 110.0)
 _MM = 1e-3
@@ -33,7 +34,7 @@ class Group:
     count: int
     body: dict[str, Distribution]
     names: tuple[str, ...] = ()
-    at: Where = Where(source="")
+    at: Where = _NOWHERE
 
     def placed(self, node: dict[str, Any], at: Where) -> Group:
         """The group with its place, and its keys in the order of the file, which is that of the draws."""

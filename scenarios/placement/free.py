@@ -190,17 +190,19 @@ class Over(_Keys):
 
 
 _COORDINATES = ("around_deg", "up_mm", "off_mm")
+
+
+def _form(node: object) -> str:
+    """Tag of the form of a free field."""
+    keys = node if isinstance(node, dict) else ()
+    return "=over" if "over" in keys else "=choice" if "choice" in keys else "=between"
+
+
 FreeInFile = Annotated[
     Annotated[Over, AfterValidator(Over.checked), Tag("=over")]
-    | Annotated[Among, Tag("=among")]
+    | Annotated[Among, Tag("=choice")]
     | Annotated[Between, Tag("=between")],
-    Discriminator(
-        lambda node: (
-            next((f"={tag}" for tag, key in (("over", "over"), ("among", "choice")) if key in node), "=between")
-            if isinstance(node, dict)
-            else "=between"
-        )
-    ),
+    Discriminator(_form),
 ]
 """Type of what a file says of a free field."""
 
