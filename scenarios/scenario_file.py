@@ -87,7 +87,8 @@ def scenario_of(node: object, path: Path) -> Scenario:
         ConfigError: As `load_scenario`.
     """
     file = validated(ScenarioFile, node, path, context={"folder": path.parent})
-    terrain, notes = file.terrain, ()
+    terrain: Any = file.terrain
+    notes: tuple[str, ...] = ()
     if isinstance(terrain, MeshWay):
         made = mesh_terrain(terrain, file.width_m)
         terrain, notes = made.segments, (made.told,)

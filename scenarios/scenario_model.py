@@ -44,6 +44,7 @@ from stridetwin.streams.fields import (
     MM,
     OneKey,
     OneKind,
+    ReadAs,
     Required,
     elsewhere,
     file_beside,
@@ -274,7 +275,7 @@ class ScenarioFile(_Model):
     gait: Annotated[Gait, BeforeValidator(_patterned)] = Gait()
     physics: Annotated[str, words(PHYSICS)] = "kinematic"
     dynamics: Dynamics | None = None
-    sensors: SensorsInFile = Sensors(groups=(), asked={})
+    sensors: Annotated[Any, ReadAs(SensorsInFile)] = Sensors(groups=(), asked={})
     rig_mount: Annotated[str, words(("head", "chest"), key="camera_mount")] = "head"
     ideal: Annotated[bool, flag(key="ideal_sensors")] = False
     shock: Annotated[bool, flag()] = True

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 from pydantic import (
@@ -24,7 +23,7 @@ from stridetwin.sim.fitting import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.fields import elsewhere, flag, refused, unique, words
+from stridetwin.streams.fields import elsewhere, flag, folder_of, refused, unique, words
 from stridetwin.streams.json_schema import described
 from stridetwin.streams.validation import suggest
 
@@ -66,7 +65,7 @@ def _of_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
         found: Part = part(plain)
     elif node.endswith(_FILE_SUFFIXES):
         try:
-            found, plain = read_part(Path(info.context["folder"]) / node), node
+            found, plain = read_part(folder_of(info) / node), node
         except StrideTwinError as error:
             raise elsewhere(error) from None
     else:
@@ -144,9 +143,8 @@ def _of_groups(groups: BaseModel) -> Sensors:
     )
 
 
-_Groups: Any = create_model(
-    "Sensors", __config__=ConfigDict(extra="forbid"), **{group: (_group(group), None) for group in KIND}
-)
+_made: dict[str, Any] = {group: (_group(group), None) for group in KIND}
+_Groups: Any = create_model("Sensors", __config__=ConfigDict(extra="forbid"), **_made)
 _Names = Annotated[tuple[Annotated[str, words(tuple(KIND))], ...], AfterValidator(unique), AfterValidator(_of_names)]
 SensorsInFile = Annotated[
     Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_of_groups), Tag("=groups")],

@@ -74,7 +74,13 @@ def file_beside(*, key: str | None = None) -> Any:
 
 
 def _beside(name: str, info: ValidationInfo) -> Path:
-    return Path(info.context["folder"]) / name
+    return folder_of(info) / name
+
+
+def folder_of(info: ValidationInfo) -> Path:
+    """The folder that paths in a file start from."""
+    context: Any = info.context
+    return Path(context["folder"])
 
 
 class ReadAs:

@@ -38,7 +38,8 @@ def validated(kind: type[T], data: object, source: object, *, at: str = _ROOT, c
         ConfigError: One line for each error (`ConfigFileError` where there are several).
     """
     try:
-        return adapter(kind).validate_python(data, context=context)
+        found: T = adapter(kind).validate_python(data, context=context)  # type: ignore[arg-type]
+        return found
     except ValidationError as error:
         raise config_error(error, kind, data, source, at) from None
 
@@ -68,7 +69,7 @@ def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> Str
     """One line of a pydantic error; None where another one says it."""
     kind, steps, context = entry["type"], list(entry["loc"]), entry.get("ctx", {})
     if kind == "elsewhere":
-        return context["error"]  # type: ignore[no-any-return]
+        return context["error"]
     last = steps.pop() if kind in _MISSING + _UNKNOWN else None
     path, value = _place(data, [*steps, *context.get("below", ())], at), entry["input"]
     schemas = _below(root, steps)
@@ -120,12 +121,17 @@ def _below(root: Schema, steps: list[Any]) -> list[Schema]:
     found = _forms(root, root)
     for step in steps:
         if isinstance(step, str) and step.startswith(TAG):
-            tagged = [s for s in found if step[len(TAG) :] == s.get("properties", {}).get("kind", {}).get("const")]
-            found = tagged or found
+            found = [schema for schema in found if _is_tagged(schema, step[len(TAG) :])] or found
             continue
         inner = [child for schema in found for child in _children(schema, step)]
         found = [form for child in inner for form in _forms(child, root)] or found
     return found
+
+
+def _is_tagged(schema: Schema, tag: str) -> bool:
+    """Whether a tag of a union means this schema: by its `kind`, or by a key that no other has."""
+    named = schema.get("properties", {})
+    return tag in named or named.get("kind", {}).get("const") == tag
 
 
 def _children(schema: Schema, step: str | int) -> list[Schema]:
@@ -189,7 +195,8 @@ def _in_words(schema: Schema, root: Schema) -> str:
 def _range(schema: Schema) -> str:
     low, high = schema.get("minimum"), schema.get("maximum")
     if low is not None and high is not None:
-        return f"{low:g}-{high:g}" if low >= 0 else f"{low:g} to {high:g}"
+        low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
+        return f"{low} to {high}" if low.startswith("-") else f"{low}-{high}"
     if "exclusiveMinimum" in schema:
         return f"a number above {schema['exclusiveMinimum']:g}"
     return f"a number of at least {low:g}" if low is not None else "a number"

@@ -7,24 +7,39 @@ a campaign says where anything is written.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, base_item
-from stridetwin.scenarios.campaign.people import Group, group
-from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, one_word, sequence, suggest, text
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from stridetwin.scenarios.campaign.distributions import DistributionInFile
+from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
+from stridetwin.scenarios.campaign.people import Group, GroupInFile
+from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.fields import number, refused, text, whole, words
+from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SAMPLINGS = ("sobol", "latin_hypercube")
+_WHETHER = ("reject", "keep")
 MOST_WALKS = 1_000_000
 _SUFFIXES = (".yaml", ".yml")
 _CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}
 _WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
+
+
+def _whole(shares: dict[str, float]) -> dict[str, float]:
+    """Shares that together are 1, of parts with plain names."""
+    for name in shares:
+        if not _WORD.fullmatch(name):
+            raise refused(name, "names of small letters, digits and _")
+    if abs(sum(shares.values()) - 1.0) > 1e-6:
+        raise refused(shares, "shares whose sum is 1")
+    return shares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +52,9 @@ class Quality:
         help_pct: Those in which the help at the root is more than this in the mean, % of the body weight.
     """
 
-    falls: str = "reject"
-    sensors: str = "reject"
-    help_pct: float = 3.0
+    falls: Annotated[str, words(_WHETHER)] = "reject"
+    sensors: Annotated[str, words(_WHETHER)] = "reject"
+    help_pct: Annotated[float, number(0, 1000)] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +66,10 @@ class Splits:
         terrain_by: What makes two terrains different: their `geometry`, or the `scenario` that they come from.
     """
 
-    shares: dict[str, float] = field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
-    terrain_by: str = "geometry"
+    shares: Annotated[dict[str, Annotated[float, number(0.001, 1)]], Field(min_length=1), AfterValidator(_whole)] = (
+        field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
+    )
+    terrain_by: Annotated[str, words(("geometry", "scenario"))] = "geometry"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +101,34 @@ class Campaign:
     quality: Quality = Quality()
     splits: Splits = Splits()
     own: dict[str, Path] = field(default_factory=dict)
+
+
+class CampaignFile(BaseModel):
+    """A campaign: which scenarios, how their values vary, how many walks.
+
+    Attributes:
+        campaign: One line that says what it is for.
+        walks: How many.
+        seed: Of everything random.
+        sampling: How the draws are spread.
+        scenarios: Scenarios, by name of the catalogue or path in the campaign's folder.
+        people: Groups of people; none where the scenarios say who walks.
+        set: Paths into the scenarios (`gait.speed_mps`, `terrain[1].stairs.riser_mm`), each with a value or a
+            distribution.
+        quality: Which walks are rejected.
+        splits: How walks are divided.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    campaign: Annotated[str, text()]
+    walks: Annotated[int, whole(1, MOST_WALKS)]
+    seed: Annotated[int, whole(0, 2**31)] = 0
+    sampling: Annotated[str, words(SAMPLINGS)] = "sobol"
+    scenarios: Annotated[tuple[WeighedBase, ...], Field(min_length=1)]
+    people: Annotated[tuple[GroupInFile, ...], Field(min_length=1)] = ()
+    set: dict[str, DistributionInFile] = {}
+    quality: Quality = Quality()
+    splits: Splits = Splits()
 
 
 def campaigns() -> dict[str, Path]:
@@ -120,14 +165,18 @@ def read_campaign(path: Path) -> Campaign:
         StrideTwinError: A file cannot be read.
     """
     where = Where(source=str(path))
-    found: dict[str, Any] = mapping(_FIELDS, dict)(read_yaml(path, most_values=LARGEST_FILE_VALUES), where)
+    data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
+    file = validated(CampaignFile, data, path)
     files = NamedFiles(path, "the campaign's folder")
-    common, bases = found.get("variables", {}), found["bases"]
     campaign = Campaign(
         path=path,
-        bases=tuple(files.base(item, where.key("scenarios").item(i)) for i, item in enumerate(bases)),
-        variables=files.variables(common, where.key("set")),
-        **{key: value for key, value in found.items() if key not in ("bases", "variables")},
+        description=file.campaign,
+        bases=files.bases(file.scenarios, data["scenarios"], where.key("scenarios")),
+        people=tuple(
+            group.placed(data["people"][i], where.key("people").item(i)) for i, group in enumerate(file.people)
+        ),
+        variables=files.variables(file.set, where.key("set")),
+        **{name: getattr(file, name) for name in ("walks", "seed", "sampling", "quality", "splits")},
         own=files.own,
     )
     if campaign.people:
@@ -135,62 +184,6 @@ def read_campaign(path: Path) -> Campaign:
             if any(p.keys[0] == "person" for p in variable.paths):
                 raise variable.at.error(variable.name, "no person here, as there is people")
     return campaign
-
-
-def _set(node: object, where: Where) -> dict[str, Any]:
-    if not isinstance(node, dict):
-        raise where.error(node, "paths into the scenario, each with a value or a distribution")
-    return node
-
-
-def _shares(node: object, where: Where) -> dict[str, float]:
-    if not isinstance(node, dict) or not node:
-        raise where.error(node, "names, each with its share")
-    for name in node:
-        if not _WORD.fullmatch(name):
-            raise where.error(name, "names of small letters, digits and _")
-    shares = {name: number(0.001, 1)(value, where.key(name)) for name, value in node.items()}
-    if abs(sum(shares.values()) - 1.0) > 1e-6:
-        raise where.error(node, "shares whose sum is 1")
-    return shares
-
-
-def _required(attribute: str, read: Callable[[object, Where], Any]) -> Field:
-    return Field(attribute=attribute, read=read, required=True)
-
-
-_BASE = base_item(weight=Field(attribute="weight", read=number(1e-6, 1e6)), set=Field(attribute="set", read=_set))
-_WHETHER = one_word(("reject", "keep"))
-_FIELDS = {
-    "campaign": _required("description", text),
-    "walks": _required("walks", integer(1, MOST_WALKS)),
-    "seed": Field(attribute="seed", read=integer(0, 2**31)),
-    "sampling": Field(attribute="sampling", read=one_word(SAMPLINGS)),
-    "scenarios": _required("bases", sequence(_BASE)),
-    "people": Field(attribute="people", read=sequence(group)),
-    "set": Field(attribute="variables", read=_set),
-    "quality": Field(
-        attribute="quality",
-        read=mapping(
-            {
-                "falls": Field(attribute="falls", read=_WHETHER),
-                "sensors": Field(attribute="sensors", read=_WHETHER),
-                "help_pct": Field(attribute="help_pct", read=number(0, 1000)),
-            },
-            Quality,
-        ),
-    ),
-    "splits": Field(
-        attribute="splits",
-        read=mapping(
-            {
-                "shares": Field(attribute="shares", read=_shares),
-                "terrain_by": Field(attribute="terrain_by", read=one_word(("geometry", "scenario"))),
-            },
-            Splits,
-        ),
-    ),
-}
 
 
 def load_campaign(name: str) -> Campaign:

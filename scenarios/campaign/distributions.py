@@ -9,18 +9,18 @@ from __future__ import annotations
 import bisect
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
 from scipy.special import ndtr, ndtri
 
-from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, pair, sequence
+from stridetwin.streams.fields import TAG, number, refused, whole
 
 _MOST = 1e9
 _TAIL_SD = 6.0
-_NUMBER = number(-_MOST, _MOST)
-_ABOVE_0 = number(1e-9, _MOST)
 
 
 class Distribution(Protocol):
@@ -186,80 +186,158 @@ def _told(value: float, within: Uniform | LogUniform | Normal) -> float:
     return float(min(max(float(f"{value:.6g}"), within.low), within.high))
 
 
-def distribution(node: object, where: Where) -> Distribution:
-    """A distribution by its key, or a value that is the same in every walk.
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    Raises:
-        ConfigError: Neither.
+
+_Number = Annotated[float, number(-_MOST, _MOST)]
+_Above0 = Annotated[float, number(1e-9, _MOST)]
+_Whole = Annotated[int, whole(-int(_MOST), int(_MOST))]
+
+
+def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+    if not span[0] < span[1]:
+        raise refused(list(span), "two numbers, the lower first")
+    return span
+
+
+class _Uniform(_Keys):
+    """Between two numbers, every one as likely.
+
+    Attributes:
+        uniform: Lowest and highest.
+        step: Only the lowest and its multiples above it.
     """
+
+    uniform: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
+    step: _Above0 | None = None
+
+    def build(self) -> Uniform:
+        """The distribution."""
+        return Uniform(low=self.uniform[0], high=self.uniform[1], step=self.step)
+
+
+class _LogUniform(_Keys):
+    """Between two numbers above 0, every ratio as likely.
+
+    Attributes:
+        log_uniform: Lowest and highest.
+    """
+
+    log_uniform: Annotated[tuple[_Above0, _Above0], AfterValidator(_ordered)]
+
+    def build(self) -> LogUniform:
+        """The distribution."""
+        return LogUniform(low=self.log_uniform[0], high=self.log_uniform[1])
+
+
+class _Normal(_Keys):
+    """A normal distribution between limits.
+
+    Attributes:
+        normal: Mean and standard deviation.
+        within: Lowest and highest value.
+    """
+
+    normal: tuple[_Number, _Number]
+    within: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
+
+    def build(self) -> Normal:
+        """The distribution."""
+        (mean, sd), (low, high) = self.normal, self.within
+        if sd <= 0:
+            raise refused([mean, sd], "mean and standard deviation, above 0", "normal")
+        if high < mean - _TAIL_SD * sd or low > mean + _TAIL_SD * sd:
+            raise refused([low, high], f"limits no farther than {_TAIL_SD:g} SD from the mean", "within")
+        return Normal(mean=mean, sd=sd, low=low, high=high)
+
+
+class _Integer(_Keys):
+    """A whole number between two, every one as likely.
+
+    Attributes:
+        integer: Lowest and highest.
+    """
+
+    integer: Annotated[tuple[_Whole, _Whole], AfterValidator(_ordered)]
+
+    def build(self) -> Integer:
+        """The distribution."""
+        return Integer(low=self.integer[0], high=self.integer[1])
+
+
+class _Choice(_Keys):
+    """One of some values.
+
+    Attributes:
+        choice: The values; anything that a scenario file may say.
+        weights: How likely each is, against the others.
+    """
+
+    choice: Annotated[tuple[Any, ...], Field(min_length=1)]
+    weights: Annotated[tuple[_Above0, ...], Field(min_length=1)] | None = None
+
+    def build(self) -> Choice:
+        """The distribution."""
+        weights = self.weights or (1.0,) * len(self.choice)
+        if len(weights) != len(self.choice):
+            raise refused(list(weights), f"{len(self.choice)} numbers, one for each value", "weights")
+        return Choice(values=self.choice, weights=weights)
+
+
+class _Fixed(_Keys):
+    """One value for every walk.
+
+    Attributes:
+        fixed: The value, which may have keys.
+    """
+
+    fixed: Any
+
+    def build(self) -> Fixed:
+        """The distribution."""
+        return Fixed(value=self.fixed)
+
+
+_KINDS: dict[str, Any] = {
+    "uniform": _Uniform, "log_uniform": _LogUniform, "normal": _Normal, "integer": _Integer, "choice": _Choice,
+    "fixed": _Fixed,
+}  # fmt: skip
+
+
+class _OneValue:
+    """Annotation: a value without keys, which is the same in every walk."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Anything; in the JSON Schema anything but a mapping."""
+        return core_schema.no_info_after_validator_function(lambda v: Fixed(value=v), core_schema.any_schema())
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Text, a number, true or false, or a list."""
+        return {"type": ["string", "number", "boolean", "array", "null"]}
+
+
+class _Distributed:
+    """Annotation: a distribution by its key, or a value that is the same in every walk."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """A union that is tagged by the key of the distribution."""
+        kinds = {
+            TAG + key: handler.generate_schema(Annotated[kind, AfterValidator(kind.build)])
+            for key, kind in _KINDS.items()
+        }
+        value = handler.generate_schema(Annotated[Any, _OneValue()])
+        return core_schema.tagged_union_schema({**kinds, _VALUE: value}, discriminator=_tag)
+
+
+_VALUE = f"{TAG}value"
+
+
+def _tag(node: Any) -> str | None:
     if not isinstance(node, dict):
-        return Fixed(value=node)
-    kind = next((key for key in node if key in _KINDS), None)
-    if kind is None:
-        raise where.error(node, f"a value, or one of the keys {', '.join(_KINDS)} (fixed: with keys and values below)")
-    found: Distribution = _KINDS[kind](node, where)
-    return found
+        return _VALUE
+    return next((TAG + key for key in node if key in _KINDS), None)
 
 
-def _span(item: Callable[[object, Where], Any]) -> Callable[[object, Where], Any]:
-    """Two of what `item` reads, the lower first."""
-    read_pair = pair(item)
-
-    def read(node: object, where: Where) -> Any:
-        low, high = read_pair(node, where)
-        if not low < high:
-            raise where.error(node, "two numbers, the lower first")
-        return low, high
-
-    return read
-
-
-def _normal(node: object, where: Where) -> Normal:
-    found = _NORMAL(node, where)
-    (mean, sd), (low, high) = found["normal"], found["within"]
-    if sd <= 0:
-        raise where.key("normal").error([mean, sd], "mean and standard deviation, above 0")
-    if high < mean - _TAIL_SD * sd or low > mean + _TAIL_SD * sd:
-        raise where.key("within").error([low, high], f"limits no farther than {_TAIL_SD:g} SD from the mean")
-    return Normal(mean=mean, sd=sd, low=low, high=high)
-
-
-def _choice(node: object, where: Where) -> Choice:
-    found = _CHOICE(node, where)
-    values = found["choice"]
-    weights = found.get("weights", (1.0,) * len(values))
-    if len(weights) != len(values):
-        raise where.key("weights").error(list(weights), f"{len(values)} numbers, one for each value")
-    return Choice(values=values, weights=weights)
-
-
-def _anything(node: object, where: Where) -> Any:
-    return node
-
-
-def _key(name: str, read: Callable[[object, Where], Any]) -> Field:
-    return Field(attribute=name, read=read, required=True)
-
-
-_NORMAL = mapping({"normal": _key("normal", pair(_NUMBER)), "within": _key("within", _span(_NUMBER))}, dict)
-_CHOICE = mapping(
-    {
-        "choice": _key("choice", sequence(_anything)),
-        "weights": Field(attribute="weights", read=sequence(_ABOVE_0)),
-    },
-    dict,
-)
-_WHOLE = integer(-int(_MOST), int(_MOST))
-_KINDS: dict[str, Callable[[object, Where], Any]] = {
-    "uniform": mapping(
-        {"uniform": _key("ends", _span(_NUMBER)), "step": Field(attribute="step", read=_ABOVE_0)},
-        lambda ends, step=None: Uniform(low=ends[0], high=ends[1], step=step),
-    ),
-    "log_uniform": mapping(
-        {"log_uniform": _key("ends", _span(_ABOVE_0))}, lambda ends: LogUniform(low=ends[0], high=ends[1])
-    ),
-    "normal": _normal,
-    "integer": mapping({"integer": _key("ends", _span(_WHOLE))}, lambda ends: Integer(low=ends[0], high=ends[1])),
-    "choice": _choice,
-    "fixed": mapping({"fixed": _key("value", _anything)}, Fixed),
-}
+DistributionInFile = Annotated[Any, _Distributed()]
+"""Type of a value of a file that may vary from walk to walk; it becomes a `Distribution`."""

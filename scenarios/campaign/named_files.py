@@ -6,15 +6,19 @@ folder, so that files that name each other find each other there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from stridetwin.scenarios.campaign.distributions import Distribution, Fixed, distribution
+from pydantic import BaseModel, BeforeValidator, ConfigDict
+
+from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
-from stridetwin.scenarios.fields import Field, Reader, Where, mapping, suggest, text
+from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.scenario_file import catalogue
+from stridetwin.streams.fields import number, text
+from stridetwin.streams.validation import suggest
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 FILES = "files"
@@ -66,16 +70,36 @@ class Base:
     at: Where
 
 
-def base_item(**fields: Field) -> Reader:
-    """Reads a scenario by name or path, or a mapping of it and other fields, into what `NamedFiles.base` takes."""
-    whole = mapping({"scenario": Field(attribute="scenario", read=text, required=True), **fields}, dict)
+class NamedBase(BaseModel):
+    """A scenario with values of its own.
 
-    def read(node: object, where: Where) -> dict[str, Any]:
-        if isinstance(node, str):
-            return {"scenario": node, "short": True}
-        return {**whole(node, where), "short": False}
+    Attributes:
+        scenario: Name of the catalogue, or path of a file.
+        set: Paths into the scenario, each with a value or a distribution.
+    """
 
-    return read
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    scenario: Annotated[str, text()]
+    set: dict[str, DistributionInFile] = {}
+
+
+class _Weighed(NamedBase):
+    """A scenario with values and a weight of its own.
+
+    Attributes:
+        weight: How often it is walked, against the others.
+    """
+
+    weight: Annotated[float, number(1e-6, 1e6)] = 1.0
+
+
+def short_base(node: object) -> object:
+    """A scenario by its name alone, as keys."""
+    return {"scenario": node} if isinstance(node, str) else node
+
+
+WeighedBase = Annotated[_Weighed, BeforeValidator(short_base, json_schema_input_type=str | _Weighed)]
+"""Type of an item of a campaign's list `scenarios`."""
 
 
 class NamedFiles:
@@ -94,10 +118,15 @@ class NamedFiles:
         self._bases: set[str] = set()
         self.own: dict[str, Path] = {}
 
-    def base(self, item: dict[str, Any], where: Where) -> Base:
+    def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
+        """The list `scenarios`, with what the file says of each."""
+        short = [isinstance(node, str) for node in nodes]
+        return tuple(self.base(item, where.item(i), short=short[i]) for i, item in enumerate(items))
+
+    def base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
         """A scenario and its own variables."""
-        name, known = item["scenario"], catalogue()
-        at = where if item["short"] else where.key("scenario")
+        name, known = item.scenario, catalogue()
+        at = where if short else where.key("scenario")
         if name in known:
             path = known[name]
         elif name.lower().endswith(_SUFFIXES):
@@ -109,10 +138,9 @@ class NamedFiles:
             raise at.error(name, "a scenario file")
         for key in _NAMING & scenario.keys():
             scenario[key] = self.own_files(scenario[key], at, path.resolve().parent)
-        variables = self.variables(item.get("set", {}), where.key("set"))
-        return Base(
-            name=self._unique(path.stem), scenario=scenario, weight=item.get("weight", 1.0), variables=variables, at=at
-        )
+        variables = self.variables(item.set, where.key("set"))
+        weight = getattr(item, "weight", 1.0)
+        return Base(name=self._unique(path.stem), scenario=scenario, weight=weight, variables=variables, at=at)
 
     def _unique(self, name: str) -> str:
         """A name that no base before it has: a scenario may be named twice, with other values set."""
@@ -121,18 +149,26 @@ class NamedFiles:
         self._bases.add(found)
         return found
 
-    def variables(self, node: dict[str, Any], where: Where) -> tuple[Variable, ...]:
+    def variables(self, values: Mapping[str, Distribution], where: Where) -> tuple[Variable, ...]:
         """The block `set`."""
         found: list[Variable] = []
-        for name, value in node.items():
+        for name, value in values.items():
             at = where.key(name)
             paths = tuple(field_path(part.strip(), at) for part in name.split(","))
-            read = distribution(self.own_files(value, at) if names_files(paths) else value, at)
+            varied = self._own_values(value, at) if names_files(paths) else value
             known = ", ".join(p.text for p in paths)
             if any(variable.name == known for variable in found):  # they differ in blanks
                 raise at.error(name, "every place once")
-            found.append(Variable(name=known, paths=paths, distribution=read, at=at))
+            found.append(Variable(name=known, paths=paths, distribution=varied, at=at))
         return tuple(found)
+
+    def _own_values(self, values: Distribution, at: Where) -> Distribution:
+        """The same distribution with the names that files get in the output folder."""
+        if isinstance(values, Fixed):
+            return Fixed(value=self.own_files(values.value, at))
+        if isinstance(values, Choice):
+            return replace(values, values=tuple(self.own_files(list(values.values), at)))
+        return values
 
     def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:
         """What is said of sensors, exoskeleton or terrain, with the names that files get in the output folder.

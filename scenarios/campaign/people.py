@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any
 
-from stridetwin.scenarios.campaign.distributions import Distribution, Fixed, distribution
-from stridetwin.scenarios.fields import Where, integer, names_of
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+
+from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
+from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import Person
 from stridetwin.sim.people import PEOPLE
+from stridetwin.streams.fields import refused, unique, whole, words
 
 MOST = 10_000
-_BODY = ("sex", "height_m", "mass_kg", "shoe_mm")
-_OWN = ("count", "bmi", *_BODY)
+_NOWHERE = Where(source="")
+_BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")
 _MASS_KG = (45.0, 110.0)
 _MM = 1e-3
 
@@ -25,13 +28,17 @@ class Group:
         count: How many.
         body: Distribution of each key of a person, and of `bmi` (kg/m²), which gives the mass.
         names: People of the project by name, instead of drawn ones.
-        at: Where the group stands in the file.
+        at: Where the group is in the file.
     """
 
     count: int
     body: dict[str, Distribution]
     names: tuple[str, ...] = ()
-    at: Where
+    at: Where = _NOWHERE
+
+    def placed(self, node: dict[str, Any], at: Where) -> Group:
+        """The group with its place, and its keys in the order of the file, which is that of the draws."""
+        return replace(self, body={key: self.body[key] for key in node if key in self.body}, at=at)
 
     @property
     def drawn(self) -> tuple[str, ...]:
@@ -52,34 +59,58 @@ class Group:
         return body
 
 
-def group(node: object, where: Where) -> Group:
-    """One item of the list `people`.
+class _Named(BaseModel):
+    """People of the project.
 
-    Raises:
-        ConfigError: The message names file, field, value and what is valid.
+    Attributes:
+        named: Their names.
     """
-    if isinstance(node, dict) and "named" in node:
-        if len(node) > 1:
-            raise where.error(", ".join(node), "the key named alone, or none of it")
-        names = names_of(PEOPLE)(node["named"], where.key("named"))
-        if not names:
-            raise where.key("named").error([], "at least one name")
-        return Group(count=len(names), body={}, names=names, at=where)
-    if not isinstance(node, dict) or "count" not in node:
-        raise where.error(node, f"keys {', '.join(_OWN)}, of which count is required; or the key named")
-    for key in node:
-        if key not in _OWN:
-            raise where.error(key, f"keys {', '.join(_OWN)}; or the key named")
-    if "bmi" in node and "mass_kg" in node:
-        raise where.key("bmi").error(node["bmi"], "either bmi or mass_kg")
-    body = {key: distribution(value, where.key(key)) for key, value in node.items() if key != "count"}
-    for key, found in body.items():
-        if key == "bmi":
-            for end in found.ends:
-                if isinstance(end, bool) or not isinstance(end, (int, float)) or not 15 <= end <= 45:
-                    raise where.key(key).error(end, "15-45 (kg/m²)")
-    count = integer(1, MOST)(node["count"], where.key("count"))
-    return Group(count=count, body=body, at=where)
+
+    model_config = ConfigDict(extra="forbid")
+    named: Annotated[tuple[Annotated[str, words(tuple(PEOPLE))], ...], Field(min_length=1), AfterValidator(unique)]
+
+    def build(self) -> Group:
+        """The group."""
+        return Group(count=len(self.named), body={}, names=self.named)
+
+
+class _Drawn(BaseModel):
+    """People whose bodies are drawn.
+
+    Attributes:
+        count: How many.
+        bmi: Body mass index, kg/m², 15-45, which gives the mass; instead of mass_kg.
+        sex: `male` or `female`.
+        height_m: Standing height without shoes.
+        mass_kg: Body mass.
+        shoe_mm: Shoe size as the length of the foot that it fits.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    count: Annotated[int, whole(1, MOST)]
+    bmi: DistributionInFile = None
+    sex: DistributionInFile = None
+    height_m: DistributionInFile = None
+    mass_kg: DistributionInFile = None
+    shoe_mm: DistributionInFile = None
+
+    def build(self) -> Group:
+        """The group."""
+        body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
+        if {"bmi", "mass_kg"} <= body.keys():
+            raise refused(body["bmi"].words, "either bmi or mass_kg", "bmi")
+        for end in body["bmi"].ends if "bmi" in body else ():
+            if isinstance(end, bool) or not isinstance(end, (int, float)) or not 15 <= end <= 45:
+                raise refused(end, "15-45 (kg/m²)", "bmi")
+        return Group(count=self.count, body=body)
+
+
+GroupInFile = Annotated[
+    Annotated[_Named, AfterValidator(_Named.build), Tag("=named")]
+    | Annotated[_Drawn, AfterValidator(_Drawn.build), Tag("=drawn")],
+    Discriminator(lambda node: "=named" if isinstance(node, dict) and "named" in node else "=drawn"),
+]
+"""Type of an item of the list `people`; it becomes a `Group`."""
 
 
 def told(person: Person) -> dict[str, Any]:

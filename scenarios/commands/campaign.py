@@ -15,8 +15,8 @@ _SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
 def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate`; what a file holds says whether it is a scenario or a campaign."""
     from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign
-    from stridetwin.scenarios.fields import suggest
     from stridetwin.scenarios.scenario_file import catalogue
+    from stridetwin.streams.validation import suggest
 
     name, names = arguments.scenario, [*catalogue(), *campaigns()]
     if name not in names and not Path(name).suffix and Path(name).parent == Path("."):

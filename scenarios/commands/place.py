@@ -74,7 +74,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
 
 def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
     """The problem with what the command line says in place of the file."""
-    from stridetwin.scenarios.campaign.named_files import NamedFiles
+    from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
     from stridetwin.scenarios.fields import Where
     from stridetwin.scenarios.placement.problem_file import check_budget
 
@@ -82,7 +82,7 @@ def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
     if arguments.scenario is not None:
         at = here.key("--scenario")
         files = NamedFiles(Path.cwd() / "command line", "the working folder")
-        base = files.base({"scenario": arguments.scenario, "short": True}, at)
+        base = files.base(NamedBase(scenario=arguments.scenario), at, short=True)
         for name, file in files.own.items():
             if problem.own.get(name, file) != file:
                 raise at.error(arguments.scenario, f"a scenario whose {name} is the placement's, or has another name")

@@ -12,7 +12,7 @@ import typer
 from stridetwin.scenarios.commands.options import Options, one_of
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 
-SCHEMAS = ("scenario", "part")
+SCHEMAS = ("scenario", "campaign", "placement", "part")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +50,14 @@ def _type(kind: str) -> Any:
         from stridetwin.sim.parts.library import PartFile
 
         return PartFile
+    if kind == "campaign":
+        from stridetwin.scenarios.campaign.campaign_file import CampaignFile
+
+        return CampaignFile
+    if kind == "placement":
+        from stridetwin.scenarios.placement.problem_file import PlacementFile
+
+        return PlacementFile
     from stridetwin.scenarios.scenario_model import ScenarioFile
 
     return ScenarioFile

@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.field_paths import FieldPath
-from stridetwin.scenarios.fields import Field, Where, mapping, number, one_word, pair
+from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.placement.surface import SURFACES, on_surface
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.fields import number, refused, words
 
 _DIGITS = 6  # of a number that is chosen: of any unit and size
 _MM_DIGITS = 3  # after the point, of a position on a surface
 _MOST_STEPS = 1000
-_ANY = number(-1e6, 1e6)
+_Any = Annotated[float, number(-1e6, 1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,61 +125,98 @@ def short(name: str) -> str:
     return name.replace("sensors.", "")
 
 
-def free_field(name: str, paths: tuple[FieldPath, ...], node: Any, at: Where) -> Free:
-    """Reads what a file says of a free field.
+def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] >= span[1]:
+        raise refused(list(span), "two numbers, the lower one first")
+    return span
 
-    Raises:
-        ConfigError: It is none of the three forms.
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Between(_Keys):
+    """A number between bounds.
+
+    Attributes:
+        between: Lowest and highest.
+        step: Only the lowest and its multiples above it; any number where it is missing.
     """
-    if not isinstance(node, dict):
-        raise at.error(node, "keys between (and step), choice, or over")
-    if "over" in node:
-        return _over(name, paths, node, at)
-    if "choice" in node:
-        values = mapping({"choice": Field(attribute="values", read=_values, required=True)}, dict)(node, at)["values"]
-        knob = Knob(name=short(name), values=values, at=at)
-    else:
-        knob = _number(short(name), node, at)
-    return Free(paths=paths, knobs=(knob,), fixed={}, at=at)
+
+    between: Annotated[tuple[_Any, _Any], AfterValidator(_ordered)]
+    step: Annotated[float, number(1e-9, 1e6)] | None = None
+
+    def knob(self, name: str, at: Where) -> Knob:
+        """What there is to choose."""
+        return Knob(name=name, low=self.between[0], high=self.between[1], step=self.step, at=at)
 
 
-def _number(name: str, node: Any, at: Where) -> Knob:
-    found = mapping(
-        {
-            "between": Field(attribute="between", read=pair(_ANY), required=True),
-            "step": Field(attribute="step", read=number(1e-9, 1e6)),
-        },
-        dict,
-    )(node, at)
-    low, high = found["between"]
-    if low >= high:
-        raise at.key("between").error([low, high], "two numbers, the lower one first")
-    return Knob(name=name, low=low, high=high, step=found.get("step"), at=at)
+class Among(_Keys):
+    """One of several values.
+
+    Attributes:
+        choice: The values; anything that a scenario file may say.
+    """
+
+    choice: Annotated[tuple[Any, ...], Field(min_length=2)]
 
 
-def _values(node: object, where: Where) -> tuple[Any, ...]:
-    if not isinstance(node, list) or len(node) < 2:
-        raise where.error(node, "a list of two values or more")
-    return tuple(node)
+_Coordinate = Annotated[
+    Annotated[_Any, Tag("=number")] | Annotated[Between, Tag("=range")],
+    Discriminator(lambda node: "=range" if isinstance(node, dict | Between) else "=number"),
+]
+
+
+class Over(_Keys):
+    """A point on a surface of the body, of which at least one coordinate is free.
+
+    Attributes:
+        over: The surface.
+        around_deg: Angle about the surface's axis.
+        up_mm: Height on it.
+        off_mm: Distance from it.
+    """
+
+    over: Annotated[str, words(tuple(SURFACES))]
+    around_deg: _Coordinate
+    up_mm: _Coordinate
+    off_mm: _Coordinate = 0.0
+
+    def checked(self) -> Over:
+        """Itself, if something is free."""
+        if not any(isinstance(getattr(self, key), Between) for key in _COORDINATES):
+            raise refused(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
+        return self
 
 
 _COORDINATES = ("around_deg", "up_mm", "off_mm")
 
 
-def _over(name: str, paths: tuple[FieldPath, ...], node: dict[str, Any], at: Where) -> Free:
-    for key in node:
-        if key not in ("over", *_COORDINATES):
-            raise at.error(key, f"keys over, {', '.join(_COORDINATES)}")
-    surface = one_word(SURFACES)(node["over"], at.key("over"))
-    knobs, fixed = [], {"off_mm": 0.0}
-    for key in _COORDINATES:
-        if isinstance(node.get(key), dict):
-            knobs.append(_number(f"{short(name)}/{key}", node[key], at.key(key)))
-        elif key in node or key not in fixed:
-            fixed[key] = _ANY(node.get(key), at.key(key))
-    if not knobs:
-        raise at.error(node, f"a range for one of {', '.join(_COORDINATES)}")
-    return Free(paths=paths, knobs=tuple(knobs), surface=surface, fixed=fixed, at=at)
+def _form(node: object) -> str:
+    """Tag of the form of a free field."""
+    keys = node if isinstance(node, dict) else ()
+    return "=over" if "over" in keys else "=choice" if "choice" in keys else "=between"
+
+
+FreeInFile = Annotated[
+    Annotated[Over, AfterValidator(Over.checked), Tag("=over")]
+    | Annotated[Among, Tag("=choice")]
+    | Annotated[Between, Tag("=between")],
+    Discriminator(_form),
+]
+"""Type of what a file says of a free field."""
+
+
+def free_field(name: str, paths: tuple[FieldPath, ...], said: Between | Among | Over, at: Where) -> Free:
+    """A free field from what a file says of it."""
+    if isinstance(said, Among):
+        return Free(paths=paths, knobs=(Knob(name=short(name), values=said.choice, at=at),), fixed={}, at=at)
+    if isinstance(said, Between):
+        return Free(paths=paths, knobs=(said.knob(short(name), at),), fixed={}, at=at)
+    told = {key: getattr(said, key) for key in _COORDINATES}
+    knobs = tuple(v.knob(f"{short(name)}/{key}", at.key(key)) for key, v in told.items() if isinstance(v, Between))
+    fixed = {"off_mm": 0.0} | {key: v for key, v in told.items() if not isinstance(v, Between)}
+    return Free(paths=paths, knobs=knobs, surface=said.over, fixed=fixed, at=at)
 
 
 def grid_size(knobs: list[Knob]) -> int:

@@ -9,15 +9,20 @@ import math
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+
+from stridetwin.scenarios.campaign.distributions import DistributionInFile
 from stridetwin.scenarios.campaign.field_paths import field_path
-from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, base_item, names_files
-from stridetwin.scenarios.fields import Field, Where, integer, mapping, number, sequence, suggest, text
-from stridetwin.scenarios.placement.free import Free, Knob, free_field, grid_size
-from stridetwin.scenarios.placement.scores import Score, read_scores
+from stridetwin.scenarios.campaign.named_files import Base, NamedBase, NamedFiles, Variable, names_files, short_base
+from stridetwin.scenarios.fields import Where
+from stridetwin.scenarios.placement.free import Among, Between, Free, FreeInFile, Knob, Over, free_field, grid_size
+from stridetwin.scenarios.placement.scores import Score, ScoresInFile
 from stridetwin.scenarios.placement.sight import Seeing
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.fields import OneKey, refused, text, whole, words
+from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 MOST_PLACES = 100_000
@@ -33,8 +38,8 @@ class Optimise:
         starts: How often it starts, each time with its share of them.
     """
 
-    budget: int
-    starts: int = 3
+    budget: Annotated[int, whole(1, MOST_PLACES)]
+    starts: Annotated[int, whole(1, 100)] = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +51,8 @@ class Confirm:
         walks: Walks of each scenario.
     """
 
-    places: int = 5
-    walks: int = 8
+    places: Annotated[int, whole(1, 20)] = 5
+    walks: Annotated[int, whole(1, 1000)] = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +91,54 @@ class Problem:
         return [knob for free in self.free for knob in free.knobs]
 
 
+def _unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
+    if len(set(seeds)) < len(seeds):
+        raise refused(list(seeds), "every seed once")
+    return seeds
+
+
+_Seeds = Annotated[
+    Annotated[int, whole(1, 10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
+    | Annotated[
+        tuple[Annotated[int, whole(0, 2**31)], ...], Field(min_length=1), AfterValidator(_unique), Tag("=list")
+    ],
+    Discriminator(lambda node: "=list" if isinstance(node, list) else "=count"),
+]
+_Method = Annotated[
+    Annotated[Any, words({"sweep": None}), Tag("=sweep")]
+    | Annotated[Any, OneKey({"optimise": Optimise}), Tag("=optimise")],
+    Discriminator(lambda node: "=optimise" if isinstance(node, dict) else "=sweep"),
+]
+_Base = Annotated[NamedBase, BeforeValidator(short_base, json_schema_input_type=str | NamedBase)]
+
+
+class PlacementFile(BaseModel):
+    """A placement: what is free, on which walks, by which scores, and how it is searched.
+
+    Attributes:
+        placement: One line that says what it is for.
+        scenarios: Scenarios, by name of the catalogue or path in the placement's folder.
+        set: Paths into the scenarios, each with a value at every place.
+        free: Paths into the scenarios, each with what there is to choose.
+        scores: By which places are compared; the search makes their weighted sum small.
+        seeds: Of the walks of each scenario: how many, from 0 on, or a list of them.
+        seeing: When a board counts as seen.
+        method: `sweep` over all places, or a search.
+        confirm: The best places once more, on other walks.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    placement: Annotated[str, text()]
+    scenarios: Annotated[tuple[_Base, ...], Field(min_length=1)]
+    set: dict[str, DistributionInFile] = {}
+    free: Annotated[dict[str, FreeInFile], Field(min_length=1)]
+    scores: ScoresInFile
+    seeds: _Seeds = (0,)
+    seeing: Seeing = Seeing()
+    method: _Method = None
+    confirm: Confirm | None = None
+
+
 def problems() -> dict[str, Path]:
     """The placements that come with the project, name to file, sorted by name."""
     folder = Path(str(resources.files("stridetwin.scenarios.placement"))) / "catalogue"
@@ -114,21 +167,24 @@ def read_problem(path: Path) -> Problem:
         StrideTwinError: A file cannot be read.
     """
     where = Where(source=str(path))
-    found: dict[str, Any] = mapping(_FIELDS, dict)(read_yaml(path, most_values=LARGEST_FILE_VALUES), where)
+    data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
+    file = validated(PlacementFile, data, path)
     files = NamedFiles(path, "the placement's folder")
-    bases = tuple(files.base(item, where.key("scenarios").item(i)) for i, item in enumerate(found.pop("bases")))
-    common = files.variables(found.pop("variables", {}), where.key("set"))
+    bases = files.bases(file.scenarios, data["scenarios"], where.key("scenarios"))
+    common = files.variables(file.set, where.key("set"))
     for variable in (*common, *(v for base in bases for v in base.variables)):
         if variable.varies:
             raise variable.at.error("a distribution", "one value; what is to be chosen stands in free")
-    free = []
-    for name, node in found.pop("free").items():
-        at = where.key("free").key(name)
-        paths = tuple(field_path(part.strip(), at) for part in name.split(","))
-        if names_files(paths):
-            node = files.own_files(node, at)
-        free.append(free_field(", ".join(p.text for p in paths), paths, node, at))
-    problem = Problem(path=path, bases=bases, variables=common, free=tuple(free), own=files.own, **found)
+    problem = Problem(
+        path=path,
+        description=file.placement,
+        bases=bases,
+        variables=common,
+        free=tuple(_free(files, name, said, where.key("free").key(name)) for name, said in file.free.items()),
+        **{name: getattr(file, name) for name in ("scores", "seeds", "seeing", "confirm")},
+        search=file.method,
+        own=files.own,
+    )
     names = [knob.name for knob in problem.knobs]
     if twice := [name for name in names if names.count(name) > 1]:
         raise where.key("free").error(twice[0], "every field once")
@@ -156,67 +212,9 @@ def check_budget(problem: Problem, at: Where) -> None:
         raise at.error(problem.search.budget, f"{least} or more ({told})")
 
 
-def _paths(node: object, where: Where) -> dict[str, Any]:
-    if not isinstance(node, dict) or not node:
-        raise where.error(node, "paths into the scenario, each with what is said of it")
-    return node
-
-
-def _seeds(node: object, where: Where) -> tuple[int, ...]:
-    """How many, from 0 on; or a list of them."""
-    if not isinstance(node, list):
-        return tuple(range(integer(1, 10_000)(node, where)))
-    seeds = sequence(integer(0, 2**31))(node, where)
-    if len(set(seeds)) < len(seeds):
-        raise where.error(node, "every seed once")
-    return seeds
-
-
-def _method(node: object, where: Where) -> Optimise | None:
-    if node == "sweep":
-        return None
-    if not isinstance(node, dict):
-        raise where.error(node, "sweep, or {optimise: {budget: N}}")
-    asked = Field(attribute="asked", read=_OPTIMISE, required=True)
-    found: Optimise = mapping({"optimise": asked}, dict)(node, where)["asked"]
-    return found
-
-
-_BASE = base_item(set=Field(attribute="set", read=_paths))
-_OPTIMISE = mapping(
-    {
-        "budget": Field(attribute="budget", read=integer(1, MOST_PLACES), required=True),
-        "starts": Field(attribute="starts", read=integer(1, 100)),
-    },
-    Optimise,
-)
-_FIELDS = {
-    "placement": Field(attribute="description", read=text, required=True),
-    "scenarios": Field(attribute="bases", read=sequence(_BASE), required=True),
-    "set": Field(attribute="variables", read=_paths),
-    "free": Field(attribute="free", read=_paths, required=True),
-    "scores": Field(attribute="scores", read=read_scores, required=True),
-    "seeds": Field(attribute="seeds", read=_seeds),
-    "seeing": Field(
-        attribute="seeing",
-        read=mapping(
-            {
-                "least_px": Field(attribute="least_px", read=number(0.1, 1000)),
-                "incidence_deg": Field(attribute="incidence_rad", read=number(1, 89.9, scale=math.pi / 180)),
-                "blur_squares": Field(attribute="blur_squares", read=number(0.001, 100)),
-            },
-            Seeing,
-        ),
-    ),
-    "method": Field(attribute="search", read=_method),
-    "confirm": Field(
-        attribute="confirm",
-        read=mapping(
-            {
-                "places": Field(attribute="places", read=integer(1, 20)),
-                "walks": Field(attribute="walks", read=integer(1, 1000)),
-            },
-            Confirm,
-        ),
-    ),
-}
+def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where) -> Free:
+    """A free field, with the names that files get in the output folder."""
+    paths = tuple(field_path(part.strip(), at) for part in name.split(","))
+    if isinstance(said, Among) and names_files(paths):
+        said = Among(choice=tuple(files.own_files(list(said.choice), at)))
+    return free_field(", ".join(p.text for p in paths), paths, said, at)

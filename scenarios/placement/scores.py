@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from stridetwin.scenarios.fields import Field, Where, mapping, number, suggest, text
 from stridetwin.scenarios.gate.judged import scale_of
+from stridetwin.streams.fields import number, refused, text
 from stridetwin.streams.samples import Array
+from stridetwin.streams.validation import suggest
 
 GEOMETRIC = {
     "visibility_pct": ("foot_camera", True, "time in which one shoe's camera sees the other's whole board, either way"),
@@ -71,41 +74,47 @@ class Score:
         return [scores[name] for name in names if name in scores]
 
 
-def read_scores(node: object, where: Where) -> tuple[Score, ...]:
-    """The list `scores` of a file.
-
-    Raises:
-        ConfigError: No list, an unknown score, one twice, none that weighs.
-    """
-    if not isinstance(node, list) or not node:
-        raise where.error(node, "a list with at least one score")
-    scores = []
-    for i, item in enumerate(node):
-        at = where.item(i)
-        given = {"score": item} if isinstance(item, str) else item
-        found = _SCORE(given, at)
-        at = at if isinstance(item, str) else at.key("score")
-        scores.append(Score(name=_name(found["score"], at), weight=found.get("weight", 0.0 if i else 1.0)))
-        if [s.name for s in scores].count(scores[-1].name) > 1:
-            raise at.error(scores[-1].name, "every score once")
-    if not any(score.weight for score in scores):
-        raise where.error(node, "at least one score with a weight above 0")
-    return tuple(scores)
-
-
-_SCORE = mapping(
-    {
-        "score": Field(attribute="score", read=text, required=True),
-        "weight": Field(attribute="weight", read=number(0, 1e9)),
-    },
-    dict,
-)
-
-
-def _name(name: str, at: Where) -> str:
+def _known(name: str) -> str:
     estimator, dot, metric = name.partition(".")
     if name in GEOMETRIC or (dot and estimator and metric and scale_of(metric) is not None):
         return name
-    raise at.error(
-        name, f"{suggest(name, GEOMETRIC)}, or ESTIMATOR.METRIC as `score` tells them, such as foot_ins.end_error_m"
-    )
+    others = "or ESTIMATOR.METRIC as `score` reports them, such as foot_ins.end_error_m"
+    raise refused(name, f"{suggest(name, GEOMETRIC)}, {others}")
+
+
+class _Weighed(BaseModel):
+    """A score and its weight.
+
+    Attributes:
+        score: One that needs no recording, or ESTIMATOR.METRIC.
+        weight: In the sum that the search minimises; 0 for a score that is only reported.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    score: Annotated[str, text(), AfterValidator(_known)]
+    weight: Annotated[float, number(0, 1e9)] | None = None
+
+
+def _short(node: object) -> object:
+    return {"score": node} if isinstance(node, str) else node
+
+
+def _scores(items: tuple[_Weighed, ...]) -> tuple[Score, ...]:
+    """Scores, each once, of which the first counts where no weights are given."""
+    scores = []
+    for i, item in enumerate(items):
+        if any(score.name == item.score for score in scores):
+            raise refused(item.score, "every score once", i, "score")
+        weight = item.weight if item.weight is not None else 0.0 if i else 1.0
+        scores.append(Score(name=item.score, weight=weight))
+    if not any(score.weight for score in scores):
+        raise refused([score.name for score in scores], "at least one score with a weight above 0")
+    return tuple(scores)
+
+
+ScoresInFile = Annotated[
+    tuple[Annotated[_Weighed, BeforeValidator(_short, json_schema_input_type=str | _Weighed)], ...],
+    Field(min_length=1),
+    AfterValidator(_scores),
+]
+"""Type of the list `scores`."""

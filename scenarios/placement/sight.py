@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios.placement.projection import project
+from stridetwin.streams.fields import DEG, number
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array
 
@@ -33,9 +34,9 @@ class Seeing:
         blur_squares: Largest way of its middle during the exposure, in squares; for `sharp`.
     """
 
-    least_px: float = 4.0
-    incidence_rad: float = math.radians(65.0)
-    blur_squares: float = 0.5
+    least_px: Annotated[float, number(0.1, 1000)] = 4.0
+    incidence_rad: Annotated[float, number(1, 89.9, key="incidence_deg", scale=DEG)] = math.radians(65.0)
+    blur_squares: Annotated[float, number(0.001, 100)] = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -210,8 +210,9 @@ def test_all_errors_of_a_file_are_reported_at_once(tmp_path):
     lines = str(error.value).splitlines()
     assert all(line.startswith(f"{path}: ") and len(line) < 600 for line in lines)
     wanted = (
-        "terrain[1].stairs.riser_mm: 500", "terrain[1].stairs: 'tread'", "gait.speed_mps: 'fast'", "gait.gaze.yaw_deg: 90",
-        "sensors.sonar.rate_hz: 0", "faults[0].at_s: -1", "faults[1].kind: 'nam'", "'terrian'", "'no description'",
+        "terrain[1].stairs.riser_mm: 500", "terrain[1].stairs: 'tread'", "gait.speed_mps: 'fast'",
+        "gait.gaze.yaw_deg: 90", "sensors.sonar.rate_hz: 0",
+        "faults[0].at_s: -1", "faults[1].kind: 'nam'", "'terrian'", "'no description'",
     )  # fmt: skip
     assert len(lines) == len(wanted)
     assert all(sum(line.startswith(f"{path}: {place} ") for line in lines) == 1 for place in wanted)

@@ -5,16 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stridetwin.scenarios.campaign.distributions import Choice, Fixed, distribution
-from stridetwin.scenarios.fields import Where
+from stridetwin.scenarios.campaign.distributions import Choice, DistributionInFile, Fixed
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.validation import validated
 
-WHERE = Where(source="c.yaml", path="set.x")
 MIDDLES = (np.arange(20000) + 0.5) / 20000
 
 
 def read(node):
-    return distribution(node, WHERE)
+    return validated(DistributionInFile, node, "c.yaml", at="set.x")
 
 
 def drawn(node) -> np.ndarray:
@@ -63,8 +62,8 @@ def test_anything_that_is_no_distribution_is_a_value():
 @pytest.mark.parametrize(
     ("node", "message"),
     [
-        ({"kind": "ahead"}, "set.x: {'kind': 'ahead'} is not valid; valid: a value, or one of the keys uniform, "),
-        ({"uniform": [2, 1]}, "set.x.uniform: [2, 1] is not valid; valid: two numbers, the lower first"),
+        ({"kind": "ahead"}, "set.x: {'kind': 'ahead'} is not valid; valid: a value, or keys uniform, "),
+        ({"uniform": [2, 1]}, "set.x.uniform: [2.0, 1.0] is not valid; valid: two numbers, the lower first"),
         ({"uniform": [1, 2], "sep": 1}, "'sep' is not valid; valid: keys uniform, step (did you mean 'step'?)"),
         ({"log_uniform": [0, 1]}, "set.x.log_uniform[0]: 0 is not valid; valid: 1e-09-1e+09"),
         ({"normal": [1, 0.1]}, "valid: the key within is required"),
