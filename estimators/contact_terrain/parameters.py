@@ -200,12 +200,9 @@ class ContactTerrainParameters:
         values = {"attitudes": self.attitudes._asdict(), **{name: asdict(group) for name, group in groups.items()}}
         for name, group in values.items():
             check_numbers(f"ContactTerrainParameters.{name}", group)
-        for name, group, key in (
-            ("offsets", self.offsets, "one_plane_share"), ("offsets", self.offsets, "level_share"),
-            ("classes", self.classes, "sure"),
-        ):  # fmt: skip
-            if getattr(group, key) >= 1.0:
-                raise ConfigError(f"ContactTerrainParameters.{name}", key, getattr(group, key), "a number below 1")
+        for name, key in (("offsets", "one_plane_share"), ("offsets", "level_share"), ("classes", "sure")):
+            if values[name][key] >= 1.0:
+                raise ConfigError(f"ContactTerrainParameters.{name}", key, values[name][key], "a number below 1")
         if self.footfall.left_n > self.footfall.landed_n:
             raise ConfigError(
                 "ContactTerrainParameters.footfall", "left_n", self.footfall.left_n, "no more than landed_n"

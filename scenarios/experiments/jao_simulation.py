@@ -64,7 +64,7 @@ class Setup:
     def unequal(cls) -> Setup:
         """With a yaw drift in common, as the paper's two ZUPT errors have it."""
         walk = SteadyWalk()
-        per_metre = 2.0 / (walk.strides * walk.stride_m * walk.strides * walk.stride_s * walk.gravity)
+        per_metre = 2.0 / (walk.strides * walk.stride_m * walk.strides * walk.stride_s * walk.gravity_mps2)
         return cls(g_sensitivity=(PAPER_PAIR[0] * per_metre, PAPER_PAIR[1] * per_metre))
 
 

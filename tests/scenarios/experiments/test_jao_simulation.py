@@ -37,7 +37,7 @@ def test_ideal_samples_turn_back_into_the_motion() -> None:
     for k in range(len(dt)):
         turn = rate[k] - R.inv().apply(earth)
         middle = R * Rotation.from_rotvec(0.5 * dt[k] * turn)
-        v = v + dt[k] * (middle.apply(force[k]) - 2 * np.cross(earth, v) - [0, 0, walk.gravity])
+        v = v + dt[k] * (middle.apply(force[k]) - 2 * np.cross(earth, v) - [0, 0, walk.gravity_mps2])
         R = middle * Rotation.from_rotvec(0.5 * dt[k] * turn)
     np.testing.assert_allclose((R * truth.rotation[-1].inv()).as_rotvec(), 0.0, atol=1e-6)
     np.testing.assert_allclose(v, truth.v_body_in_world[-1], atol=1e-3)
