@@ -34,16 +34,6 @@ from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
 
-METHODS = (
-    "stridetwin",
-    "published",
-    "zupt_relative_position",
-    "zupt_relative_distance",
-    "zupt",
-    "dvio",
-    "vins_rgbd",
-    "vins_mono",
-)
 FORMATS = ("euroc", "tum", "rosbag2", "opensim", "table")
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 _MOST = 1_000_000
@@ -147,7 +137,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--method",
-        choices=METHODS,
+        metavar="NAME",
         default="stridetwin",
         help="foot_to_foot, contact_terrain, dvio, locomotion_mode: which algorithm (default stridetwin)",
     )
@@ -179,7 +169,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--rig", type=Path, metavar="FILE", help="calibration (Kalibr YAML) before what the senders tell")
     p.add_argument("--record", type=Path, metavar="FILE", help="recording of all that comes, .mcap")
     p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot (default l)")
-    p.add_argument("--method", choices=METHODS, default="stridetwin", help="as of estimate (default stridetwin)")
+    p.add_argument("--method", metavar="NAME", default="stridetwin", help="as of estimate (default stridetwin)")
     p.add_argument(
         "--exoskeleton", type=Path, metavar="FILE", help="contact_terrain: geometry, where the sender tells none"
     )

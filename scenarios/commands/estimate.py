@@ -46,8 +46,9 @@ def options_of(arguments: Namespace, declaration: Declaration) -> Options:
         raise StrideTwinError(f"--lag goes with {goes_with(lambda d: d.smooths)}")
     if arguments.method not in declaration.methods:
         words = goes_with(lambda d: arguments.method in d.methods)
+        where = f"--method {arguments.method} goes with {words}" if words else f"invalid --method {arguments.method}"
         valid = ", ".join(declaration.methods)
-        raise StrideTwinError(f"--method {arguments.method} goes with {words}; {declaration.name} has {valid}")
+        raise StrideTwinError(f"{where}: expected one of {declaration.name}, {valid}")
     return Options(
         method=arguments.method, foot=arguments.foot or "l", lag_s=lag_s, exoskeleton=arguments.exoskeleton
     )  # fmt: skip
