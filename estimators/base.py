@@ -12,6 +12,9 @@ is written, scored and drawn:
 | `map` | `terrain_map.TerrainEstimate`; has the methods of `TerrainMap` | `.json`, `.ply` | the terrain walked on |
 | `modes` | `locomotion_mode.ModeEstimate` | `.csv`, a row a step | `/truth/footprints` |
 
+Before the first true sample `live` lets an estimator take six seconds of made-up ones of its streams, so that what it
+compiles is compiled by then.
+
 An estimator of paths may also have the class method `follow(recording, options, progress)`, which returns the
 `PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample.
 """

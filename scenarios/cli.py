@@ -138,7 +138,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--method",
         metavar="NAME",
-        default="stridetwin",
         help="foot_to_foot, contact_terrain, dvio, locomotion_mode: which algorithm (default stridetwin)",
     )
     p.add_argument(
@@ -169,7 +168,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--rig", type=Path, metavar="FILE", help="calibration (Kalibr YAML) before what the senders tell")
     p.add_argument("--record", type=Path, metavar="FILE", help="recording of all that comes, .mcap")
     p.add_argument("--foot", choices=("l", "r"), help="foot_ins: which foot (default l)")
-    p.add_argument("--method", metavar="NAME", default="stridetwin", help="as of estimate (default stridetwin)")
+    p.add_argument("--method", metavar="NAME", help="as of estimate (default stridetwin)")
     p.add_argument(
         "--exoskeleton", type=Path, metavar="FILE", help="contact_terrain: geometry, where the sender tells none"
     )
@@ -297,9 +296,9 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit code."""
-    arguments = parser().parse_args(argv)
     console = Console()
     try:
+        arguments = parser().parse_args(argv)
         check_outputs(arguments)
         outcome: Outcome = arguments.act(arguments, console)
     except StrideTwinError as error:

@@ -44,14 +44,13 @@ def options_of(arguments: Namespace, declaration: Declaration) -> Options:
         raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
     if lag_s is not None and not declaration.smooths:
         raise StrideTwinError(f"--lag goes with {goes_with(lambda d: d.smooths)}")
-    if arguments.method not in declaration.methods:
+    if arguments.method is not None and arguments.method not in declaration.methods:
         words = goes_with(lambda d: arguments.method in d.methods)
         where = f"--method {arguments.method} goes with {words}" if words else f"invalid --method {arguments.method}"
         valid = ", ".join(declaration.methods)
         raise StrideTwinError(f"{where}: expected one of {declaration.name}, {valid}")
-    return Options(
-        method=arguments.method, foot=arguments.foot or "l", lag_s=lag_s, exoskeleton=arguments.exoskeleton
-    )  # fmt: skip
+    method, foot = arguments.method or declaration.methods[0], arguments.foot or "l"
+    return Options(method=method, foot=foot, lag_s=lag_s, exoskeleton=arguments.exoskeleton)
 
 
 def goes_with(choose: Callable[[Declaration], bool]) -> str:

@@ -109,7 +109,7 @@ def read_stridetwin(words):
         assert asked.scenario in {*catalogue(), *campaigns(), *YOURS}
     if getattr(asked, "physics", None):
         assert asked.physics in PHYSICS
-    if asked.command in ("estimate", "live") and asked.method != "stridetwin":
+    if asked.command in ("estimate", "live") and asked.method is not None:
         assert asked.method in registry.estimator(asked.estimator).declaration.methods
 
 
