@@ -18,21 +18,20 @@ import sys
 import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.command import answer, command
 from benchmarks.speed.campaign import write_campaign
 from stridetwin.estimators import foot_ins
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.contact_terrain import ContactTerrain
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.scenarios import estimates
-from stridetwin.scenarios.campaign.generate import Options, generate
+from stridetwin.scenarios.campaign.generate import generate
 from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.scenarios.evaluate import evaluate, summary
 from stridetwin.scenarios.gate.compare import Comparison, Rules, compare_scores
@@ -203,20 +202,18 @@ class Spoilt:
             yield sample if self._how.sample is None else self._how.sample(sample, rng)
 
 
-@contextmanager
-def injected(how: Regression) -> Iterator[None]:
-    """The filter of one foot, spoilt."""
+def injected(how: Regression) -> type[FootIns]:
+    """The filter of one foot, with the regression."""
     kind: Any = FootIns if how.source is None else _mutant(how)
 
-    def make(lag_s: float | None = None, calibration: Any = None) -> FootIns:
-        made: FootIns = kind(calibration)
-        for name, factor in (how.parameters or {}).items():
-            value = getattr(made._parameters, name)
-            made._parameters = made._parameters._replace(**{name: factor * value})
-        return made
+    class Injected(kind):  # type: ignore[misc]
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            for name, factor in (how.parameters or {}).items():
+                value = getattr(self._parameters, name)
+                self._parameters = self._parameters._replace(**{name: factor * value})
 
-    with patch.object(estimates, "foot_filter", make):
-        yield
+    return Injected
 
 
 _FOLDER = Path(tempfile.gettempdir()) / "stridetwin-gate-mutants"
@@ -251,11 +248,11 @@ def scores_of(path: Path, how: Regression | None, cached: dict[Path, Recording])
     asked: Any = cached[path] if how is None else Spoilt(cached[path], how)
     found: dict[str, dict[str, float]] = {}
     if how is None or how.estimator == FOOT:
-        with injected(how or Regression(name="none")):
-            made = [estimates.estimate_foot(asked, foot) for foot in "lr"]
+        kind = injected(how or Regression(name="none"))
+        made = [estimate for foot in "lr" for estimate in kind.follow(asked, Options(foot=foot))]
         found = {r.estimate.name: r.scores for r in evaluate(cached[path], made)}
     if how is None or how.estimator == STEPS:
-        found[STEPS] = evaluate_steps(asked).scores
+        found[STEPS] = evaluate_steps(asked, ContactTerrain).scores
     return found
 
 

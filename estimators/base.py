@@ -5,12 +5,15 @@ A class is an estimator when it has a `declaration`, the class method `streams`,
 `stridetwin.estimators` (`registry`). What an estimator returns depends on the kind that it declares, and so does how it
 is written, scored and drawn:
 
-| kind | `update` returns | file |
-|---|---|---|
-| `path` | a `Pose`, or an object whose `pose` is one | TUM trajectory |
-| `steps` | `contact_terrain.StepEstimate` | `.csv`, a row a step |
-| `map` | `terrain_map.TerrainEstimate`; the estimator answers as `TerrainMap` does | `.json` and `.ply` |
-| `modes` | `locomotion_mode.ModeEstimate` | `.csv`, a row a step |
+| kind | `update` returns | file | scored against |
+|---|---|---|---|
+| `path` | a `Pose`, or an object whose `pose` is one | TUM trajectory | `/truth/FRAME/odometry` |
+| `steps` | `contact_terrain.StepEstimate` | `.csv`, a row a step | `/truth/footprints` |
+| `map` | `terrain_map.TerrainEstimate`; has the methods of `TerrainMap` | `.json`, `.ply` | the terrain walked on |
+| `modes` | `locomotion_mode.ModeEstimate` | `.csv`, a row a step | `/truth/footprints` |
+
+Before the first true sample `live` lets an estimator take six seconds of made-up ones of its streams, so that what it
+compiles is compiled by then.
 
 An estimator of paths may also have the class method `follow(recording, options, progress)`, which returns the
 `PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample.
@@ -36,13 +39,6 @@ PATH, STEPS, MAP, MODES = KINDS = ("path", "steps", "map", "modes")
 POSES = "/poses"
 """Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
 FEET = {"l": "left", "r": "right"}
-TRUTH = {
-    PATH: "/truth/{frame}/odometry",
-    STEPS: "/truth/footprints",
-    MAP: "/truth/footprints",
-    MODES: "/truth/footprints",
-}
-"""Topic that scores an estimate, by kind; terrain comes from the recording's metadata."""
 Progress = Callable[[str, float], None]
 
 
@@ -107,11 +103,12 @@ class Declaration:
         per_foot: One instance is the estimator of one foot; both feet are run.
         mounts: Who may carry its camera; the first that the streams allow is run.
         parts: Suffix of name and file by frame, for an instance that estimates several paths.
-        leads: Its poses are fed to the estimators of maps and modes.
+        leads: Its poses, those of the sensor of its stream `imu`, are fed to the estimators of maps and modes.
         smooths: It takes `Options.lag_s`.
         label: How figures call its paths, beside "left", "right" or "camera"; None means its name.
         summary: A sentence for the report.
-        budget_s: Live: time from arrival to estimate that 99 % of the samples keep, s.
+        budget_s: Live: time from arrival to estimate that 99 % of the samples keep, s. A step takes 0.5 s; ours allow
+            a tenth of it for legs, a fifth for cameras, and more for ground that is 1.5 s away.
         window_s: Live: how long a sample waits for older ones of other streams, s.
     """
 

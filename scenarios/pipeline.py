@@ -28,9 +28,10 @@ from stridetwin.streams.trajectory import Trajectory
 Found = type[Estimator]
 
 
-def with_metadata(options: Options | None, recording: Recording) -> Options:
-    """The options, with the metadata of a recording."""
-    return replace(options or Options(), metadata=recording.metadata, source=str(recording.path))
+def with_metadata(found: Found, options: Options | None, recording: Recording) -> Options:
+    """The options, by default those of the estimator's first method, with the metadata of a recording."""
+    options = options or Options(method=found.declaration.methods[0])
+    return replace(options, metadata=recording.metadata, source=str(recording.path))
 
 
 def fed(found: Found, recording: Recording) -> list[Options]:
@@ -39,7 +40,7 @@ def fed(found: Found, recording: Recording) -> list[Options]:
     Raises:
         ConfigError: What the recording says of the estimator is invalid.
     """
-    told, declaration = with_metadata(None, recording), found.declaration
+    told, declaration = with_metadata(found, None, recording), found.declaration
     variants = [told]
     if declaration.per_foot:
         variants = [replace(told, foot=foot) for foot in FEET]
@@ -76,7 +77,7 @@ def paths(
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
     """
-    options = with_metadata(options, recording)
+    options = with_metadata(found, options, recording)
     if (follow := getattr(found, "follow", None)) is not None:
         estimates: list[PathEstimate] = follow(recording, options, progress)
         return estimates
@@ -138,7 +139,7 @@ def steps(found: Found, recording: Recording, options: Options | None = None) ->
     Raises:
         StrideTwinError: A topic or the geometry is missing.
     """
-    estimator, samples = _started(found, recording, with_metadata(options, recording))
+    estimator, samples = _started(found, recording, with_metadata(found, options, recording))
     last: dict[int, StepEstimate] = {}
     for sample in samples:
         estimate = estimator.update(sample)
@@ -178,7 +179,7 @@ def posed(
     Raises:
         StrideTwinError: A topic or calibration is missing, or there are no poses of the camera or its body.
     """
-    options, camera = with_metadata(options, recording), depth_camera(recording.rig)
+    options, camera = with_metadata(found, options, recording), depth_camera(recording.rig)
     streams = found.streams(recording.rig, options)
     _check(found, streams, recording)
     topics = [s.topic for s in streams if s.topic in recording.topics]

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.methods import PROPOSED
-from stridetwin.scenarios.commands.options import METHODS, ImportableOptions, Options, one_of, positive, share
+from stridetwin.estimators.methods import current_name
+from stridetwin.scenarios.commands.options import ImportableOptions, Options, one_of, positive, share
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.source import imported
 from stridetwin.streams.errors import RecordingError, StrideTwinError
@@ -72,7 +72,7 @@ class LiveOptions(Options):
     ] = None
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording of all samples (.mcap).")] = None
     foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: which foot (default l).")] = None
-    method: Annotated[str, typer.Option(help="As in `estimate`.", **one_of(METHODS))] = PROPOSED
+    method: Annotated[str | None, typer.Option(parser=current_name, metavar="NAME", help="As in `estimate`.")] = None
     exoskeleton: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="contact_terrain: geometry, where the sender provides none."),

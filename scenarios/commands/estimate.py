@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import MAP, MODES, PATH, PROPOSED, STEPS, Declaration, Options
-from stridetwin.scenarios.commands.options import METHODS, ImportableOptions, one_of
+from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options
+from stridetwin.estimators.methods import current_name
+from stridetwin.scenarios.commands.options import ImportableOptions, one_of
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
 from stridetwin.scenarios.commands.source import imported
 from stridetwin.streams.errors import StrideTwinError
@@ -45,9 +46,13 @@ class EstimateOptions(ImportableOptions):
         typer.Option(metavar="S", help="foot_ins: smooth each pose with the next S seconds, up to 10."),
     ] = None
     method: Annotated[
-        str,
-        typer.Option(help="foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm.", **one_of(METHODS)),
-    ] = PROPOSED
+        str | None,
+        typer.Option(
+            parser=current_name,
+            metavar="NAME",
+            help="foot_to_foot, contact_terrain, dvio, locomotion_mode: algorithm (default proposed).",
+        ),
+    ] = None
     poses: Annotated[
         Path | None,
         typer.Option(
@@ -96,13 +101,13 @@ def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaratio
         raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
     if lag_s is not None and not declaration.smooths:
         raise StrideTwinError(f"--lag goes with {goes_with(lambda d: d.smooths)}")
-    if arguments.method not in declaration.methods:
+    if arguments.method is not None and arguments.method not in declaration.methods:
         words = goes_with(lambda d: arguments.method in d.methods)
+        where = f"--method {arguments.method} goes with {words}" if words else f"invalid --method {arguments.method}"
         valid = ", ".join(declaration.methods)
-        raise StrideTwinError(f"--method {arguments.method} goes with {words}; {declaration.name} has {valid}")
-    return Options(
-        method=arguments.method, foot=arguments.foot or "l", lag_s=lag_s, exoskeleton=arguments.exoskeleton
-    )  # fmt: skip
+        raise StrideTwinError(f"{where}: expected one of {declaration.name}, {valid}")
+    method, foot = arguments.method or declaration.methods[0], arguments.foot or "l"
+    return Options(method=method, foot=foot, lag_s=lag_s, exoskeleton=arguments.exoskeleton)
 
 
 def goes_with(choose: Callable[[Declaration], bool]) -> str:

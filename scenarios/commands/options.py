@@ -14,18 +14,6 @@ from typing import Annotated, Any
 
 import typer
 
-from stridetwin.estimators.methods import PROPOSED, current_name
-
-METHODS = (
-    PROPOSED,
-    "published",
-    "zupt_relative_position",
-    "zupt_relative_distance",
-    "zupt",
-    "dvio",
-    "vins_rgbd",
-    "vins_mono",
-)
 KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
 _MOST = 1_000_000
 
@@ -34,10 +22,9 @@ def one_of(names: Sequence[str]) -> dict[str, Any]:
     """Arguments of `typer.Option` or `typer.Argument` for one of some names, which the shell completes."""
 
     def parser(text: str) -> str:
-        name = current_name(text) if names is METHODS else text
-        if name not in names:
+        if text not in names:
             raise typer.BadParameter(f"{text!r}: expected one of {', '.join(names)}")
-        return name
+        return text
 
     return {"parser": parser, "autocompletion": lambda: list(names)}
 

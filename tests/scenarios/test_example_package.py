@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from live_bridge import alive, sent
 
+from stridetwin import scenarios
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
@@ -84,7 +86,7 @@ def test_run_and_score_and_the_gate(installed, simulator, tmp_path, capsys):
     capsys.readouterr()
     assert main(["score", str(folder / "recording.mcap"), "--baseline", str(baseline), "--json"]) == 1
     worse = json.loads(capsys.readouterr().out)["regressions"]
-    assert {line["estimator"] for line in worse} == {"gravity_foot"}
+    assert {line["estimator"] for line in worse} == NAMES
 
 
 def test_an_entry_point_that_is_no_estimator_is_named(tmp_path, monkeypatch):
@@ -121,3 +123,12 @@ def test_forms_of_the_release_before_still_work_and_warn(seen):
     np.testing.assert_array_equal(pose.T_world_frame[:3, 3], [1.0, 2.0, 3.0])
     with pytest.raises(StrideTwinError, match=r"expected stridetwin\.streams\.pose\.Pose"):
         pose_of(3)
+
+
+def test_no_module_of_scenarios_names_an_estimator():
+    """Only experiments are about one estimator, and the help of the command line gives examples."""
+    literal = re.compile(rf"""["']({"|".join(registry.names())})["'_]""")
+    folder = Path(scenarios.__file__).parent
+    files = [f for f in folder.rglob("*.py") if "experiments" not in f.parts and f.name != "cli.py"]
+    assert len(files) > 50
+    assert [f.name for f in files if literal.search(f.read_text(encoding="utf-8"))] == []

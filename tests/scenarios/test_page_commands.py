@@ -12,6 +12,7 @@ from fake_twin import FakeTwin
 from live_bridge import outcome
 from page_commands import PAGES, ROOT, fenced, in_text, name, rows_of_the_command_line, variants
 
+from stridetwin.estimators import registry
 from stridetwin.scenarios import cli, runner
 from stridetwin.scenarios.campaign.campaign_file import campaigns
 from stridetwin.scenarios.commands import COMMANDS
@@ -115,11 +116,8 @@ def read_stridetwin(words):
         assert asked.scenario in {*catalogue(), *campaigns(), *YOURS}
     if getattr(asked, "physics", None):
         assert asked.physics in PHYSICS
-    if call.command in ("estimate", "live") and asked.method != "proposed":
-        from stridetwin.estimators import contact_terrain, dvio, foot_to_foot, locomotion_mode
-
-        kinds = {e.__name__.split(".")[-1]: e.METHODS for e in (contact_terrain, dvio, foot_to_foot, locomotion_mode)}
-        assert asked.method in kinds[asked.estimator]
+    if call.command in ("estimate", "live") and asked.method is not None:
+        assert asked.method in registry.estimator(asked.estimator).declaration.methods
 
 
 def read_program(monkeypatch, words):

@@ -20,7 +20,8 @@ class GravityFoot:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="gravity_foot", kind=PATH, description="attitude of one foot from gravity alone", per_foot=True,
-        needs="/foot_l/imu or /foot_r/imu", summary="Gravity: the attitude of a foot that stands.",
+        methods=("low_pass",), needs="/foot_l/imu or /foot_r/imu",
+        summary="Gravity: the attitude of a foot that stands.",
     )  # fmt: skip
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.gate import FOOT, REGRESSIONS, Spoilt, injected
-from stridetwin.scenarios import estimates
+from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.streams.samples import Block, Imu
 
 COLUMNS = ("angular_rate", "specific_force")
@@ -30,13 +30,12 @@ def test_the_imu_is_spoilt_alike_each_time_and_the_truth_is_not(how):
 
 
 @pytest.mark.parametrize("how", [r for r in REGRESSIONS if r.parameters], ids=lambda r: r.name)
-def test_the_filter_has_other_parameters_for_as_long_as_it_is_spoilt(how):
-    plain = estimates.foot_filter()._parameters
-    with injected(how):
-        spoilt = estimates.foot_filter()._parameters
+def test_the_filter_has_other_parameters_where_that_is_asked_for(how):
+    plain = FootIns()._parameters
+    spoilt = injected(how)()._parameters
     for name, factor in how.parameters.items():
         assert getattr(spoilt, name) == factor * getattr(plain, name)
-    assert estimates.foot_filter()._parameters == plain
+    assert FootIns()._parameters == plain
 
 
 def test_there_are_enough_of_them():
