@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
-from importlib import resources
-from string import Template
 
 import numpy as np
+from markupsafe import Markup
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import FEET, MAP, MODES, PATH
@@ -30,7 +28,8 @@ from stridetwin.scenarios.footprints import FOOTPRINTS, true_footprints
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.injected import from_metadata as injected_faults
 from stridetwin.scenarios.norms import reference
-from stridetwin.scenarios.pictures import CameraView, camera_views
+from stridetwin.scenarios.pages import boxes, page, rendered, section, table
+from stridetwin.scenarios.pictures import camera_views
 from stridetwin.scenarios.step_scores import StepResult
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
@@ -160,26 +159,6 @@ def travelled(results: Sequence[Result]) -> list[str]:
     return [f"{max(ways):.1f} m travelled by {whose}"] if ways else []
 
 
-def page(title: str, description: str, chips: Sequence[str], sections: Sequence[str], footer: str) -> str:
-    """An HTML page with everything inside it.
-
-    Args:
-        title: Plain text, as are description, chips and footer.
-        description: One line.
-        chips: Some words each.
-        sections: HTML; empty ones are left out.
-        footer: One line.
-    """
-    template = resources.files("stridetwin.scenarios").joinpath("report.html").read_text(encoding="utf-8")
-    return Template(template).substitute(
-        title=escape(title),
-        description=escape(description),
-        chips="".join(f"<li>{escape(c)}</li>" for c in chips),
-        sections="\n".join(s for s in sections if s),
-        footer=escape(footer),
-    )
-
-
 def _root_help(recording: Recording, mass_kg: float) -> str:
     """What helped a simulated walker at the pelvis, beside the ground."""
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / (
@@ -189,63 +168,41 @@ def _root_help(recording: Recording, mass_kg: float) -> str:
     return f"help at the root {mean:.2f} % of body weight (95 %: {p95:.2f}, most {most:.2f})"
 
 
-def section(title: str, lead: str, body: str, css: str = "card") -> str:
-    """A section of a page; title and lead are plain text, body is HTML in a box of that class."""
-    inner = f'<div class="{css}">{body}</div>' if css else body
-    return f"<section><h2>{escape(title)}</h2><p>{escape(lead)}</p>{inner}</section>"
-
-
 def _score_cards(results: Sequence[Result]) -> str:
-    def value_of(result: Result, key: str, unit: str, scale: float, digits: int) -> str:
-        part = part_of(result.estimate)
-        value = _number(result.scores[key] * scale, digits)
-        words = label_of(result.estimate)
-        return f'<div><b>{value}<small>{unit}</small></b><span class="{part}">{words}</span></div>'
-
     cards = []
     for key, title, unit, scale, digits, words in _CARDS:
-        told = "".join(value_of(r, key, unit, scale, digits) for r in results if key in r.scores)
-        if told:
-            values = f'<div class="told">{told}</div>'
-            cards.append(f'<div class="card"><h3>{title}</h3>{values}<p>{words}</p></div>')
+        values = [
+            {"number": _number(r.scores[key] * scale, digits), "unit": unit, "part": part_of(r.estimate),
+             "label": label_of(r.estimate)} for r in results if key in r.scores
+        ]  # fmt: skip
+        if values:
+            cards.append({"title": title, "values": values, "words": words})
     lead = [
         found.declaration.summary
         for name, found in registry.estimators(PATH).items()
         if any(r.estimate.name == name or r.estimate.name.startswith(f"{name}_") for r in results)
     ]
     lead += ["Scored against the twin's truth."]
-    return section("How well the estimate did", " ".join(lead), "".join(cards), "cards") if cards else ""
+    body = rendered("score_cards", cards=cards)
+    return section("How well the estimate did", " ".join(lead), body, "cards") if cards else ""
 
 
 def _film(film: Film | None) -> str:
     if film is None:
         return ""
-    stills = [(t, jpeg_uri(rgb)) for t, rgb in film.stills]
+    stills = [(f"{t:.0f} s", jpeg_uri(rgb)) for t, rgb in film.stills]
     source, poster = data_uri(film.webm, "video/webm"), stills[len(stills) // 3][1]
-    strip = "".join(_picture(uri, f"The walk at {t:.0f} s", f"{t:.0f} s") for t, uri in stills)
-    how = 'controls muted loop playsinline preload="metadata"'
-    video = f'<video {how} poster="{poster}" src="{source}"></video>'
-    body = f'{video}<div class="strip">{strip}</div>'
+    body = rendered("film", source=source, poster=poster, stills=stills)
     return section("The walk", "In real time, seen from outside.", body, "card film")
 
 
 def _views(story: Story) -> str:
-    def row(view: CameraView) -> str:
-        pictures = "".join(
-            _picture(jpeg_uri(p, 75), f"{view.title} at {t:.1f} s", f"{t:.1f} s") for t, p in view.pictures
-        )
-        return f'<div class="views"><h3>{escape(view.title)}</h3>{pictures}</div>'
-
-    rows = "".join(row(v) for v in camera_views(story.recording))
-    lead = (
-        "What the cameras recorded at six moments. In depth pictures near is yellow, far is violet, "
-        "and black is no reading."
-    )
-    return section("What the cameras saw", lead, rows) if rows else ""
-
-
-def _picture(uri: str, alt: str, caption: str) -> str:
-    return f'<figure><img src="{uri}" alt="{escape(alt)}"><figcaption>{caption}</figcaption></figure>'
+    views = [
+        {"title": view.title, "images": [(f"{t:.1f} s", jpeg_uri(pixels, 75)) for t, pixels in view.pictures]}
+        for view in camera_views(story.recording)
+    ]
+    lead = "Six frames of each camera. In depth images near is yellow, far is violet, and black is no reading."
+    return section("What the cameras saw", lead, rendered("views", views=views)) if views else ""
 
 
 def _paths(story: Story) -> str:
@@ -264,7 +221,7 @@ def _paths(story: Story) -> str:
         "Paths of the IMUs on feet and camera: black is true, dashed is estimated. Heights are stretched, and so are "
         "sides where the way is straight."
     )
-    return section("Where it went", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
+    return section("Where it went", lead, boxes(figures), "stack")
 
 
 def _steps(story: Story) -> str:
@@ -278,7 +235,7 @@ def _steps(story: Story) -> str:
         f"{_number(scores['elevation_rmse_mm'], 1)} mm RMS, {_number(scores['classification_accuracy_pct'], 1)} % of "
         f"{scores['steps']:.0f} classes right; {_number(scores['end_error_m'], 2)} m off at the end."
     )
-    return section("What the legs told", lead, "".join(f'<div class="card">{f}</div>' for f in figures), "stack")
+    return section("What the legs told", lead, boxes(figures), "stack")
 
 
 def _ahead(story: Story) -> str:
@@ -293,27 +250,23 @@ def _ahead(story: Story) -> str:
         "the mode of each coming step, and the footprints as they were told when the foot before them had just landed, "
         "with the ellipses that should hold 95 % of them. The drift of the odometry is taken out; its scores have it."
     )
-    body = "".join(f'<div class="card">{f}</div>' for f in figures if f) + _ahead_table(ahead)
-    return section("What lay ahead", lead, body, "stack")
+    return section("What lay ahead", lead, boxes([*figures, _ahead_table(ahead)]), "stack")
 
 
 def _ahead_table(ahead: Ahead) -> str:
     paper = reference("zhao2023")["generality"]["accuracy_pct"]
-    rows = ""
+    rows = []
     first = {MAP: next(iter(ahead.maps), ""), MODES: next(iter(ahead.predicted), "")}
     for kind, key, words, unit, digits in _AHEAD_ROWS:
         scores = ahead.scores.get(first[kind], {})
         if key in scores:
-            value = _number(scores[key], digits)
             theirs = f"{paper['mean']:.2f} ± {paper['sd']:.2f}" if key == "accuracy_pct" else "–"
-            numbers = f'<td class="n">{value}</td><td class="n">{theirs}</td>'
-            rows += f"<tr><td>{words}</td>{numbers}<td>{unit or '–'}</td></tr>"
-    head = '<tr><th>Score</th><th class="n">this walk</th><th class="n">Zhao et al. 2023</th><th>Unit</th></tr>'
+            rows.append((words, _number(scores[key], digits), theirs, unit or "–"))
     note = (
-        "Zhao et al. 2023, tables II and III: mean and deviation over 540 walks of real people; the paper gives no "
-        "more of these figures. For scale, not for ranking."
+        "Zhao et al. 2023, tables II and III: mean and standard deviation over 540 walks of real people; the paper "
+        "gives no more of these figures. For scale, not for ranking."
     )
-    return f'<div class="card"><div class="scroll"><table>{head}{rows}</table></div><p class="note">{note}</p></div>'
+    return table(("Score", "this walk", "Zhao et al. 2023", "Unit"), rows, (1, 2), note=note)
 
 
 def _gait(story: Story) -> str:
@@ -326,7 +279,7 @@ def _gait(story: Story) -> str:
         ground_reaction_figure(story.recording, strides, story.config.person.mass_kg),
         pressure_figure(story.recording, footprints),
     ]
-    body = "".join(f'<div class="card">{f}</div>' for f in figures if f)
+    body = boxes(figures)
     lead = (
         f"{len(strides)} level strides, each a line (left blue, right orange). Bands: people at that "
         "speed, one and two SD (Schwartz, Rozumalski and Trost 2008)."
@@ -341,52 +294,47 @@ def _streams(story: Story) -> str:
     if not figures:
         return ""
     lead = f"The same {WINDOW_S:g} seconds of every stream, as the recording holds them; time in s."
-    return section("Every stream", lead, f'<div class="multiples">{"".join(figures)}</div>')
+    return section("Every stream", lead, Markup('<div class="multiples">{}</div>').format(Markup("".join(figures))))
 
 
 def _faults(story: Story) -> str:
     times: dict[tuple[str, str], list[str]] = {}
     for fault in injected_faults(story.recording.metadata):
         times.setdefault((fault.kind, fault.topic), []).append(f"{fault.from_s:.2f}\N{EN DASH}{fault.until_s:.2f}")
-    rows = ""
+    rows = []
     for (kind, topic), spans in times.items():
         more = f" and {len(spans) - 6} more" if len(spans) > 6 else ""
-        when = f"{', '.join(spans[:6])}{more}"
-        rows += f"<tr><td>{escape(kind)}</td><td><code>{escape(topic)}</code></td><td>{when}</td></tr>"
-    head = "<tr><th>Fault</th><th>Stream</th><th>Time, s</th></tr>"
-    lead = "What was made to go wrong between sensor and recorder; shaded in the streams above."
-    return section("Injected faults", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
+        rows.append((kind, _code(topic), f"{', '.join(spans[:6])}{more}"))
+    lead = "Faults injected between sensor and recorder; shaded in the streams above."
+    return section("Injected faults", lead, table(("Fault", "Stream", "Time, s"), rows, ())) if rows else ""
 
 
 def _score_table(results: Sequence[Result]) -> str:
     if not results:
         return ""
-    head = "".join(f'<th class="n">{escape(r.estimate.name)}</th>' for r in results)
-    rows = ""
-    for key, words, unit, digits in _ROWS:
-        if any(key in r.scores for r in results):
-            cells = "".join(
-                f'<td class="n">{_number(r.scores[key], digits) if key in r.scores else "–"}</td>' for r in results
-            )
-            rows += f"<tr><td>{words}</td>{cells}<td>{unit or '–'}</td></tr>"
-    table = f'<div class="scroll"><table><tr><th>Score</th>{head}<th>Unit</th></tr>{rows}</table></div>'
+    rows = [
+        (words, *(_number(r.scores[key], digits) if key in r.scores else "–" for r in results), unit or "–")
+        for key, words, unit, digits in _ROWS
+        if any(key in r.scores for r in results)
+    ]
+    names = [r.estimate.name for r in results]
+    scores = table(("Score", *names, "Unit"), rows, range(1, len(names) + 1))
     lead = "Position and yaw agree at the start; the truth is taken at the estimate's own stamps."
-    return section("Scores", lead, table + _paper_figures())
+    return section("Scores", lead, scores + _paper_figures())
 
 
-def _paper_figures() -> str:
+def _paper_figures() -> Markup:
     jao = reference("jao2020")
-    rows = ""
+    rows = []
     for key, words, length in _PUBLISHED:
         errors = jao[key]["mean_end_error_m"]["zupt"]
-        cells = [f"{e:.2f} m" for e in errors] + [f"{100 * e / length:.1f} %" for e in errors]
-        rows += f"<tr><td>{words}</td>" + "".join(f'<td class="n">{c}</td>' for c in cells) + "</tr>"
-    head = '<th class="n">left</th><th class="n">right</th>' * 2
-    return (
-        f'<div class="scroll more"><table><tr><th>Published end errors</th>{head}</tr>{rows}</table></div>'
-        '<p class="note">Jao, Wang and Shkel 2020, tables II and III: zero-velocity updates alone, an '
-        "ADIS16485 in each shoe, other walks on real hardware. For scale, not for ranking.</p>"
+        rows.append((words, *(f"{e:.2f} m" for e in errors), *(f"{100 * e / length:.1f} %" for e in errors)))
+    note = (
+        "Jao, Wang and Shkel 2020, tables II and III: zero-velocity updates alone, an ADIS16485 in each shoe, other "
+        "walks on real hardware. For scale, not for ranking."
     )
+    head = ("Published end errors", "left", "right", "left", "right")
+    return table(head, rows, range(1, 5), note=note, css="more")
 
 
 def _sensors(story: Story) -> str:
@@ -397,21 +345,22 @@ def _sensors(story: Story) -> str:
         **{s.depth_topic: (s.part, s.rate_hz, s.mount.body) for s in rig.cameras.values() if s.depth_topic},
         **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.others.items()},
     }
-    rows = ""
-    for topic, (part, rate, body) in sorted(parts.items()):
-        if topic in recording.topics:
-            words = f"<td><code>{escape(topic)}</code></td><td>{escape(part)}</td><td>{escape(body)}</td>"
-            count = recording.topics[topic].count
-            rows += f'<tr>{words}<td class="n">{rate:g}</td><td class="n">{count:,}</td></tr>'
-    columns = "<th>Topic</th><th>Part</th><th>Sits on</th>"
-    head = f'<tr>{columns}<th class="n">Rate, Hz</th><th class="n">Samples</th></tr>'
-    lead = "The rig as the recording declares it."
-    return section("Sensors", lead, f'<div class="scroll"><table>{head}{rows}</table></div>') if rows else ""
+    rows = [
+        (_code(topic), part, body, f"{rate:g}", f"{recording.topics[topic].count:,}")
+        for topic, (part, rate, body) in sorted(parts.items())
+        if topic in recording.topics
+    ]
+    found = table(("Topic", "Part", "Sits on", "Rate, Hz", "Samples"), rows, (3, 4))
+    return section("Sensors", "The rig as the recording declares it.", found) if rows else ""
 
 
 def _reproduce(story: Story) -> str:
     lead = "The scenario and the seed fix every byte of the recording and of scores.json."
-    return section("Make it again", lead, f"<pre>{escape(story.command)}</pre>", "")
+    return section("Make it again", lead, Markup("<pre>{}</pre>").format(story.command), "")
+
+
+def _code(words: str) -> Markup:
+    return Markup("<code>{}</code>").format(words)
 
 
 def _number(value: float, digits: int) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from stridetwin.estimators.locomotion_mode import MODES
@@ -24,7 +24,7 @@ from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.scenarios.experiments.zhao_generality import PATTERNS, TERRAINS
 from stridetwin.scenarios.mode_figures import told_and_right
 from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
-from stridetwin.scenarios.report import page, section
+from stridetwin.scenarios.pages import boxes, page, section, table
 from stridetwin.scenarios.svg import Plot, wide_and_narrow
 from stridetwin.scenarios.walk_spread import EDGES
 
@@ -52,7 +52,7 @@ def report(result: dict[str, Any]) -> str:
         _conditions(result),
         _cells(result),
         section("Confusion matrix", lead_confusion, _confusion(result["summary"][ours]["confusion"])),
-        section("Figure 4", _MOUNT_NOTE, _cards([_lines(spreads(result)), *_spread_figures(result)]), "stack"),
+        section("Figure 4", _MOUNT_NOTE, boxes([_lines(spreads(result)), *_spread_figures(result)]), "stack"),
         section("Lead", lead_lead, _lead(steps)),
         section("Calibration", lead_calibration, _calibration(steps[ours])),
     ]
@@ -66,20 +66,17 @@ def report(result: dict[str, Any]) -> str:
     )
 
 
-def _cards(bodies: Iterable[str]) -> str:
-    return "".join(f'<div class="card">{body}</div>' for body in bodies)
+def _lines(lines: Sequence[str]) -> Markup:
+    return Markup("<pre>{}</pre>").format("\n".join(lines))
 
 
-def _lines(lines: Sequence[str]) -> str:
-    return f"<pre>{escape(chr(10).join(lines))}</pre>"
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
+    return table(head, rows, range(1, len(head)))
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    def row(cells: Sequence[str], tag: str) -> str:
-        first = f"<{tag}>{cells[0]}</{tag}>"
-        return "<tr>" + first + "".join(f'<{tag} class="n">{cell}</{tag}>' for cell in cells[1:]) + "</tr>"
-
-    return f'<div class="scroll"><table>{row(head, "th")}{"".join(row(r, "td") for r in rows)}</table></div>'
+def _two(value: str, below: str) -> Markup:
+    """A cell with a second value in small below."""
+    return Markup("{}<br><small>{}</small>").format(value, below)
 
 
 def _number(value: float | None) -> str:
@@ -92,7 +89,7 @@ def _conditions(result: dict[str, Any]) -> str:
     theirs = result["paper"]["published"][key]
     ours = result["summary"][columns[0]][key]
     rows = [
-        [escape(name), *(_number(result["summary"][m][key].get(name)) for m in columns), _number(theirs.get(name))]
+        [name, *(_number(result["summary"][m][key].get(name)) for m in columns), _number(theirs.get(name))]
         for name in conditions()
         if name in ours
     ]
@@ -115,16 +112,16 @@ def _cells(result: dict[str, Any]) -> str:
         for pattern in PATTERNS:
             cells = [f"{group} {pattern} {terrain} {mount}" for terrain, mount in columns]
             pairs = [(ours[c], theirs[c]) if c in ours else None for c in cells]
-            told = ["" if pair is None else f"{pair[0]:.2f}<br><small>{pair[1]:.2f}</small>" for pair in pairs]
+            told = ["" if pair is None else _two(f"{pair[0]:.2f}", f"{pair[1]:.2f}") for pair in pairs]
             rows.append([f"{group} {pattern}", *told])
-    head = ["", *(f"{escape(terrain)} {mount}" for terrain, mount in columns)]
+    head = ["", *(f"{terrain} {mount}" for terrain, mount in columns)]
     return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table(head, rows))
 
 
 def _confusion(counts: dict[str, dict[str, int]]) -> str:
     def cell(row: dict[str, int], told: str) -> str:
         share = 100.0 * row[told] / max(sum(row.values()), 1)
-        return f"{row[told]}<br><small>{share:.1f} %</small>" if row[told] else ""
+        return _two(str(row[told]), f"{share:.1f} %") if row[told] else ""
 
     rows = [[true, *(cell(row, told) for told in (*MODES, ""))] for true, row in counts.items()]
     return _table(["true / told", *MODES, "nothing"], rows)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
 from stridetwin.scenarios.experiments.shim_table5 import CASES, table
 from stridetwin.scenarios.figures_steps import steps_from_aside
-from stridetwin.scenarios.report import page, section
+from stridetwin.scenarios.pages import boxes, page, section
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.scenarios.steps import ScoredStep
 from stridetwin.scenarios.svg import Plot, data_range, wide_and_narrow
@@ -34,10 +34,10 @@ def report(result: dict[str, Any]) -> str:
     lead_tables = "Ours and the published method beside the paper."
     averages = [_figure_23(cases, what) for what in ("slope", "elevation")]
     sections = [
-        *(section(f"Figure 22, {m}", lead_22, _cards(_figure_22(cases[0], m)), "stack") for m in METHODS),
-        section("Figure 23", lead_23, _cards(averages), "stack"),
-        section("Figure 24", lead_24, _cards([_figure_24(cases, m) for m in METHODS]), "plots"),
-        section("Tables 5 to 7", lead_tables, "<pre>" + escape("\n".join(table(result))) + "</pre>", ""),
+        *(section(f"Figure 22, {m}", lead_22, boxes(_figure_22(cases[0], m)), "stack") for m in METHODS),
+        section("Figure 23", lead_23, boxes(averages), "stack"),
+        section("Figure 24", lead_24, boxes([_figure_24(cases, m) for m in METHODS]), "plots"),
+        section("Tables 5 to 7", lead_tables, Markup("<pre>{}</pre>").format("\n".join(table(result))), ""),
     ]
     return page(
         "Slope and step height from the legs",
@@ -46,10 +46,6 @@ def report(result: dict[str, Any]) -> str:
         sections,
         "Every trial lies beside this page as JSON.",
     )
-
-
-def _cards(figures: Sequence[str]) -> str:
-    return "".join(f'<div class="card">{figure}</div>' for figure in figures)
 
 
 def _figure_22(case: dict[str, Any], method: str) -> list[str]:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from stridetwin.scenarios.fields import Where
 from stridetwin.scenarios.gate.compare import Comparison
 from stridetwin.scenarios.gate.judged import scale_of
 from stridetwin.scenarios.gate.score_table import checked_scores, is_text
 from stridetwin.scenarios.gate.telling import failures, said
-from stridetwin.scenarios.report import page, section
+from stridetwin.scenarios.pages import multiples, page, section, table
 from stridetwin.scenarios.scoring import Scores
 from stridetwin.scenarios.svg import Plot, data_range
 from stridetwin.streams.errors import StrideTwinError
@@ -124,8 +124,7 @@ def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:
 
 def _plots(name: str, lines: Sequence[Mapping[str, Any]]) -> str:
     metrics = dict.fromkeys(m for line in lines for m in line["estimators"].get(name, {}) if scale_of(m) is not None)
-    figures = "".join(f"<figure>{_plot(name, metric, lines)}</figure>" for metric in metrics)
-    return f'<div class="multiples">{figures}</div>'
+    return multiples(_plot(name, metric, lines) for metric in metrics)
 
 
 def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
@@ -153,13 +152,9 @@ def _labels(lines: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _verdicts(lines: Sequence[Mapping[str, Any]]) -> str:
-    head = "<tr><th>version</th><th>verdict</th><th class='n'>walks</th><th>what became worse, or failed</th></tr>"
-    rows = "".join(
-        f"<tr><td>{escape(str(x['label']))}</td><td>{escape(str(x['verdict']))}</td><td class='n'>{x['walks']}</td>"
-        f"<td>{'<br>'.join(escape(str(words)) for words in _bad(x))}</td></tr>"
-        for x in reversed(lines)
-    )
-    return f'<div class="scroll"><table>{head}{rows}</table></div>'
+    head = ("version", "verdict", "walks", "what became worse, or failed")
+    rows = [(x["label"], x["verdict"], x["walks"], Markup("<br>").join(_bad(x))) for x in reversed(lines)]
+    return table(head, rows, (2,))
 
 
 def _bad(line: Mapping[str, Any]) -> list[str]:

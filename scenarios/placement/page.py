@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from typing import Any
 
+from markupsafe import Markup
+
 from stridetwin.scenarios.film import data_uri
+from stridetwin.scenarios.pages import multiples, page, rendered, section, table
 from stridetwin.scenarios.placement.body_map import Picture
 from stridetwin.scenarios.placement.figures import fronts, profiles, value_map
 from stridetwin.scenarios.placement.measure import Measured
 from stridetwin.scenarios.placement.places import AS_IT_IS, told
 from stridetwin.scenarios.placement.problem_file import Problem
-from stridetwin.scenarios.report import page, section
 from stridetwin.streams.samples import Array
 
 
@@ -35,33 +36,34 @@ def placement_page(
     sections = [
         section("Places", lead, _table(problem, result)),
         section("What is more than chance", "Pairs of the table, walk by walk, corrected for their number.",
-                f"<ul>{''.join(f'<li>{escape(words)}</li>' for words in result['words'])}</ul>"),
+                rendered("list", words=result["words"])),
     ]  # fmt: skip
     if picture is not None:
-        body = f'<img src="{data_uri(picture.png, "image/png")}" alt="{escape(picture.words)}" style="max-width:100%">'
+        image = Markup('<img src="{}" alt="{}" style="max-width:100%">')
+        body = image.format(data_uri(picture.png, "image/png"), picture.words)
         sections.append(section("On the body", picture.words, body))
     if drawn := value_map(problem, searched, losses):
         sections.append(section("Over two values", "The other values at their best.", drawn))
     if drawn_over := profiles(problem, searched, losses):
-        figures = "".join(f"<figure>{svg}</figure>" for svg in drawn_over)
-        sections.append(section("Over each value", "Every place.", f'<div class="multiples">{figures}</div>'))
+        sections.append(section("Over each value", "Every place.", multiples(drawn_over)))
     if pairs := fronts(problem, searched, losses):
-        figures = "".join(f"<figure>{svg}</figure>" for svg in pairs)
         lead = "On the front no place is better in one score without being worse in the other."
-        sections.append(section("What one score costs in another", lead, f'<div class="multiples">{figures}</div>'))
+        sections.append(section("What one score costs in another", lead, multiples(pairs)))
     return page("Placement", problem.description, chips, sections, "Drawn by stridetwin place.")
 
 
 def _table(problem: Problem, result: Mapping[str, Any]) -> str:
     knobs = [knob.name for knob in problem.knobs]
-    head = "".join(f"<th class='n'>{escape(name)}</th>" for name in (*knobs, *(s.name for s in problem.scores)))
-    rows = ""
-    for row in result["table"]:
-        cells = "".join(f"<td class='n'>{escape(said(row['scores'].get(s.name)))}</td>" for s in problem.scores)
-        values = "".join(f"<td class='n'>{escape(said_value(row['values'], name))}</td>" for name in knobs)
-        words = f"<br>{escape(row['failed'])}" if "failed" in row else ""
-        rows += f"<tr><td>{row['rank']}{words}</td>{values}{cells}</tr>"
-    return f'<div class="scroll"><table><tr><th>place</th>{head}</tr>{rows}</table></div>'
+    head = ("place", *knobs, *(s.name for s in problem.scores))
+    rows = [
+        (
+            Markup("<br>").join([str(row["rank"]), *([row["failed"]] if "failed" in row else [])]),
+            *(said_value(row["values"], name) for name in knobs),
+            *(said(row["scores"].get(s.name)) for s in problem.scores),
+        )
+        for row in result["table"]
+    ]
+    return table(head, rows, range(1, len(head)))
 
 
 def said_value(values: Mapping[str, Any], name: str) -> str:

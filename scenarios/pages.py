@@ -1,0 +1,66 @@
+"""HTML pages with everything inside them: no script and no network. The templates are in `templates/`."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Sequence
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+
+def page(title: str, description: str, chips: Sequence[str], sections: Iterable[str], footer: str) -> str:
+    """An HTML page.
+
+    Args:
+        title: Plain text, as are description, chips and footer.
+        description: One line.
+        chips: Some words each.
+        sections: HTML; empty ones are left out.
+        footer: One line.
+    """
+    body = Markup("\n".join(s for s in sections if s))
+    return str(rendered("page", title=title, description=description, chips=chips, sections=body, footer=footer))
+
+
+def section(title: str, lead: str, body: str, css: str = "card") -> Markup:
+    """A section of a page; title and lead are plain text, body is HTML in a box of that class."""
+    return rendered("section", title=title, lead=lead, body=Markup(body), css=css)
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[object]], numbers: Container[int], *, note: str = "", css: str = ""
+) -> Markup:
+    """A table.
+
+    Args:
+        head: Titles of the columns; plain text as the cells, unless they are `Markup`.
+        rows: Cells of each row.
+        numbers: Which columns are numbers, set to the right.
+        note: Words beneath it.
+        css: A further class of its box.
+    """
+    return rendered("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
+
+
+def boxes(bodies: Iterable[str]) -> Markup:
+    """A box around each HTML body that is not empty."""
+    return Markup("").join(Markup('<div class="card">{}</div>').format(Markup(body)) for body in bodies if body)
+
+
+def multiples(figures: Iterable[str]) -> Markup:
+    """Small figures (SVG) side by side."""
+    drawn = Markup("").join(Markup("<figure>{}</figure>").format(Markup(svg)) for svg in figures)
+    return Markup('<div class="multiples">{}</div>').format(drawn)
+
+
+def rendered(template: str, **values: Any) -> Markup:
+    """A template with values, which are escaped unless they are `Markup`."""
+    return Markup(_environment().get_template(f"{template}.html").render(values))
+
+
+@cache
+def _environment() -> Environment:
+    loader = PackageLoader("stridetwin.scenarios")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
