@@ -28,7 +28,6 @@ RUN = [
     "stridetwin list",
     "stridetwin estimate foot_ins my_foot_imu.npz -o path.txt",
     "stridetwin check ~/data/V1_01_easy",
-    "stridetwin check walk.mcap",
     "stridetwin export walk.mcap --format rosbag2 -o walk_bag",
 ]
 """What is run here, on a stand-in's walk."""
