@@ -30,7 +30,7 @@ from stridetwin.scenarios.commands import (
 )
 from stridetwin.scenarios.commands.outputs import check_outputs
 from stridetwin.scenarios.console import Console
-from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+from stridetwin.scenarios.experiments.studies import STUDIES
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import asked_name
 
@@ -269,7 +269,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("-o", "--output", type=Path, metavar="FILE", required=True, help="page to write, .html")
 
     p = command("experiment", "run a paper's experiment and print its table beside ours", experiment_command)
-    p.add_argument("experiment", choices=tuple(EXPERIMENT_NAMES), metavar="NAME", help=", ".join(EXPERIMENT_NAMES))
+    p.add_argument("experiment", choices=tuple(STUDIES), metavar="NAME", help=", ".join(STUDIES))
     p.add_argument("--workers", type=_whole, default=1, metavar="N", help="cases at a time (default 1)")
     p.add_argument("--seed", type=_seed, metavar="FIRST", help="seed of the first case (default 1000)")
     p.add_argument("--subset", type=_whole, metavar="K", help="so many cases (default all)")

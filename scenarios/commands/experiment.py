@@ -12,7 +12,10 @@ from stridetwin.streams.errors import StrideTwinError
 def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`experiment`."""
     try:
-        from stridetwin.scenarios.experiments.registry import Options, named, run_experiment
+        from stridetwin.scenarios.experiments.registry import Options, run_experiment
+        from stridetwin.scenarios.experiments.studies import experiment
+
+        study = experiment(arguments.experiment)
     except ModuleNotFoundError as error:
         raise StrideTwinError(
             f"{error.name} is not installed; experiments need the simulator: pip install 'stridetwin[twin]'"
@@ -27,4 +30,4 @@ def experiment_command(arguments: Namespace, progress: Progress) -> Outcome:
         keep=arguments.keep,
     )
     result = run_experiment(arguments.experiment, options, progress)
-    return Outcome(data=result, lines=named(arguments.experiment).table(result))
+    return Outcome(data=result, lines=study.table(result))

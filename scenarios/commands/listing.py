@@ -13,7 +13,7 @@ from stridetwin.scenarios.commands.outcome import Outcome, Progress
 def list_command(arguments: Namespace, progress: Progress) -> Outcome:
     """`list`."""
     from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign
-    from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+    from stridetwin.scenarios.experiments.studies import STUDIES
     from stridetwin.scenarios.fault_fields import KINDS
     from stridetwin.scenarios.placement.problem_file import problems, read_problem
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
@@ -30,7 +30,7 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         "placements": placements,
         "sensors": list(SENSORS),
         "estimators": ESTIMATORS,
-        "experiments": EXPERIMENT_NAMES,
+        "experiments": {name: study.description for name, study in STUDIES.items()},
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
         "faults": sorted(KINDS),
         "physics": list(PHYSICS),
@@ -43,7 +43,7 @@ def list_command(arguments: Namespace, progress: Progress) -> Outcome:
         *(f"  {n:<16} {words}" for n, words in ESTIMATORS.items()),
         "",
         "Experiments",
-        *(f"  {n:<16} {words}" for n, words in EXPERIMENT_NAMES.items()),
+        *(f"  {n:<16} {study.description}" for n, study in STUDIES.items()),
         "",
         "Sensors",
         f"  {', '.join(SENSORS)}",
