@@ -20,7 +20,6 @@ from stridetwin.scenarios.experiments.mode_tables import (
     spreads,
 )
 from stridetwin.scenarios.experiments.mode_walks import GROUPS, MOUNTS
-from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
 from stridetwin.scenarios.experiments.zhao_generality import PATTERNS, TERRAINS
 from stridetwin.scenarios.mode_figures import told_and_right
 from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
