@@ -18,8 +18,8 @@ from statistics import median
 from typing import Any
 
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
-from stridetwin.scenarios.experiments.registry import key_of, named, read_row
+from stridetwin.scenarios.experiments.registry import key_of, read_row
+from stridetwin.scenarios.experiments.studies import STUDIES, experiment
 from stridetwin.scenarios.mode_score import ModeScores
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("--options", default="", help="of the run, to be told beside its table")
     parser.add_argument("--at", default="", metavar="COMMIT", help="of the code that made the rows, where not this one")
     asked = parser.parse_args()
-    experiment, stem = named(asked.name), asked.stem or asked.name
+    study, stem = experiment(asked.name), asked.stem or asked.name
     files = sorted(asked.folder.glob("seed_*.json"), key=lambda f: int(f.stem.split("_")[1]))
     cases = [read_row(f) for f in files]
     if not cases:
@@ -53,13 +53,14 @@ def main() -> None:
     other = [case["seed"] for case in cases if not asked.at and case["key"] != _key(asked.name, case, asked.folder)]
     if other:
         parser.error(f"{len(other)} rows are of another version of the code, such as seed {other[0]}; say --at")
-    result = {"experiment": asked.name, **experiment.collect(cases), "cases": cases}
+    result = {"experiment": asked.name, **study.collect(cases), "cases": cases}
     asked.output.mkdir(parents=True, exist_ok=True)
     command = f"stridetwin experiment {asked.name} {asked.options}".strip()
-    table = "\n".join(line.rstrip() for line in experiment.table(result))
+    table = "\n".join(line.rstrip() for line in study.table(result))
     files_of = f"a line a case: [{stem}.csv]({stem}.csv); its rows: [{stem}.tar.xz]({stem}.tar.xz)"
-    there = f"\n\n{len(cases)} of {len(experiment.seeds)} cases." if len(cases) < len(experiment.seeds) else ""
-    words = EXPERIMENT_NAMES[asked.name][0].upper() + EXPERIMENT_NAMES[asked.name][1:]
+    there = f"\n\n{len(cases)} of {len(study.seeds)} cases." if len(cases) < len(study.seeds) else ""
+    words = STUDIES[asked.name].description
+    words = words[0].upper() + words[1:]
     at = f", at commit {asked.at}" if asked.at else ""
     page = next((page for begin, page in EXPLAINED.items() if asked.name.startswith(begin)), OF_MODES)
     words += f"; [what the lines mean](../{page})."

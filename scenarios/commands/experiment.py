@@ -10,7 +10,7 @@ import typer
 
 from stridetwin.scenarios.commands.options import Options, count, one_of, whole
 from stridetwin.scenarios.commands.outcome import Outcome, Progress
-from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+from stridetwin.scenarios.experiments.studies import STUDIES
 from stridetwin.streams.errors import StrideTwinError
 
 
@@ -19,7 +19,7 @@ class ExperimentOptions(Options):
     """Run a paper's experiment and print its table beside ours."""
 
     experiment: Annotated[
-        str, typer.Argument(metavar="NAME", help=", ".join(EXPERIMENT_NAMES), **one_of(tuple(EXPERIMENT_NAMES)))
+        str, typer.Argument(metavar="NAME", help=", ".join(STUDIES), **one_of(tuple(STUDIES)))
     ]
     workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Cases at a time.")] = 1
     seed: Annotated[
@@ -39,7 +39,10 @@ class ExperimentOptions(Options):
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """`experiment`."""
     try:
-        from stridetwin.scenarios.experiments.registry import Options, named, run_experiment
+        from stridetwin.scenarios.experiments.registry import Options, run_experiment
+        from stridetwin.scenarios.experiments.studies import experiment
+
+        study = experiment(arguments.experiment)
     except ModuleNotFoundError as error:
         extra = "closed-loop" if str(error.name).startswith("dm_") else "twin"
         raise StrideTwinError(
@@ -55,4 +58,4 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         keep=arguments.keep,
     )
     result = run_experiment(arguments.experiment, options, progress)
-    return Outcome(data=result, lines=named(arguments.experiment).table(result))
+    return Outcome(data=result, lines=study.table(result))

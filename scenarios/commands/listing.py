@@ -18,7 +18,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
     from stridetwin.estimators.registry import estimators
     from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign
-    from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+    from stridetwin.scenarios.experiments.studies import STUDIES
     from stridetwin.scenarios.placement.problem_file import problems, read_problem
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
     from stridetwin.scenarios.scenario_model import FAULTS
@@ -36,7 +36,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         "placements": placements,
         "sensors": list(SENSORS),
         "estimators": known,
-        "experiments": EXPERIMENT_NAMES,
+        "experiments": {name: study.description for name, study in STUDIES.items()},
         "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
         "faults": sorted(FAULTS),
         "physics": list(PHYSICS),
@@ -49,7 +49,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
         *(f"  {n:<16} {words}" for n, words in known.items()),
         "",
         "Experiments",
-        *(f"  {n:<16} {words}" for n, words in EXPERIMENT_NAMES.items()),
+        *(f"  {n:<16} {study.description}" for n, study in STUDIES.items()),
         "",
         "Sensors",
         f"  {', '.join(SENSORS)}",

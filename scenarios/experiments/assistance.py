@@ -24,7 +24,11 @@ from stridetwin.sim.people import PEOPLE
 
 SCENARIO = "helped_walk"
 SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
-SEEDS, MANY = range(1000, 1010), range(1000, 1100)
+VARIANTS = {
+    "assistance": (range(1000, 1010), ("none", "carried", "late", "predicted", "known")),
+    "assistance_wrong": (range(1000, 1100), ("wrong",)),
+}
+"""By experiment: its seeds, and the first argument of `run_case`."""
 WRONG = 0.01
 NAMES = {
     "none": "no exoskeleton",

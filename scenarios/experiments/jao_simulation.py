@@ -37,6 +37,7 @@ from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
 
 FEET = ("l", "r")
+SEEDS = range(1000, 1100)
 REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
 G_SENSITIVITY = math.radians(0.009) / STANDARD_GRAVITY_MPS2  # ADIS16485: 0.009 °/s/g; rad/s per m/s²
 PAPER_PAIR = (2.9687, -1.2354)  # m to the west, the paper's ZUPT errors; their mean is the drift in common

@@ -24,9 +24,11 @@ CASES = {
     "half_blind": "gyros that do not clip, no picture in every second step",
 }
 SEEDS = range(1000, 1010)
+VARIANTS = {name: (SEEDS, name) for name in ("jao_straight_53m", "jao_loop_126m", "stairs_16")}
+"""By experiment: its seeds, and the first argument of `run_case`."""
 
 
-def run_walk(scenario: str, case: Case) -> dict[str, Any]:
+def run_case(scenario: str, case: Case) -> dict[str, Any]:
     """Walks once and estimates every case.
 
     Args:

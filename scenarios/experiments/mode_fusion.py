@@ -16,9 +16,9 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
 from stridetwin.scenarios.exo_geometry import of_recording
 from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.fault_injection import Samples
 from stridetwin.scenarios.experiments.mode_walks import MOUNTS, SENSORS, posed, scored, tell
 from stridetwin.scenarios.experiments.odometry_walks import recorded
-from stridetwin.scenarios.experiments.spoilt import Samples
 from stridetwin.scenarios.experiments.walks import falls, fell_at_s
 from stridetwin.scenarios.footprints import true_footprints
 from stridetwin.scenarios.mode_figures import mode_figures

@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
 from stridetwin.estimators.terrain_map.camera import camera_in_frame
 from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.fault_injection import Samples
 from stridetwin.scenarios.experiments.mode_walks import SENSORS, posed, scored, tell
 from stridetwin.scenarios.experiments.odometry_walks import recorded
-from stridetwin.scenarios.experiments.spoilt import Samples
 from stridetwin.scenarios.experiments.walks import falls, fell_at_s
 from stridetwin.scenarios.mode_score import ScoredMode
 from stridetwin.scenarios.terrain_files import depth_camera, given_poses

@@ -20,7 +20,7 @@ from stridetwin.scenarios.experiments.mode_tables import (
     spreads,
 )
 from stridetwin.scenarios.experiments.mode_walks import GROUPS, MOUNTS
-from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+from stridetwin.scenarios.experiments.studies import STUDIES
 from stridetwin.scenarios.experiments.zhao_generality import PATTERNS, TERRAINS
 from stridetwin.scenarios.mode_figures import told_and_right
 from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
@@ -59,7 +59,7 @@ def report(result: dict[str, Any]) -> str:
     name = result["experiment"]
     return page(
         name.replace("_", " ").capitalize(),
-        EXPERIMENT_NAMES.get(name, ""),
+        STUDIES[name].description if name in STUDIES else "",
         [f"{len(cases)} walks", f"{len(steps[ours])} steps", f"{cases[0]['physics']} physics"],
         sections,
         "Every walk lies beside this page as JSON.",

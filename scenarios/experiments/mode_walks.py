@@ -18,8 +18,8 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.scenarios.experiments.case import Case
+from stridetwin.scenarios.experiments.fault_injection import Samples
 from stridetwin.scenarios.experiments.odometry_walks import HEALTHY, dvio, recorded
-from stridetwin.scenarios.experiments.spoilt import Samples
 from stridetwin.scenarios.experiments.walks import fell_at_s
 from stridetwin.scenarios.footprints import true_footprints
 from stridetwin.scenarios.ground import from_metadata

@@ -34,6 +34,8 @@ from stridetwin.sim.people import PEOPLE
 
 SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
 SEEDS = range(1000, 1000 + len(SUBJECTS) * len(MOUNTS))
+VARIANTS = {"zhao_closed_loop": (SEEDS, "zhao_loop"), "zhao_closed_loop_stress": (SEEDS, "zhao_loop_stress")}
+"""By experiment: its seeds, and the first argument of `run_case`."""
 
 
 def who_and_where(seed: int) -> tuple[str, str]:

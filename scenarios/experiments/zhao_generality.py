@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.mode_walks import GROUPS, MOUNTS, Telling, told_walk
+from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, MOUNTS, Telling, told_walk
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Gaze
 from stridetwin.sim.people import PEOPLE
@@ -31,6 +31,13 @@ TERRAINS = {
 """The paper's terrains and the scenarios that have them."""
 PATTERNS = ("wander", "walk", "jog")
 SEEDS = range(1000, 1000 + 9 * len(TERRAINS) * len(MOUNTS) * len(GROUPS))
+VARIANTS = {
+    "zhao_generality": (SEEDS, Telling()),
+    "zhao_generality_given_poses": (SEEDS, Telling(poses="given")),
+    "zhao_generality_shallow": (SEEDS, Telling(pitch_down="shallow")),
+    "zhao_baselines": (SEEDS[:60], Telling(methods=("proposed", "published", FORGETFUL))),
+}
+"""By experiment: its seeds, and the first argument of `run_case`."""
 _BLOCK = len(TERRAINS) * len(MOUNTS) * len(GROUPS)
 
 

@@ -60,6 +60,8 @@ TRIALS = {
     "zhao_directions": Trial(scenario="zhao_parallel", second=_on_chest, paper="multi_direction_outdoor_pct"),
     "zhao_disturbance": Trial(scenario="bystanders", second=_on_chest, paper="external_disturbance_pct"),
 }
+VARIANTS = {name: (SEEDS, name) for name in TRIALS}
+"""By experiment: its seeds, and the first argument of `run_case`."""
 
 
 def subject_and_turn(seed: int) -> tuple[str, int]:

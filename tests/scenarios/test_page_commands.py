@@ -16,7 +16,7 @@ from stridetwin.estimators import registry
 from stridetwin.scenarios import cli, runner
 from stridetwin.scenarios.campaign.campaign_file import campaigns
 from stridetwin.scenarios.commands import COMMANDS
-from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
+from stridetwin.scenarios.experiments.studies import STUDIES
 from stridetwin.scenarios.placement.problem_file import problems
 from stridetwin.scenarios.scenario_file import PHYSICS, catalogue
 from stridetwin.streams.recording import Recording
@@ -188,7 +188,7 @@ def test_the_page_of_the_command_line_tells_every_command_and_experiment():
     page = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
     table = page.split("## Experiments")[1].split("\n\n")[1]
     told = [n for line in table.splitlines()[2:] for n in re.findall(r"`(\w+)`", line.split("|")[1])]
-    assert sorted(told) == sorted(EXPERIMENT_NAMES)
+    assert sorted(told) == sorted(STUDIES)
 
 
 def test_a_wrong_command_would_be_found(monkeypatch):

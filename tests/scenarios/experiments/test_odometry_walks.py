@@ -186,13 +186,13 @@ def test_the_passer_by_covers_a_third_of_the_view_and_moves() -> None:
 def test_what_an_estimator_is_told_of_wrong_calibration(walk) -> None:
     with recorded(load_scenario(walk.scenario).config, walk.case, "head") as recording:
         rig = recording.rig
-    turned = dvio_faults.FAULTS["turned_2deg"].rig(rig).cameras["/head/color"].mount.T_body_sensor
+    turned = dvio_faults.FAULTS["turned_2deg"].calibration(rig).cameras["/head/color"].mount.T_body_sensor
     R = turned[:3, :3].T @ rig.cameras["/head/color"].mount.T_body_sensor[:3, :3]
     assert np.degrees(np.arccos((np.trace(R) - 1) / 2)) == pytest.approx(2.0, abs=1e-6)
-    late = dvio_faults.FAULTS["clock_10ms"].rig(rig).cameras["/head/color"].timeshift_cam_imu_s
+    late = dvio_faults.FAULTS["clock_10ms"].calibration(rig).cameras["/head/color"].timeshift_cam_imu_s
     assert late - rig.cameras["/head/color"].timeshift_cam_imu_s == pytest.approx(0.010)
     clipped = dvio_faults.FAULTS["imu_clips"]
-    assert clipped.rig(rig).imu("/head/imu").gyroscope_range == dvio_faults.RATE_RANGE
+    assert clipped.calibration(rig).imu("/head/imu").gyroscope_range == dvio_faults.RATE_RANGE
     hard = Imu(topic="/head/imu", t_ns=0, angular_rate=np.full(3, 2.0), specific_force=np.full(3, -15.0))
     (soft,) = clipped.samples(iter([hard]))
     assert soft.angular_rate.tolist() == [0.6] * 3

@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.experiments import registry
+from stridetwin.scenarios.experiments import registry, studies
 from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.names import EXPERIMENT_NAMES
-from stridetwin.scenarios.experiments.registry import EXPERIMENTS, Experiment, Options, run_experiment
+from stridetwin.scenarios.experiments.registry import Options, run_experiment
+from stridetwin.scenarios.experiments.studies import STUDIES, Experiment, experiment
 from stridetwin.streams.errors import StrideTwinError
 
 
@@ -34,7 +34,7 @@ def ran(monkeypatch) -> list[int]:
         return {"seed": case.seed, "physics": case.physics}
 
     small = Experiment(seeds=range(5, 9), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(registry.EXPERIMENTS, "small", small)
+    monkeypatch.setitem(studies._LOADED, "small", small)
     return seeds
 
 
@@ -95,7 +95,7 @@ def test_a_row_without_a_key_is_of_another_version(tmp_path, ran) -> None:
 def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
     case = Case(seed=1, folder=tmp_path)
     names = ("zhao_generality", "zhao_generality_given_poses", "zhao_generality_shallow", "zhao_view")
-    keys = [registry._keys(name, EXPERIMENTS[name], case) for name in names]
+    keys = [registry._keys(name, experiment(name), case) for name in names]
     assert len({k.row for k in keys} | {k.walks for k in keys}) == 2 * len(names)
 
 
@@ -109,7 +109,7 @@ def test_a_recording_of_another_version_is_not_gone_on_with(tmp_path, monkeypatc
         return {"seed": case.seed}
 
     only = Experiment(seeds=range(1, 2), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(registry.EXPERIMENTS, "small", only)
+    monkeypatch.setitem(studies._LOADED, "small", only)
     neighbour = tmp_path / "seed_10_head.mcap"
     neighbour.touch()
 
@@ -131,7 +131,7 @@ def test_a_damaged_row_is_made_anew(tmp_path, monkeypatch, damaged) -> None:
     small = Experiment(
         seeds=range(1, 3), run_case=lambda case: {"seed": case.seed}, collect=collected, table=lambda result: []
     )
-    monkeypatch.setitem(registry.EXPERIMENTS, "small", small)
+    monkeypatch.setitem(studies._LOADED, "small", small)
     run(tmp_path)
     (tmp_path / "seed_1.json").write_bytes(damaged)
     assert [c["seed"] for c in run(tmp_path, resume=True)["cases"]] == [1, 2]
@@ -149,7 +149,7 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
         return {"seed": case.seed, "much": "x" * 100_000}
 
     slow = Experiment(seeds=range(count), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(registry.EXPERIMENTS, "small", slow)
+    monkeypatch.setitem(studies._LOADED, "small", slow)
     options = Options(folder=tmp_path / "rows", resume=True)
     run_experiment("small", replace(options, subset=1), lambda *_: None)  # caches
     killed, done = 0, 1
@@ -173,6 +173,10 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
 
 
 def test_every_experiment_is_listed_and_others_are_refused(tmp_path) -> None:
-    assert set(EXPERIMENTS) == set(EXPERIMENT_NAMES)
+    for name, study in STUDIES.items():
+        loaded = experiment(name)
+        assert study.description
+        assert loaded.seeds
+        assert loaded.source[0].endswith(study.module)
     with pytest.raises(StrideTwinError, match="jao_loop_126m"):
         run_experiment("magic", Options(folder=tmp_path), lambda *_: None)

@@ -29,7 +29,7 @@ def encoder(t_s, side="l"):
 
 
 def test_an_encoder_slips_on_one_side_from_an_instant_on():
-    told = list(FAULTS["encoder_slip"].samples([encoder(1), encoder(9), encoder(9, "r")]))
+    told = list(FAULTS["encoder_slip"].samples(iter([encoder(1), encoder(9), encoder(9, "r")])))
     assert [s.angle for s in told] == pytest.approx([0.5, 0.5 + np.radians(2), 0.5])
 
 
@@ -49,7 +49,7 @@ def test_geometry_is_told_wrong_where_the_words_say():
     config = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)), sensors=SENSORS)
     twin = Twin(config, 0)
     exo = geometry(twin.size, twin.rig)
-    long, turned = FAULTS["link_10mm"].told(exo), FAULTS["mount_2deg"].told(exo)
+    long, turned = FAULTS["link_10mm"].calibration(exo), FAULTS["mount_2deg"].calibration(exo)
     apart = [b.a - a.a for a, b in zip(exo.legs["l"].rows, long.legs["l"].rows, strict=True)]
     assert sorted(apart)[-1] == pytest.approx(0.010)
     assert np.count_nonzero(apart) == 1
@@ -69,7 +69,7 @@ def test_yaw_drifts_and_tilt_does_not():
 
 def test_walks_that_differ_are_walked_anew():
     plain = TwinConfig(name="plain", route=Route(segments=(Level(length_m=3.0),)))
-    other = {name for name, wrong in FAULTS.items() if wrong.walk(plain) != plain}
+    other = {name for name, fault in FAULTS.items() if fault.walk(plain) != plain}
     assert other == {"shuffle", "mode_1"}
 
 

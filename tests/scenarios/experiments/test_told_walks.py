@@ -17,7 +17,7 @@ from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.scenarios.change_score import ScoredApproach
 from stridetwin.scenarios.experiments import mode_not_fooled, mode_report, mode_tables
 from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, ForgetfulMap, SharedMap
-from stridetwin.scenarios.experiments.registry import EXPERIMENTS
+from stridetwin.scenarios.experiments.studies import experiment
 from stridetwin.scenarios.experiments.zhao_generality import condition
 from stridetwin.scenarios.experiments.zhao_trials import SEEDS, TRIALS, subject_and_turn, trial_config
 from stridetwin.scenarios.mode_figures import mode_figures, told_and_right
@@ -137,24 +137,24 @@ def test_table_and_page_have_the_papers_figures(name) -> None:
     methods = ("proposed", "published", *([FORGETFUL] if name == "zhao_baselines" else []))
     more = {} if name in TRIALS else vars(condition(1000))
     results = [row(1000, methods=methods) | more, row(1001, "LG", methods) | more]
-    experiment = EXPERIMENTS[name]
-    result = json.loads(json.dumps({"experiment": name, **experiment.collect(results), "cases": results}))
+    study = experiment(name)
+    result = json.loads(json.dumps({"experiment": name, **study.collect(results), "cases": results}))
     assert result["summary"]["proposed"]["walks_accuracy_pct"]["mean"] == 75.0
     assert result["summary"]["proposed"]["walks_accuracy_pct"]["sd"] == 25.0
-    lines = experiment.table(result)
+    lines = study.table(result)
     accuracy = next(line for line in lines if line.startswith("accuracy %"))
     theirs = mode_tables.paper(name)["published"]["accuracy_pct"]["mean"]
     assert accuracy.split()[2 : 3 + len(methods)] == [*["75.00"] * len(methods), f"{theirs:.2f}"]
     assert ("Table II" in lines) == (name not in TRIALS)
     assert ("one picture" in "\n".join(lines)) == (FORGETFUL in methods)
     assert sum("0.26" in line for line in lines if line.startswith("  paper")) == (name not in TRIALS)
-    assert experiment.report is not None
-    html = experiment.report(result)
+    assert study.report is not None
+    html = study.report(result)
     assert all(f"<h2>{title}</h2>" in html for title in ("Accuracy", "Figure 4", "Lead", "Calibration"))
     assert ("<h2>Table II</h2>" in html) == (name not in TRIALS)
     assert not re.search(r'<script|@import|url\(|(src|href)="(?!data:)', html)
     assert "nan" not in html.lower().replace("dominant", "")
-    assert mode_report.report is experiment.report
+    assert mode_report.report is study.report
 
 
 def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
@@ -178,7 +178,7 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
     persons = [condition(1000), condition(1001)]
     results = [row(1000 + i, told) | vars(persons[i // 2]) for i, told in enumerate(["SA", "SA", "LG", "LG"])]
     results[1]["fell_at_s"] = 3.5
-    result = {"experiment": "zhao_generality", **EXPERIMENTS["zhao_generality"].collect(results), "cases": results}
+    result = {"experiment": "zhao_generality", **experiment("zhao_generality").collect(results), "cases": results}
     mean = result["summary"]["proposed"]["walks_accuracy_pct"]
     assert mean["over"] == len({(p.height_group, p.member) for p in persons}) == 2
     assert mean["of"] == "persons"

@@ -37,7 +37,7 @@ def short(tmp_path_factory) -> tuple[str, Case, dict]:
     scenario = folder / "short.yaml"
     scenario.write_text(SHORT)
     case = Case(seed=3, folder=folder, physics="kinematic", keep=True)
-    return str(scenario), case, jao_walk.run_walk(str(scenario), case)
+    return str(scenario), case, jao_walk.run_case(str(scenario), case)
 
 
 def test_every_method_is_told_of_in_every_case(short) -> None:
