@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.streams.errors import check_numbers
@@ -117,10 +117,12 @@ class PublishedParameters(_Common):
 
 if TYPE_CHECKING:
 
+    @dataclass(frozen=True, kw_only=True)
     class PairParameters(FootToFootParameters, PublishedParameters):
         """The parameters of both methods."""
 
         published: bool = False
+        _fields: ClassVar[tuple[str, ...]] = ()
 else:
     _NAMES = [f.name for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind) if f.name != "foot"]
     PairParameters = namedtuple("PairParameters", ["published", *dict.fromkeys(_NAMES)])
@@ -129,6 +131,6 @@ else:
 
 def for_kernel(parameters: FootToFootParameters | PublishedParameters) -> PairParameters:
     """What the kernel takes."""
-    own = {f.name: float(getattr(parameters, f.name)) for f in fields(parameters) if f.name != "foot"}
-    values = {f.name: 0.0 for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind)} | own
-    return PairParameters(published=isinstance(parameters, PublishedParameters), **values)
+    values: dict[str, Any] = dict.fromkeys(PairParameters._fields, 0.0)
+    values |= {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name != "foot"}
+    return PairParameters(**values | {"published": isinstance(parameters, PublishedParameters)})
