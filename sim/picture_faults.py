@@ -47,7 +47,7 @@ class _ImageFault(Fault):
                 corrupted = self.seen(image, event)
                 corrupted.setflags(write=False)
                 memory.update(event=event, clean=image, corrupted=corrupted)
-            yield arrival.but(**{name: memory["spoiled"]})
+            yield arrival.but(**{name: memory["corrupted"]})
 
     @abstractmethod
     def seen(self, image: NDArray, event: Event) -> NDArray:

@@ -28,10 +28,10 @@ class ShoeParameters:
     """Motion of a shoe's upper on its foot; axes of the foot: forward, left, up.
 
     Attributes:
-        ring_hz: (K,) frequency of each mode that a strike excites.
-        ring_s: (K,) decay time of each mode to 1/e.
-        ring_force: (K, 3) m/s², amplitude of the acceleration, at the reference speed of impact.
-        ring_rate: (K, 3) rad/s, amplitude of the angular rate, likewise.
+        mode_hz: (K,) frequency of each mode that a strike excites.
+        mode_decay_s: (K,) decay time of each mode to 1/e.
+        mode_force: (K, 3) m/s², amplitude of the acceleration, at the reference speed of impact.
+        mode_rate: (K, 3) rad/s, amplitude of the angular rate, likewise.
         impact_mps: Reference speed of impact: speed of the foot `BEFORE_S` before touch-down.
         strike_sd: Standard deviation of the logarithm of a strike's strength.
         slap: Strength of the ball's slap relative to that of the heel strike.
@@ -39,10 +39,10 @@ class ShoeParameters:
         rock_rate: (M, 3) rad/s, amplitude of its angular rate.
     """
 
-    ring_hz: Array
-    ring_s: Array
-    ring_force: Array
-    ring_rate: Array
+    mode_hz: Array
+    mode_decay_s: Array
+    mode_force: Array
+    mode_rate: Array
     impact_mps: float
     strike_sd: float
     slap: float
@@ -51,10 +51,10 @@ class ShoeParameters:
 
 
 SHOE = ShoeParameters(
-    ring_hz=np.array([17.0, 34.0, 68.0]),
-    ring_s=np.array([0.040, 0.012, 0.027]),
-    ring_force=np.array([[22.8, 24.4, 33.2], [0.0, 0.0, 138.1], [35.7, 32.7, 49.7]]),
-    ring_rate=np.array([[5.32, 1.43, 2.82], [7.30, 6.43, 2.11], [4.22, 1.33, 3.25]]),
+    mode_hz=np.array([17.0, 34.0, 68.0]),
+    mode_decay_s=np.array([0.040, 0.012, 0.027]),
+    mode_force=np.array([[22.8, 24.4, 33.2], [0.0, 0.0, 138.1], [35.7, 32.7, 49.7]]),
+    mode_rate=np.array([[5.32, 1.43, 2.82], [7.30, 6.43, 2.11], [4.22, 1.33, 3.25]]),
     impact_mps=0.384,
     strike_sd=0.27,
     slap=0.15,
@@ -74,10 +74,10 @@ def case_parameters(strike: float) -> ShoeParameters:
         strike: m/s², the largest acceleration up.
     """
     return ShoeParameters(
-        ring_hz=np.array([12.0, 25.0]),
-        ring_s=np.array([0.050, 0.020]),
-        ring_force=strike * np.array([[0.30, 0.20, 0.80], [0.10, 0.10, 0.40]]),
-        ring_rate=np.zeros((2, 3)),
+        mode_hz=np.array([12.0, 25.0]),
+        mode_decay_s=np.array([0.050, 0.020]),
+        mode_force=strike * np.array([[0.30, 0.20, 0.80], [0.10, 0.10, 0.40]]),
+        mode_rate=np.zeros((2, 3)),
         impact_mps=1.0,
         strike_sd=SHOE.strike_sd,
         slap=0.0,
@@ -178,10 +178,10 @@ class UpperMotion:
         """
         landed = [step for step in steps if np.isfinite(step.t_touch)]
         speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)
-        shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.ring_hz), 6))
-        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.ring_hz * _BLOW_S  # the ground first pushes up
-        omega = 2 * np.pi * parameters.ring_hz[:, None]
-        unit = np.concatenate([parameters.ring_force / omega**2, parameters.ring_rate / omega], axis=1)
+        shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.mode_hz), 6))
+        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.mode_hz * _BLOW_S  # the ground first pushes up
+        omega = 2 * np.pi * parameters.mode_hz[:, None]
+        unit = np.concatenate([parameters.mode_force / omega**2, parameters.mode_rate / omega], axis=1)
         strikes, rocks = [], []
         for step, impact in zip(landed, speeds):
             strength = np.clip(impact / parameters.impact_mps, *_STRENGTH) * np.exp(
@@ -191,9 +191,9 @@ class UpperMotion:
                 phase = shape + _JITTER_RAD * rng.standard_normal(shape.shape)
                 strikes.append((t, strength * share * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
-        modes = len(parameters.ring_hz)
+        modes = len(parameters.mode_hz)
         begin = np.repeat([t for t, _, _ in strikes], modes)
-        hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.ring_hz, parameters.ring_s))
+        hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
         return cls(
             pivot=pivot, _parameters=parameters,
             _rings=_Vibrations(

@@ -29,7 +29,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES, Gait
 from stridetwin.sim.rotation import matrix_from_quat
-from stridetwin.sim.shock import BEFORE_S, SHOE, ring
+from stridetwin.sim.shock import BEFORE_S, SHOE, vibration
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
@@ -115,7 +115,7 @@ def left_by_mode(hz: float, decay_s: float, delay_s: float = 0.0) -> tuple[Array
     tau, omega = np.maximum(t - delay_s, 0.0), 2 * np.pi * hz
     made = []
     for phase in (0.0, np.pi / 2):
-        value, rate = ring(tau, hz, decay_s, phase)
+        value, rate = vibration(tau, hz, decay_s, phase)
         made.append([np.diff(x[::fine]) * REAL_HZ for x in (rate / omega**2, value / omega)])
     rows = n // 2 + _SHOWN
     powers = []
@@ -129,15 +129,15 @@ def fit_ringing(target: Array) -> tuple[Array, Array, float, float]:
     """Decay times (K,), amplitudes (K, 6), the slap's share and the part of the power that is left over."""
     weight = 1.0 / np.sqrt(target * target.max((1, 2), keepdims=True) + (0.05 * target.max((1, 2), keepdims=True)) ** 2)
     best = None
-    every = product(SHOE.ring_hz, DECAYS_S, (0.0, SLAP_DELAY_S))
+    every = product(SHOE.mode_hz, DECAYS_S, (0.0, SLAP_DELAY_S))
     atoms = {(hz, decay, delay): left_by_mode(hz, decay, delay) for hz, decay, delay in every}
-    for decays in product(DECAYS_S, repeat=len(SHOE.ring_hz)):
+    for decays in product(DECAYS_S, repeat=len(SHOE.mode_hz)):
         for slap in SLAPS:
             amplitude, left = np.zeros((len(decays), 6)), 0.0
             for i in range(6):
                 made = [
                     atoms[hz, d, 0.0][i // 3] + slap**2 * atoms[hz, d, SLAP_DELAY_S][i // 3]
-                    for hz, d in zip(SHOE.ring_hz, decays)
+                    for hz, d in zip(SHOE.mode_hz, decays)
                 ]  # fmt: skip
                 atoms_seen = np.array([(m * weight[i]).ravel() for m in made]).T
                 squares, rest = nnls(atoms_seen, (target[i] * weight[i]).ravel())
@@ -190,8 +190,8 @@ def main() -> None:
         impact += np.linalg.norm(velocity, axis=1).tolist()
     with np.printoptions(precision=3, suppress=True):
         print(f"# {[len(s.at) for s in real]} strikes; {100 * left:.0f} % of the (squared) power is left over")
-        print(f"ring_hz={SHOE.ring_hz!r}\nring_s={decays!r}")
-        print(f"ring_force={amplitude[:, :3]!r}\nring_rate={amplitude[:, 3:]!r}")
+        print(f"mode_hz={SHOE.mode_hz!r}\nmode_decay_s={decays!r}")
+        print(f"mode_force={amplitude[:, :3]!r}\nmode_rate={amplitude[:, 3:]!r}")
         print(f"impact_mps={np.mean(impact):.3f}\nstrike_sd={spread_of_strikes(real):.3f}\nslap={slap}")
         print(f"rock_hz={SHOE.rock_hz!r}\nrock_rate={np.sqrt(rock)!r}")
 

@@ -17,7 +17,7 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.sensors.imu import ImuModel
-from stridetwin.sim.shock import SHOE, ring
+from stridetwin.sim.shock import SHOE, vibration
 from stridetwin.sim.track import Track
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Array, Block
@@ -173,7 +173,7 @@ def test_a_seed_fixes_it(twin: Twin) -> None:
 @given(hz=st.floats(10, 150), decay=st.floats(0.005, 0.08), phase=st.floats(0, 6.28))
 def test_a_mode_begins_without_a_jump_and_dies(hz: float, decay: float, phase: float) -> None:
     tau = np.linspace(0.0, 10 * decay, 20001)
-    value, rate = ring(tau, hz, decay, phase)
+    value, rate = vibration(tau, hz, decay, phase)
     np.testing.assert_allclose(np.gradient(value, tau)[1:-1], rate[1:-1], atol=0.02 * abs(rate).max())
     assert value[0] == rate[0] == 0.0
     assert abs(rate[1]) < 0.02 * abs(rate).max()  # no jump of velocity, and none of force
@@ -181,8 +181,8 @@ def test_a_mode_begins_without_a_jump_and_dies(hz: float, decay: float, phase: f
 
 
 def test_the_table_holds_what_its_docstring_says() -> None:
-    modes, rocks = len(SHOE.ring_hz), len(SHOE.rock_hz)
-    assert SHOE.ring_s.shape == (modes,)
-    assert SHOE.ring_force.shape == SHOE.ring_rate.shape == (modes, 3)
+    modes, rocks = len(SHOE.mode_hz), len(SHOE.rock_hz)
+    assert SHOE.mode_decay_s.shape == (modes,)
+    assert SHOE.mode_force.shape == SHOE.mode_rate.shape == (modes, 3)
     assert SHOE.rock_rate.shape == (rocks, 3)
-    assert SHOE.ring_hz.max() < 102.4  # nothing beyond what the recording holds
+    assert SHOE.mode_hz.max() < 102.4  # nothing beyond what the recording holds
