@@ -7,26 +7,26 @@ from html import escape
 from typing import Any
 
 from stridetwin.scenarios.film import data_uri
-from stridetwin.scenarios.placement.body_map import Picture
+from stridetwin.scenarios.placement.body_map import BodyImage
 from stridetwin.scenarios.placement.figures import fronts, profiles, value_map
 from stridetwin.scenarios.placement.measure import Measured
-from stridetwin.scenarios.placement.places import AS_IT_IS, told
+from stridetwin.scenarios.placement.places import AS_IT_IS, format_value
 from stridetwin.scenarios.placement.problem_file import Problem
 from stridetwin.scenarios.report import page, section
 from stridetwin.streams.samples import Array
 
 
 def placement_page(
-    problem: Problem, searched: Measured, losses: Array, result: Mapping[str, Any], picture: Picture | None
+    problem: Problem, searched: Measured, losses: Array, result: Mapping[str, Any], image: BodyImage | None
 ) -> str:
     """The page.
 
     Args:
-        problem: Whose.
+        problem: The placement problem.
         searched: All places.
         losses: (P,) mean loss of each.
         result: As `run_placement` gives it.
-        picture: The places on the body.
+        image: The places on the body.
     """
     chips = [f"{result['tried']} places", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
@@ -37,9 +37,9 @@ def placement_page(
         section("What is more than chance", "Pairs of the table, walk by walk, corrected for their number.",
                 f"<ul>{''.join(f'<li>{escape(words)}</li>' for words in result['words'])}</ul>"),
     ]  # fmt: skip
-    if picture is not None:
-        body = f'<img src="{data_uri(picture.png, "image/png")}" alt="{escape(picture.words)}" style="max-width:100%">'
-        sections.append(section("On the body", picture.words, body))
+    if image is not None:
+        body = f'<img src="{data_uri(image.png, "image/png")}" alt="{escape(image.words)}" style="max-width:100%">'
+        sections.append(section("On the body", image.words, body))
     if drawn := value_map(problem, searched, losses):
         sections.append(section("Over two values", "The other values at their best.", drawn))
     if drawn_over := profiles(problem, searched, losses):
@@ -66,7 +66,7 @@ def _table(problem: Problem, result: Mapping[str, Any]) -> str:
 
 def said_value(values: Mapping[str, Any], name: str) -> str:
     """The value of a knob in a table."""
-    return told(values[name]) if values else AS_IT_IS
+    return format_value(values[name]) if values else AS_IT_IS
 
 
 def said(interval: Mapping[str, float | None] | None) -> str:
