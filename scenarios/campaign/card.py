@@ -1,4 +1,4 @@
-"""The card of a data set (Markdown): what it is, what varies and how, splits, rejects, and how to read it."""
+"""The card of a data set (Markdown): contents, distributions, splits, rejected walks, and how to read it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def card(manifest: Mapping[str, Any]) -> str:
     """The card.
 
     Args:
-        manifest: Of the campaign; the card says nothing else.
+        manifest: Of the campaign; the card's only source.
     """
     walks = manifest["walks"]
     accepted = [w for w in walks if w["status"] == ACCEPTED]
@@ -39,7 +39,7 @@ def card(manifest: Mapping[str, Any]) -> str:
     mebibytes = sum(w["bytes"] for w in accepted) / 2**20
     blocks = [
         f"# {manifest['description']}",
-        f"{len(accepted)} walks of {len(walks)} that were asked for, {hours:.2f} h, {mebibytes:.0f} MiB, "
+        f"{len(accepted)} walks of {len(walks)} requested, {hours:.2f} h, {mebibytes:.0f} MiB, "
         f"by {len({w['person'] for w in accepted})} people over {len({w['terrain'] for w in accepted})} terrains: "
         "synthetic recordings of a simulated person who walks in a lower-limb exoskeleton, every sensor with the truth "
         f"beside it. Made by the campaign `{manifest['campaign']}`, seed {manifest['seed']}, "
@@ -53,13 +53,12 @@ def card(manifest: Mapping[str, Any]) -> str:
         "`stridetwin generate scenarios/walk_00000.yaml --seed SEED -o x.mcap` makes a walk "
         "again, byte by byte, with the versions below.",
         "## What varies",
-        "Values of the accepted walks (numbers: lowest, mean, highest, and how many lie where between the first and "
-        "the last).",
+        "Values of the accepted walks (numbers: lowest, mean, highest, and a histogram between lowest and highest).",
         "\n".join(_values(manifest, accepted)),
         "## Splits",
-        "Two of them, each by itself: nobody is in two parts of the split by person, and no terrain in two parts of "
-        f"the split by terrain (terrains differ by their {manifest['terrain_by']}). Walks that are in `test` of both "
-        "have neither a person nor a terrain that `train` has.",
+        "Two independent splits: no person is in two parts of the split by person, no terrain in two parts of the "
+        f"split by terrain (terrains differ by their {manifest['terrain_by']}). Walks in `test` of both splits share "
+        "neither person nor terrain with `train`.",
         "\n".join(_splits(manifest, accepted)),
         "## Rejected walks",
         "\n".join(_rejects(manifest, walks)),
@@ -78,11 +77,11 @@ def _files(manifest: Mapping[str, Any]) -> Iterator[str]:
     yield "| `scenarios/` | the scenario file of each walk |"
     if manifest["files"]:
         yield "| `files/` | parts, exoskeletons and meshes that the scenarios name |"
-    yield "| `rows/` | what the manifest is made of; `generate` goes on from there |"
+    yield "| `rows/` | the rows of the manifest, from which `generate` resumes |"
 
 
 def _values(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    yield "| value | asked for | walks | drawn |\n|---|---|---|---|"
+    yield "| value | distribution | walks | drawn |\n|---|---|---|---|"
     yield _row("scenario", ", ".join(manifest["scenarios"]), [w["scenario"] for w in accepted])
     for name, words in manifest["ranges"].items():
         if name.startswith("people["):
@@ -129,7 +128,7 @@ def _histogram(values: Sequence[float], low: float, high: float) -> str:
 def _splits(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     parts = list(manifest["shares"])
     yield f"| split | | {' | '.join(parts)} |\n|---|---|{'---|' * len(parts)}"
-    yield f"| asked for | share | {' | '.join(f'{share:g}' for share in manifest['shares'].values())} |"
+    yield f"| requested | share | {' | '.join(f'{share:g}' for share in manifest['shares'].values())} |"
     for by, dealt in manifest["splits"].items():
         groups = Counter(dealt.values())
         walks = Counter(w["split"][by] for w in accepted)
@@ -142,9 +141,9 @@ def _splits(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) 
 def _rejects(manifest: Mapping[str, Any], walks: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     quality = manifest["quality"]
     yield (
-        f"Walks that nobody can walk; walks with more help at the root than {quality['help_pct']:g} % of the body "
-        f"weight; falls ({quality['falls']}); walks of which `check` says that a stream would spoil an estimate "
-        f"({quality['sensors']}), but for streams with a fault that was asked for.\n"
+        f"Infeasible walks; walks with more external force at the root than {quality['help_pct']:g} % of the body "
+        f"weight; falls ({quality['falls']}); walks with a stream that `check` finds invalid "
+        f"({quality['sensors']}), except streams with an injected fault.\n"
     )
     rejected = [w for w in walks if w["status"] != ACCEPTED]
     if not rejected:
@@ -160,5 +159,5 @@ def _cells(counts: Iterable[int]) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text that stays inside a cell."""
+    """Text escaped for a table cell."""
     return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())

@@ -1,7 +1,7 @@
-"""How a value varies from walk to walk; each distribution turns a number of [0, 1) into a value (inverse transform).
+"""Distributions of values over walks; each maps a number of [0, 1) to a value (inverse transform sampling).
 
-Drawn numbers have six digits: scenario files stay readable, and the last bit of a quantile function, which may differ
-between machines, changes no walk.
+Drawn numbers are rounded to six digits: scenario files stay readable, and the last bit of a quantile function, which
+may differ between machines, changes no walk.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TAIL_SD = 6.0
 
 
 class Distribution(Protocol):
-    """How a value varies."""
+    """A distribution of a value."""
 
     def at(self, u: float) -> Any:
         """The value at a quantile, 0 <= u < 1."""
@@ -35,12 +35,12 @@ class Distribution(Protocol):
 
     @property
     def words(self) -> str:
-        """What it is, in words."""
+        """Description for the manifest."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fixed:
-    """One value for every walk; it may be anything that a scenario file says."""
+    """One value for every walk; any value of a scenario file."""
 
     value: Any
 
@@ -61,7 +61,7 @@ class Fixed:
 
 @dataclass(frozen=True, kw_only=True)
 class Uniform:
-    """Between two numbers, every one as likely, or every multiple of a step above the lower one."""
+    """Uniform between two numbers, or over the lower number plus multiples of a step."""
 
     low: float
     high: float
@@ -70,9 +70,9 @@ class Uniform:
     def at(self, u: float) -> float:
         """The number at a quantile."""
         if self.step is None:
-            return _told(self.low + u * (self.high - self.low), self)
+            return _clamped(self.low + u * (self.high - self.low), self)
         steps = math.floor((self.high - self.low) / self.step + 1e-9)
-        return _told(self.low + math.floor(u * (steps + 1)) * self.step, self)
+        return _clamped(self.low + math.floor(u * (steps + 1)) * self.step, self)
 
     @property
     def ends(self) -> tuple[float, ...]:
@@ -87,14 +87,14 @@ class Uniform:
 
 @dataclass(frozen=True, kw_only=True)
 class LogUniform:
-    """Between two numbers above 0, every ratio as likely."""
+    """Log-uniform between two numbers above 0."""
 
     low: float
     high: float
 
     def at(self, u: float) -> float:
         """The number at a quantile."""
-        return _told(self.low * (self.high / self.low) ** u, self)
+        return _clamped(self.low * (self.high / self.low) ** u, self)
 
     @property
     def ends(self) -> tuple[float, ...]:
@@ -109,7 +109,7 @@ class LogUniform:
 
 @dataclass(frozen=True, kw_only=True)
 class Normal:
-    """A normal distribution of this mean and standard deviation, of which what lies without the limits is left out."""
+    """Truncated normal distribution; mean and standard deviation are those before truncation."""
 
     mean: float
     sd: float
@@ -119,7 +119,7 @@ class Normal:
     def at(self, u: float) -> float:
         """The number at a quantile."""
         first, last = ndtr((self.low - self.mean) / self.sd), ndtr((self.high - self.mean) / self.sd)
-        return _told(self.mean + self.sd * float(ndtri(first + u * (last - first))), self)
+        return _clamped(self.mean + self.sd * float(ndtri(first + u * (last - first))), self)
 
     @property
     def ends(self) -> tuple[float, ...]:
@@ -134,7 +134,7 @@ class Normal:
 
 @dataclass(frozen=True, kw_only=True)
 class Integer:
-    """A whole number between two, every one as likely."""
+    """A whole number, uniform between two, both included."""
 
     low: int
     high: int
@@ -156,7 +156,7 @@ class Integer:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """One of some values, which may be anything; as likely as its weight says."""
+    """One of several values of any type, with weights."""
 
     values: tuple[Any, ...]
     weights: tuple[float, ...]
@@ -181,8 +181,8 @@ class Choice:
         return "one of " + ", ".join(f"{value} ({weight:g})" for value, weight in zip(self.values, self.weights))
 
 
-def _told(value: float, within: Uniform | LogUniform | Normal) -> float:
-    """A number of six digits that lies within."""
+def _clamped(value: float, within: Uniform | LogUniform | Normal) -> float:
+    """The number rounded to six digits and limited to the range."""
     return float(min(max(float(f"{value:.6g}"), within.low), within.high))
 
 

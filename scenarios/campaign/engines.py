@@ -1,4 +1,4 @@
-"""Who makes the walks: this process, processes beside it, or a Dask cluster. The rows are the same."""
+"""Executors of a campaign: this process, a pool of processes, or a Dask cluster. All give the same rows."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from stridetwin.scenarios.processes import processes
 from stridetwin.streams.errors import StrideTwinError
 
 _DEATHS = 3
-_DIED = "a worker died of it; does memory suffice?"
+_DIED = "its worker died; it may have run out of memory"
 _WAIT_S = 60
 
 
 def rows(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
-    """Rows as walks get done.
+    """Rows, in the order in which walks finish.
 
     Args:
-        jobs: What is to be made.
+        jobs: Walks to generate.
         workers: Processes on this machine.
-        scheduler: Address of a Dask scheduler, whose workers make the walks instead.
+        scheduler: Address of a Dask scheduler, whose workers generate the walks instead.
 
     Raises:
-        StrideTwinError: What stops all walks, such as a full disk.
+        StrideTwinError: An error that affects all walks, such as a full disk.
     """
     if not jobs:
         return iter(())
@@ -37,9 +37,9 @@ def rows(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[d
 
 
 def _pooled(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
-    """On processes of this machine. Where one dies, the walks of that moment are made anew, each by itself.
+    """On processes of this machine. When one dies, the running walks are repeated, each in a process of its own.
 
-    One of which the worker dies again has failed; where that happens one after the other, no walk is to blame.
+    A walk whose worker dies again has failed; after `_DEATHS` such walks in a row the campaign stops.
     """
     left, dead = deque(jobs), list[str]()
     while left:
@@ -57,19 +57,19 @@ def _pooled(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
                         yield row
         except BrokenProcessPool:
             names = ", ".join(job.walk.name for job in running.values())
-            print(f"stridetwin: warning: a worker died; made anew, each by itself: {names}", file=sys.stderr)
+            print(f"stridetwin: warning: a worker died; repeated, each in its own process: {names}", file=sys.stderr)
             for job in running.values():
                 alone = _alone(job)
                 dead = [] if alone is not None else [*dead, job.walk.name]
                 if len(dead) == _DEATHS:
                     raise StrideTwinError(
-                        f"a worker alone died {_DEATHS} times, of {', '.join(dead)}; does memory suffice for one?"
+                        f"a single worker died {_DEATHS} times, on {', '.join(dead)}; it may have run out of memory"
                     ) from None
                 yield alone or failed(job, _DIED)
 
 
 def _alone(job: Job) -> dict[str, Any] | None:
-    """The row of a walk that has a pool of its own; None where its worker died."""
+    """The row of a walk in a pool of its own; None where its worker died."""
     try:
         with processes(1) as pool:
             return pool.submit(make, job).result()
@@ -78,7 +78,7 @@ def _alone(job: Job) -> dict[str, Any] | None:
 
 
 def _clustered(jobs: Sequence[Job], address: str) -> Iterator[dict[str, Any]]:
-    """On the workers of a Dask cluster, which all see the campaign's folder; Dask runs anew what a dead worker had."""
+    """On the workers of a Dask cluster that share the campaign's folder; Dask repeats the walks of a dead worker."""
     try:
         from distributed import Client, KilledWorker
         from distributed import as_completed as as_done
@@ -92,12 +92,12 @@ def _clustered(jobs: Sequence[Job], address: str) -> Iterator[dict[str, Any]]:
     except (OSError, ValueError) as error:
         raise StrideTwinError(f"--scheduler: {address!r}: no scheduler with workers answers there ({error})") from error
     with client:
-        asked = {f"{job.walk.name}-{job.key}": job for job in jobs}
-        futures = [client.submit(make, job, key=key, pure=False) for key, job in asked.items()]
+        by_key = {f"{job.walk.name}-{job.key}": job for job in jobs}
+        futures = [client.submit(make, job, key=key, pure=False) for key, job in by_key.items()]
         for future in as_done(futures, loop=client.loop):
             try:
                 row = future.result()
             except KilledWorker:
-                row = failed(asked[future.key], _DIED)
+                row = failed(by_key[future.key], _DIED)
             yield row
             future.release()

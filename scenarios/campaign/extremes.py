@@ -1,7 +1,7 @@
-"""Whether every value that may be drawn is valid, found out before anything walks.
+"""Validates the ends of every range before the first walk.
 
-Each variable is set to its ends on each scenario, while the others are in their middle. What only some combinations
-show (a way that runs into itself, a landing too short) is found when they are walked, and such walks are rejected.
+Each variable is set to its ends on each scenario, while the others are at their median. Combinations that are invalid
+(a route that crosses itself, a landing too short) are rejected when they are generated.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
                     try:
                         tried(folder, scenario_of(campaign, base, somebody, drawn, extra))
                     except StrideTwinError as error:
-                        raise _told(variable, base, end, error) from error
+                        raise _campaign_error(variable, base, end, error) from error
 
 
 def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle: dict[str, Any], extra: Extra) -> None:
-    """The scenario as it is, then with what is set in all of its walks."""
+    """The unchanged scenario, then with the values that are set in all of its walks."""
     try:
         tried(folder, base.scenario)
     except StrideTwinError as error:
@@ -59,12 +59,12 @@ def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle:
     except StrideTwinError as error:
         for variable in in_force(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
-                raise _told(variable, base, error.value, error) from error
+                raise _campaign_error(variable, base, error.value, error) from error
         raise base.at.error(base.name, f"a scenario that takes what is set ({_inner(error)})") from error
 
 
 def _try_people(folder: Path, group: Group) -> None:
-    """The extremes of a group, who walk a few steps."""
+    """The extremes of a group, on a walk of a few steps."""
     for key, found in group.body.items():
         for end in found.ends if key != "bmi" else ():
             try:
@@ -73,8 +73,8 @@ def _try_people(folder: Path, group: Group) -> None:
                 raise group.at.key(key).error(error.value, error.valid) from error
 
 
-def _told(variable: Variable, base: Base, value: Any, error: StrideTwinError) -> ConfigError:
-    """What is wrong with a scenario, as an error of the campaign's file."""
+def _campaign_error(variable: Variable, base: Base, value: Any, error: StrideTwinError) -> ConfigError:
+    """A scenario's error as an error of the campaign's file."""
     if isinstance(error, ConfigError) and _is_about(error, variable):
         return variable.at.error(error.value, error.valid)
     return variable.at.error(value, f"what {base.name} can be walked with ({_inner(error)})")
@@ -85,7 +85,7 @@ def _is_about(error: ConfigError, variable: Variable) -> bool:
 
 
 def _inner(error: StrideTwinError) -> str:
-    """The error without the place of the file that was tried, but with the name of a file of the user's own."""
+    """The error without the temporary file's path, but with the name of a user's file."""
     if not isinstance(error, ConfigError):
         return str(error)
     own = f"{Path(error.source).name}: " if FILES in Path(error.source).parts else ""

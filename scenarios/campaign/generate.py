@@ -1,4 +1,4 @@
-"""A campaign from start to end: plan, walk what is missing, then manifest and card."""
+"""Generates a campaign: plan, missing walks, manifest and card."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Options:
     """Options of a campaign run.
 
     Attributes:
-        folder: Gets everything.
-        workers: Walks at a time, each in a process of its own.
-        scheduler: Address of a Dask scheduler, whose workers walk instead.
-        seed: In place of the campaign's.
-        subset: Only so many walks, the first.
-        extra: For every walk.
+        folder: Output folder.
+        workers: Number of processes, one walk at a time each.
+        scheduler: Address of a Dask scheduler, whose workers generate the walks instead.
+        seed: Replaces the campaign's.
+        subset: Number of walks, from the first; None takes all.
+        extra: Overrides for every walk.
     """
 
     folder: Path
@@ -61,11 +61,11 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """What a campaign came to.
+    """Result of a campaign.
 
     Attributes:
-        manifest: As it was written.
-        made: Walks that were made now; the others were there.
+        manifest: As written.
+        made: Number of walks generated now; the others were reused.
     """
 
     manifest: dict[str, Any]
@@ -73,25 +73,25 @@ class Done:
 
     @property
     def verdicts(self) -> Counter[str]:
-        """How many walks have each status."""
+        """Number of walks by status."""
         return Counter(walk["status"] for walk in self.manifest["walks"])
 
     @property
     def reasons(self) -> Counter[str]:
-        """How many walks were rejected for each kind of reason."""
+        """Number of rejected walks by kind of reason."""
         return Counter(kind for w in self.manifest["walks"] for kind in {r.split(":")[0] for r in w["reasons"]})
 
 
 def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
-    """Makes the walks of a campaign that are not there yet, of this configuration and version of the code.
+    """Generates the walks that the folder lacks for this configuration and version of the code.
 
     Args:
         campaign: The campaign.
         options: How it is run.
-        progress: Told the stage and how far it is (0-1).
+        progress: Receives the stage and its progress (0-1).
 
     Raises:
-        StrideTwinError: Anything that the user can put right; what is finished stays.
+        StrideTwinError: Any usage error; finished walks are kept.
     """
     progress("plan", 0.0)
     if options.seed is not None:
@@ -114,7 +114,7 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
         rows = {name: row for name, row in found.items() if row.get("status")}
         missing = [job for job in jobs if job.walk.name not in rows]
         outdated = sum(bool(found[job.walk.name]) for job in missing)
-        if outdated:  # they tell of recordings that are going to be replaced
+        if outdated:  # they describe recordings that will be replaced
             for name in (manifests.NAME, card.NAME):
                 (options.folder / name).unlink(missing_ok=True)
         lay_files(options.folder, campaign.own)
@@ -123,15 +123,15 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
         for row in engines.rows(missing, options.workers, options.scheduler):
             rows[row["walk"]] = row
             progress(stage, len(rows) / len(jobs))
-        told = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)
-        for name, text in ((card.NAME, card.card(told)), (manifests.NAME, json_text(told))):
+        content = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)
+        for name, text in ((card.NAME, card.card(content)), (manifests.NAME, json_text(content))):
             with whole_file(options.folder / name) as file:
                 file.write_text(text, encoding="utf-8")
-    return Done(manifest=told, made=len(missing))
+    return Done(manifest=content, made=len(missing))
 
 
 def _kept(job: Job) -> dict[str, Any]:
-    """The row that there is of a walk, whole with its recording; without a status where it is of another version."""
+    """The existing row of a walk with a complete recording; one without status where its version differs."""
     try:
         row: dict[str, Any] = json.loads(job.place(ROWS, ".json").read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -145,11 +145,11 @@ def _kept(job: Job) -> dict[str, Any]:
         return row
     places = [job.place(place, ".mcap") for place in (RECORDINGS, REJECTED)]
     there = next((path for path in places if path.is_file() and path.stat().st_size == row["bytes"]), None)
-    return {"key": ""} if there is None else _judged_anew(job, row, there)
+    return {"key": ""} if there is None else _with_current_verdict(job, row, there)
 
 
-def _judged_anew(job: Job, row: dict[str, Any], recording: Path) -> dict[str, Any]:
-    """The row by what is asked for now, and the recording where it belongs by that."""
+def _with_current_verdict(job: Job, row: dict[str, Any], recording: Path) -> dict[str, Any]:
+    """The row by the current quality limits, with the recording moved to the folder of its verdict."""
     now = judged(row, job.quality)
     if recording != (place := job.folder / now["recording"]):
         os.replace(recording, place)
@@ -160,7 +160,7 @@ def _judged_anew(job: Job, row: dict[str, Any], recording: Path) -> dict[str, An
 
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
-    """Makes the folders of a campaign, for one `generate` at a time; what killed ones left half done goes."""
+    """Locks and creates the folders of a campaign; removes the unfinished files of killed runs."""
     for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
         (folder / name).mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)

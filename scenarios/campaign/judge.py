@@ -1,4 +1,4 @@
-"""Is a walk fit for the data set: falls, help at the root, and what `check` says of its streams."""
+"""Quality check of a walk: falls, external force at the root, and the findings of `check` on its streams."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _RESIDUAL = "/truth/root_residual"
 
 
 def measured(recording: Recording, person: Person, fell_at_s: float | None) -> dict[str, Any]:
-    """What there is to judge by, as the manifest has it.
+    """Figures of the quality check, as the manifest holds them.
 
     Args:
         recording: Opened leniently.
-        person: Who walks: the help is told in % of the body weight.
-        fell_at_s: When the walker fell, as the twin says.
+        person: The walker; the force at the root is given in % of the body weight.
+        fell_at_s: When the walker fell according to the twin, s.
 
     Returns:
-        `duration_s`, `fell_at_s`, `help_mean_pct`, and what `check` says that would spoil an estimate: `findings`, and
-        `expected_findings` about streams with a fault that was asked for.
+        `duration_s`, `fell_at_s`, `help_mean_pct`, and the errors that `check` finds: `findings`, and
+        `expected_findings` about streams with an injected fault.
     """
     broken = {i.topic for i in injected.from_metadata(recording.metadata)}
     spoils = [f for f in check_recording(recording).findings if f.spoils]
@@ -41,11 +41,11 @@ def measured(recording: Recording, person: Person, fell_at_s: float | None) -> d
 
 
 def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
-    """Why a walk is rejected; nothing where it is fit.
+    """Why a walk is rejected; empty where it is accepted.
 
     Args:
         figures: Of `measured`.
-        quality: What is asked.
+        quality: The campaign's limits.
     """
     found = []
     if figures["fell_at_s"] is not None and quality.falls == "reject":
@@ -58,7 +58,7 @@ def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
 
 
 def _root_help_pct(recording: Recording, person: Person) -> float:
-    """Mean force that helped at the root, beside the ground's, % of the body weight; 0 for a walk that is played."""
+    """Mean external force at the root besides the ground's, % of the body weight; 0 for a kinematic walk."""
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1)
     return _rounded(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
 
@@ -68,5 +68,5 @@ def _words(finding: Finding) -> str:
 
 
 def _rounded(value: float) -> float:
-    """Three decimals; what rounding errors leave of nothing is nothing."""
+    """Three decimals; -0 becomes 0."""
     return round(value, 3) + 0.0

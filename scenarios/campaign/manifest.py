@@ -1,6 +1,6 @@
-"""The manifest of a campaign: every walk, what it was made of, its checksum, its verdict and its part of each split.
+"""The manifest of a campaign: configuration, checksum, verdict and part of each split of every walk.
 
-It says nothing of when, where and by how many workers the walks were made, so that these change no byte of it.
+It holds no time, machine or number of workers, so that these change no byte of it.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ NAME = "manifest.json"
 def manifest(
     campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], own: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The manifest as JSON has it.
+    """The manifest as JSON holds it.
 
     Args:
-        campaign: What was asked.
+        campaign: Its configuration.
         rows: All walks, in order.
         versions: Of the code that made them.
-        own: Checksum of each file of the user's own.
+        own: Checksum of each of the user's files.
     """
     dealt = split(rows, campaign.splits, campaign.seed)
     walks, bodies = [], {}
     for row in rows:
-        told = {key: value for key, value in row.items() if key not in ("key", "body")}
+        entry = {key: value for key, value in row.items() if key not in ("key", "body")}
         if "person" in row:
             bodies[row["person"]] = row["body"]
         if row["status"] == ACCEPTED:
-            told["split"] = {by: dealt[by][str(group(row, by, campaign.splits))] for by in dealt}
-        walks.append(told)
+            entry["split"] = {by: dealt[by][str(group(row, by, campaign.splits))] for by in dealt}
+        walks.append(entry)
     return {
         "format": FORMAT,
         "campaign": campaign.path.stem,

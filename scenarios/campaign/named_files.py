@@ -1,7 +1,6 @@
-"""Files that another file names, a campaign's or a placement's: scenarios, and what those name of the user's own.
+"""Files that a campaign or a placement names: scenarios, and the user's sensor parts, exoskeletons and meshes.
 
-That is sensors' parts, exoskeletons and meshes. They lie in that file's folder or below it, and lie alike in the output
-folder, so that files that name each other find each other there.
+They are in the folder of the naming file or below it, and get the same relative paths in the output folder.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ _SUFFIXES = (".yaml", ".yml")
 _MODELS = (".xml", ".urdf")
 _OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")
 _NAMING = ("sensors", "exo", "terrain")
-"""What of a scenario names files."""
+"""Keys of a scenario that may name files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +34,9 @@ class Variable:
 
     Attributes:
         name: As the file writes it.
-        paths: Where it goes, one place or several.
+        paths: Its fields in the scenario, one or several.
         distribution: How it varies.
-        at: Where it stands in the file.
+        at: Its position in the file.
     """
 
     name: str
@@ -47,7 +46,7 @@ class Variable:
 
     @property
     def varies(self) -> bool:
-        """Whether it is drawn."""
+        """Whether it differs from walk to walk."""
         return not isinstance(self.distribution, Fixed)
 
 
@@ -56,11 +55,11 @@ class Base:
     """A scenario that walks start from.
 
     Attributes:
-        name: Of the catalogue, or of the file; where another scenario of the file has it, with a number behind.
+        name: Of the catalogue, or of the file; a number is appended where the name is already used.
         scenario: Plain data of its file.
-        weight: How often, against the others.
-        variables: Of its own, set after those of all.
-        at: Where it stands in the file.
+        weight: Its frequency relative to the others.
+        variables: Its own, set after those of all scenarios.
+        at: Its position in the file.
     """
 
     name: str
@@ -103,14 +102,14 @@ WeighedBase = Annotated[_Weighed, BeforeValidator(short_base, json_schema_input_
 
 
 class NamedFiles:
-    """What a file names of other files.
+    """Files that a file names.
 
     Args:
         path: The file, such as a campaign's.
-        folder: Whose folder it lies in, in errors, such as `the campaign's folder`.
+        folder: Description of its folder for errors, such as `the campaign's folder`.
 
     Attributes:
-        own: Files of the user's own by the names that they get in the output folder.
+        own: The user's files by their names in the output folder.
     """
 
     def __init__(self, path: Path, folder: str) -> None:
@@ -143,7 +142,7 @@ class NamedFiles:
         return Base(name=self._unique(path.stem), scenario=scenario, weight=weight, variables=variables, at=at)
 
     def _unique(self, name: str) -> str:
-        """A name that no base before it has: a scenario may be named twice, with other values set."""
+        """A unique name: a scenario may be listed twice with different values."""
         names = (name, *(f"{name}_{i}" for i in range(2, len(self._bases) + 2)))
         found = next(n for n in names if n not in self._bases)
         self._bases.add(found)
@@ -171,12 +170,12 @@ class NamedFiles:
         return values
 
     def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:
-        """What is said of sensors, exoskeleton or terrain, with the names that files get in the output folder.
+        """The block of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
 
         Args:
             node: Plain data.
-            where: Its place.
-            home: Folder that paths start from; None for that of the file.
+            where: Its position.
+            home: Folder of relative paths; None for that of the file.
         """
         home = home or self._home
         if isinstance(node, dict):
@@ -188,7 +187,7 @@ class NamedFiles:
         return f"../{FILES}/{self._keep(home, node, where)}"
 
     def _keep(self, home: Path, name: str, where: Where) -> str:
-        """Notes a file and those that it names; returns its name in the output folder."""
+        """Adds a file and the files that it names; returns its name in the output folder."""
         path = self._inside(home, name, where)
         kept = path.relative_to(self._home).as_posix()
         if kept not in self.own:
@@ -203,17 +202,17 @@ class NamedFiles:
         if not path.is_relative_to(self._home):
             raise where.error(name, f"a file in {self._folder}, {self._home}, or below it")
         if not path.is_file():
-            raise where.error(name, "a file that there is")
+            raise where.error(name, "an existing file")
         return path
 
 
 def names_files(paths: tuple[FieldPath, ...]) -> bool:
-    """Whether a value there may name files of the user's own."""
+    """Whether a value of these fields may name the user's files."""
     return any(path.keys[0] in _NAMING for path in paths)
 
 
 def _named_in(path: Path) -> Iterator[str]:
-    """What a file of the user's own names in turn: meshes of a model, parts of a rig file."""
+    """Files that a user's file names in turn: meshes of a model, parts of a rig file."""
     if path.suffix.lower() in _SUFFIXES:
         yield from _parts_in(read_yaml(path, most_values=LARGEST_FILE_VALUES))
     elif path.suffix.lower() in _MODELS:

@@ -1,4 +1,4 @@
-"""The scenario file of one walk, which lies beside the recordings: `generate` makes the walk from it again."""
+"""The scenario file of one walk, beside the recordings: `generate` reproduces the walk from it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def scenario_text(scenario: dict[str, Any]) -> str:
 
 
 def lay_files(folder: Path, own: Mapping[str, Path]) -> None:
-    """Copies files of the user's own to where the walks' scenarios look for them."""
+    """Copies the user's files to the paths that the walks' scenarios name."""
     for name, source in own.items():
         place = folder / FILES / name
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -31,14 +31,14 @@ def lay_files(folder: Path, own: Mapping[str, Path]) -> None:
 
 
 def tried(folder: Path, scenario: dict[str, Any]) -> Scenario:
-    """What a scenario means.
+    """Parses and validates a scenario.
 
     Args:
-        folder: Where `FOLDER` and the files of the user's own lie; a file is written there.
+        folder: Contains `FOLDER` and the user's files; a file is written there.
         scenario: Plain data.
 
     Raises:
-        StrideTwinError: It is not valid.
+        StrideTwinError: It is invalid.
     """
     path = folder / FOLDER / "tried.yaml"
     path.write_text(scenario_text(scenario), encoding="utf-8")

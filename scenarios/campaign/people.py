@@ -1,4 +1,4 @@
-"""The people of a campaign: groups whose members' bodies are drawn once, each member for many walks."""
+"""The people of a campaign: groups whose members' bodies are drawn once and used in many walks."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _MM = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """People who are alike in what their bodies are drawn from.
+    """People whose bodies are drawn from the same distributions.
 
     Attributes:
-        count: How many.
+        count: Number of people.
         body: Distribution of each key of a person, and of `bmi` (kg/m²), which gives the mass.
-        names: People of the project by name, instead of drawn ones.
-        at: Where the group is in the file.
+        names: Predefined people by name, instead of drawn ones.
+        at: Position of the group in the file.
     """
 
     count: int
@@ -46,7 +46,7 @@ class Group:
         return tuple(key for key, found in self.body.items() if not isinstance(found, Fixed))
 
     def person(self, quantiles: dict[str, float]) -> dict[str, Any]:
-        """A member, as a scenario file has a person.
+        """A member, in the form of a scenario file's person.
 
         Args:
             quantiles: Of each key that varies.
@@ -114,7 +114,7 @@ GroupInFile = Annotated[
 
 
 def told(person: Person) -> dict[str, Any]:
-    """A person as a scenario file and the manifest have one, all defaults filled in."""
+    """A person in the form of scenario file and manifest, with all defaults filled in."""
     body = asdict(person)
     shoe = body.pop("shoe_m")
     return body | ({} if shoe is None else {"shoe_mm": float(f"{shoe / _MM:.6g}")})

@@ -1,4 +1,4 @@
-"""The walks of a campaign: whose they are, from which scenario, with which values, before any of them is walked."""
+"""The plan of a campaign: person, scenario and values of each walk."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Walk:
         name: Of its files.
         seed: Of everything random in it.
         base: Name of the scenario that it comes from.
-        values: What was drawn, by the names in the campaign's file; without what a later line replaces.
+        values: Drawn values by their names in the campaign's file, without those that a later line replaces.
         scenario: Plain data of its own scenario file.
     """
 
@@ -39,7 +39,7 @@ class Walk:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """What the command line asks of every walk.
+    """Overrides of the command line for every walk.
 
     Attributes:
         physics: How the body moves; None as the scenarios say.
@@ -51,7 +51,7 @@ class Extra:
 
     @property
     def places(self) -> Iterator[tuple[str | int, ...]]:
-        """What it sets in a scenario, after all else."""
+        """Fields of a scenario that it sets, after all others."""
         if self.physics is not None:
             yield ("physics",)
         if not self.cameras:
@@ -59,10 +59,10 @@ class Extra:
 
 
 def people(campaign: Campaign) -> list[Any]:
-    """The people of a campaign, as scenario files have them; none where the scenarios say who walks.
+    """The people of a campaign, in the form of scenario files; empty where the scenarios name the walker.
 
-    Those of a group stand by the first of their values, so that walks that are spread evenly over the people are so
-    over that value, too: in the order in which they are drawn it goes up and down as the walks' own values do.
+    The members of a group are sorted by their first value, so that walks that cover the people evenly cover that value
+    evenly, too.
     """
     found: list[Any] = []
     for i, group in enumerate(campaign.people):
@@ -74,9 +74,9 @@ def people(campaign: Campaign) -> list[Any]:
 def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
     """The walks of a campaign, in order.
 
-    Which scenario each walk is of comes first. Then each scenario has a cube of its own, with a dimension for the
-    person and one for each value that varies there, whose points its walks take in their order: what varies within a
-    scenario fills its ranges together, whatever the others ask for.
+    The scenario of each walk is drawn first. Each scenario then has a unit cube of its own, with one dimension for the
+    person and one per varying value; its walks take the points in order. So the values of a scenario fill their ranges
+    jointly, independent of the other scenarios.
     """
     crowd, sampling = people(campaign), campaign.sampling
     order = Choice(values=campaign.bases, weights=tuple(base.weight for base in campaign.bases))
@@ -86,11 +86,11 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
         iter(cube(sampling, which.count(i), 1 + len(own), campaign.seed, (_WALKS, i)).tolist())
         for i, own in enumerate(varied)
     ]
-    told = [{v.name for v in in_force(campaign, base, extra)} for base in campaign.bases]
+    effective = [{v.name for v in in_force(campaign, base, extra)} for base in campaign.bases]
     walks = []
     for i, k in enumerate(which):
         base, (who, *row) = campaign.bases[k], next(points[k])
-        drawn = {name: value for name, value in _drawn(varied[k], row) if name in told[k]}
+        drawn = {name: value for name, value in _drawn(varied[k], row) if name in effective[k]}
         person = crowd[int(who * len(crowd))] if crowd else None
         walks.append(
             Walk(
@@ -105,7 +105,7 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
 
 
 def in_force(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
-    """What is set in a scenario's walks, in order, without the lines of which later ones replace all."""
+    """Variables that are set in a scenario's walks, in order, without those that later lines replace entirely."""
     found: list[Variable] = []
     later = list(extra.places)
     for variable in reversed((*campaign.variables, *base.variables)):
@@ -119,14 +119,14 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     """Plain data of one walk's scenario.
 
     Args:
-        campaign: Whose variables are set, then the scenario's own.
+        campaign: Its variables are set first, then the scenario's own.
         base: The scenario.
-        person: Who walks; None as the scenario says.
+        person: The walker; None for the scenario's.
         drawn: Value of each variable in force that varies.
-        extra: What the command line asks.
+        extra: Overrides of the command line.
 
     Raises:
-        ConfigError: A variable that has no place in this scenario.
+        ConfigError: This scenario lacks the field of a variable.
     """
     scenario: dict[str, Any] = _copied(base.scenario)
     for variable in in_force(campaign, base, extra):
@@ -149,5 +149,5 @@ def _drawn(variables: Sequence[Variable], quantiles: Sequence[float]) -> Iterato
 
 
 def _copied(value: Any) -> Any:
-    """A copy that shares nothing."""
+    """A deep copy of plain data."""
     return json.loads(json.dumps(value))

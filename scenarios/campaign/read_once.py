@@ -1,4 +1,4 @@
-"""An MCAP file whose small streams are all read together, once: to check a recording is to read every one of them."""
+"""An MCAP file whose streams without images are read in one pass, as `check` reads all of them."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from stridetwin.streams.topic_reader import concatenated
 
 
 class _ReadOnce(McapContents):
-    """Holds the blocks of all topics without pictures in memory."""
+    """Holds the blocks of all topics without images in memory."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, lenient=True)
         self._blocks: dict[str, Block[Any]] = {}
 
     def block(self, topic: str) -> Block[Any]:
-        """All samples of a topic that carries no pictures."""
+        """All samples of a topic without images."""
         if not self._blocks:
             parts: dict[str, list[Block[Any]]] = {}
             for chunk in self._index.chunks:

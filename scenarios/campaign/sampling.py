@@ -1,4 +1,4 @@
-"""Points of the unit cube that fill it evenly: one a walk, one dimension a value that varies."""
+"""Low-discrepancy points of the unit cube: one point per walk, one dimension per varying value."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from stridetwin.streams.samples import Array
 def cube(sampling: str, count: int, dimensions: int, seed: int, key: tuple[int, ...]) -> Array:
     """Points of the unit cube.
 
-    A Sobol sequence (scrambled: Owen 1998, as in Matoušek 1998) begins alike however many points are asked for; a
-    Latin hypercube (McKay et al. 1979), which has one point in each of `count` layers of every dimension, does not.
+    The first points of a Sobol sequence (scrambled: Owen 1998, as in Matoušek 1998) do not depend on `count`; those of
+    a Latin hypercube (McKay et al. 1979), which has one point in each of `count` layers of every dimension, do.
 
     Args:
         sampling: `sobol` or `latin_hypercube`.
-        count: How many points.
+        count: Number of points.
         dimensions: Of the cube.
         seed: Of the campaign.
-        key: Tells this cube from the others of the campaign.
+        key: Identifies this cube among those of the campaign.
 
     Returns:
         (count, dimensions) in [0, 1).

@@ -1,4 +1,4 @@
-"""One walk of a campaign, in whatever process: recorded under a hidden name, judged, then put in its place whole."""
+"""One walk of a campaign: recorded under a hidden name, checked, then moved to its place atomically."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _LIBRARIES = ("mujoco", "numpy", "scipy")
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """A walk to be made.
+    """A walk to generate.
 
     Attributes:
-        walk: Which.
+        walk: Its plan.
         folder: The campaign's.
-        quality: What is asked of it.
-        key: Of its row: a digest of all that the recording comes from.
-        versions: Of the code that is to make it.
+        quality: Its quality limits.
+        key: Of its row: a digest of everything that determines the recording.
+        versions: Of the code that must generate it.
     """
 
     walk: Walk
@@ -56,7 +56,7 @@ class Job:
 
 @cache
 def versions() -> dict[str, str]:
-    """What makes a walk: the project, a digest of its sources, and the libraries that it computes with."""
+    """Versions that determine a walk: the project, a digest of its sources, and the numerical libraries."""
     return {
         "stridetwin": metadata.version("stridetwin"),
         "sources": digest(__name__, estimators=False),
@@ -65,11 +65,11 @@ def versions() -> dict[str, str]:
 
 
 def key_of(walk: Walk, own: dict[str, str], made_by: dict[str, str]) -> str:
-    """Digest of all that a walk's recording comes from.
+    """Digest of everything that determines a walk's recording.
 
     Args:
         walk: The walk.
-        own: Digest of each file of the user's own.
+        own: Digest of each of the user's files.
         made_by: Versions of the code.
     """
     what = json.dumps([asdict(walk), own, made_by], sort_keys=True)
@@ -77,18 +77,18 @@ def key_of(walk: Walk, own: dict[str, str], made_by: dict[str, str]) -> str:
 
 
 def make(job: Job) -> dict[str, Any]:
-    """Walks, records, judges and keeps one walk; returns its row.
+    """Simulates, records and checks one walk; returns its row.
 
-    A walk that cannot be walked is rejected and has no recording. An error that nobody foresaw makes a row that is not
-    kept, so that the next run tries again.
+    An infeasible walk is rejected and has no recording. The row of an unexpected error is not kept, so that the next
+    run tries again.
 
     Raises:
-        StrideTwinError: What is wrong with more than this walk: other versions here, no simulator, a full disk.
+        StrideTwinError: An error that affects all walks: other versions here, no simulator, a full disk.
     """
     here = versions()
     if here != job.versions:
         other = ", ".join(f"{n} {here[n]}" for n in here if here[n] != job.versions.get(n))
-        raise StrideTwinError(f"a worker has other versions than asked for: {other}; valid: the same on every worker")
+        raise StrideTwinError(f"a worker has other versions: {other}; expected: the same on every worker")
     try:
         return _made(job)
     except OSError as error:
@@ -100,15 +100,15 @@ def make(job: Job) -> dict[str, Any]:
 
 
 def failed(job: Job, why: str) -> dict[str, Any]:
-    """The row of a walk that came to no end; nothing keeps it, so that the next run tries again.
+    """The row of a walk with an unexpected error; it is not kept, so that the next run tries again.
 
-    It tells of person and terrain as any other row: the splits do not depend on which walks failed.
+    It holds person and terrain like any other row, so that the splits do not depend on which walks failed.
     """
     try:
         scenario = scenario_of(job.walk.scenario, job.place(SCENARIOS, ".yaml"))
-    except Exception:  # what the walk may have failed by
+    except Exception:  # may be the cause of the failure
         scenario = None
-    return _row(job, FAILED, [f"error: {_told(job, why)}"], scenario)
+    return _row(job, FAILED, [f"error: {_one_line(job, why)}"], scenario)
 
 
 def _made(job: Job) -> dict[str, Any]:
@@ -121,12 +121,12 @@ def _made(job: Job) -> dict[str, Any]:
 
 
 def keep_row(job: Job, row: dict[str, Any], hidden: Path) -> None:
-    """Writes a row to where the next run finds it."""
+    """Writes a row for the next run."""
     _put(json.dumps({"key": job.key, **row}, sort_keys=True), hidden, job.place(ROWS, ".json"))
 
 
 def _put(text: str, hidden: Path, path: Path) -> None:
-    """Writes a file whole; no other attempt at the same walk, on a worker that was given up, writes under its name."""
+    """Writes a file atomically; another worker may still write the same walk."""
     written = hidden / path.name
     written.write_text(text, encoding="utf-8")
     os.replace(written, path)
@@ -169,29 +169,29 @@ def _walked(job: Job, path: Path, hidden: Path) -> dict[str, Any]:
 
 
 def judged(row: dict[str, Any], quality: Quality) -> dict[str, Any]:
-    """The row of a recorded walk with its verdict, and where its recording belongs by that."""
+    """The row of a recorded walk with its verdict and the resulting path of its recording."""
     found = reasons(row, quality)
     status, place = (REJECTS, REJECTED) if found else (ACCEPTED, RECORDINGS)
     return {**row, "status": status, "reasons": found, "recording": f"{place}/{row['walk']}.mcap"}
 
 
 def _refused(job: Job, error: StrideTwinError, path: Path, scenario: Scenario | None) -> dict[str, Any]:
-    """The row of a walk that cannot be walked."""
+    """The row of an infeasible walk."""
     for place in (RECORDINGS, REJECTED):
         job.place(place, ".mcap").unlink(missing_ok=True)  # of another version
-    words = _told(job, str(error).replace(str(path), path.stem))
+    words = _one_line(job, str(error).replace(str(path), path.stem))
     return _row(job, REJECTS, [f"refused: {words}"], scenario)
 
 
-def _told(job: Job, text: str) -> str:
-    """Words of one line, without where this machine has the campaign."""
+def _one_line(job: Job, text: str) -> str:
+    """The message on one line, without the campaign's path on this machine."""
     for place in (f"{job.folder / SCENARIOS}/../", f"{job.folder}/"):
         text = text.replace(place, "")
     return " ".join(text.split())
 
 
 def _row(job: Job, status: str, why: list[str], scenario: Scenario | None = None) -> dict[str, Any]:
-    """What the manifest says of a walk."""
+    """A walk's entry of the manifest."""
     row: dict[str, Any] = {
         "walk": job.walk.name,
         "seed": job.walk.seed,
@@ -207,7 +207,7 @@ def _row(job: Job, status: str, why: list[str], scenario: Scenario | None = None
 
 
 def _who_and_where(config: TwinConfig) -> dict[str, Any]:
-    """Person and terrain by names that are the same for bodies and ways that are the same."""
+    """Person and terrain; equal bodies and equal routes have equal names."""
     body = told(config.person)
     return {
         "person": f"person_{_short(json.dumps(body, sort_keys=True))}",

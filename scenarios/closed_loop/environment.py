@@ -1,7 +1,7 @@
 """A simulated walk as `dm_control.rl.control` and `dm_env` drive it.
 
-An action is the torque that each motor is to give, asked a hundred times a second and given 10 ms later. The wearer
-walks the scenario's way and knows what the motors do: his own torque is what tracking still needs.
+An action is the torque command of each motor, at 100 Hz; the motor applies it 10 ms later. The wearer follows the
+scenario's route and knows the motors' torques: their own joint torques are what tracking needs in addition.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array
 
 HIP_NM, KNEE_NM = 20.0, 15.0
-"""The most that is given to hips and to other joints, N m; to none more than its motor gives."""
+"""Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
 SENSORS = ("insole", "ahrs", "encoder", "interaction", "actuator")
 HELPED = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
 _ORDER = ("hip", "knee", "ankle")
-_SEEDS = "a whole number from 0 on, or an iterable of them with one for each walk"
+_SEEDS = "a whole number from 0 on, or an iterable of them with one per walk"
 
 
 class WalkPhysics(control.Physics):
-    """One walk after the other, each with the next seed.
+    """Walks in sequence, each with the next seed.
 
     Args:
         config: Who walks where; with an exoskeleton.
-        seeds: Of the walks; a seed that stays is not planned again.
+        seeds: Of the walks; a repeated seed is not planned again.
 
     Attributes:
-        joints: The powered ones, in the order of actions: hips, knees, ankles, then others by name; left first.
-        most: (n,) N m, the most that is given to each of them.
-        rig: The sensors as estimators are told of them, of the first walk.
+        joints: Powered joints, in the order of actions: hips, knees, ankles, then others by name; left first.
+        most: (n,) torque limit of each, N m.
+        rig: The nominal sensor rig of the first walk, as estimators read it.
 
     Raises:
-        ConfigError: Nothing is powered, or a seed is none, or there are no more of them.
+        ConfigError: No joint is powered, a seed is invalid, or no seed is left.
     """
 
     def __init__(self, config: TwinConfig, seeds: Iterator[int]) -> None:
@@ -61,7 +61,7 @@ class WalkPhysics(control.Physics):
             raise _unpowered(config)
         self.joints = tuple(sorted(mounted, key=_rank))
         self.most = np.minimum(most_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
-        self._driven = [self.joints.index(joint) for joint in mounted]  # in the order in which motors are asked
+        self._driven = [self.joints.index(joint) for joint in mounted]  # in the order of the motors
         self._config, self._seeds = config, seeds
         self._seed = self._next_seed()
         self.rig: Rig = sensor_rig(config).nominal(self._seed)
@@ -73,19 +73,19 @@ class WalkPhysics(control.Physics):
 
     @property
     def live(self) -> LiveTwin:
-        """The walk that goes on."""
+        """The current walk."""
         if self._live is None:
             raise RuntimeError("no walk has begun: call reset first")
         return self._live
 
     @property
     def twin(self) -> Twin:
-        """Who walks it."""
+        """The twin of the current walk."""
         assert self._twin is not None
         return self._twin
 
     def reset(self) -> None:
-        """Begins the next walk: the wearer stands on his soles."""
+        """Starts the next walk: the wearer stands on both soles."""
         self.close()
         if self._twin is None:
             self._twin = Twin(self._config, self._seed)
@@ -108,37 +108,37 @@ class WalkPhysics(control.Physics):
         return number
 
     def after_reset(self) -> None:
-        """Nothing is left to do."""
+        """Does nothing."""
 
     def close(self) -> None:
-        """Ends the walk, and the processes that draw its pictures."""
+        """Ends the walk and the processes that render its images."""
         self._walking.close()
         self._live = None
 
     def set_control(self, control: Array) -> None:
-        """The torques that are asked for next, N m, in the order of `joints`."""
+        """Sets the next torque commands, (n,) N m, in the order of `joints`."""
         self._torque = np.array(control, float)
 
     def step(self, n_sub_steps: int = 1) -> None:
-        """Walks on; `samples` are those that have arrived."""
+        """Advances the walk; `samples` holds the samples that arrived."""
         self.samples = self.live.advance(self.live.simulation.time_s + n_sub_steps * STEP_S)
 
     def time(self) -> float:
-        """How long the walk has gone on, s."""
+        """Time since the start of the walk, s."""
         return self.live.simulation.time_s
 
     def timestep(self) -> float:
-        """Of the simulation, s."""
+        """Time step of the simulation, s."""
         return STEP_S
 
     def power(self, seconds: float) -> Array:
-        """(N, 4) W of the wearer's own hips and knees (`HELPED`) in each step of the last time."""
+        """(N, 4) W of the wearer's own hips and knees (`HELPED`) in each time step of the last `seconds`."""
         torque, speed = helped_joints(self.live.simulation.recent(seconds))
         return torque * speed
 
 
 def helped_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
-    """(N, 4) N m and rad/s of the wearer's own hips and knees (`HELPED`) in each step of a walk."""
+    """(N, 4) N m and rad/s of the wearer's own hips and knees (`HELPED`) in each time step of a walk."""
     _, speed = walk.moving(walk.t)
     names = walk.coordinates.names[6:]
     dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in HELPED]
@@ -146,27 +146,27 @@ def helped_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
 
 
 def most_nm(joints: Sequence[str]) -> Array:
-    """(n,) N m, the most that is given to joints by their names, if their motors give as much."""
+    """(n,) torque limits of joints by name, N m, before the motors' own limits."""
     return np.array([HIP_NM if joint.startswith("hip") else KNEE_NM for joint in joints])
 
 
 def _rank(joint: str) -> tuple[int, str]:
-    """Where a joint comes among actions."""
+    """Sort key of a joint among the actions."""
     name = joint.rpartition("_")[0]
     return _ORDER.index(name) if name in _ORDER else len(_ORDER), joint
 
 
 def _unpowered(config: TwinConfig) -> ConfigError:
-    told, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
+    found, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
     if config.exo is not None:
-        told = f"mode {config.exo.mode}"
+        found = f"mode {config.exo.mode}"
         if config.exo.own is not None:
-            told, valid = "no motors", f"motors in {config.exo.own.rig}"
-    return ConfigError(config.name, "exo", told, valid)
+            found, valid = "no motors", f"motors in {config.exo.own.rig}"
+    return ConfigError(config.name, "exo", found, valid)
 
 
 def _seeds(seed: Any) -> Iterator[Any]:
-    """One seed for ever, or one after the other."""
+    """The same seed for every walk, or one seed per walk."""
     with suppress(TypeError):
         return repeat(operator.index(seed))
     with suppress(TypeError):
@@ -175,10 +175,10 @@ def _seeds(seed: Any) -> Iterator[Any]:
 
 
 class Assistance(control.Task):
-    """To help: the reward is the wearer's positive work of hips and knees, J, less than none.
+    """Assistance: the reward is minus the wearer's positive work of hips and knees, J.
 
     Args:
-        observer: What the controller sees; None: the streams of the exoskeleton's sensors.
+        observer: The controller's observations; None: the streams of the exoskeleton's sensors.
         rig: Of the walk.
     """
 
@@ -186,7 +186,7 @@ class Assistance(control.Task):
         self.observer: Observer = observer or Streams(rig)
 
     def initialize_episode(self, physics: WalkPhysics) -> None:
-        """A walk begins."""
+        """Starts a walk."""
         self.observer.reset()
 
     def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
@@ -194,18 +194,18 @@ class Assistance(control.Task):
         return specs.BoundedArray(physics.most.shape, float, -physics.most, physics.most, name="torque_nm")
 
     def before_step(self, action: Array, physics: WalkPhysics) -> None:
-        """What is beyond the limits is given as the limit; what is not finite is refused."""
+        """Clips torques to the limits; refuses values that are not finite."""
         torque = np.asarray(action, float)
         if torque.shape != physics.most.shape or not np.isfinite(torque).all():
             raise ConfigError("action", "torque_nm", torque, f"{len(physics.most)} finite numbers")
         physics.set_control(np.clip(torque, -physics.most, physics.most))
 
     def after_step(self, physics: WalkPhysics) -> None:
-        """Takes what has arrived."""
+        """Passes the samples that arrived to the observer."""
         self.observer.update(physics.samples)
 
     def get_observation(self, physics: WalkPhysics) -> dict[str, Array]:
-        """As the observer tells; the environment takes their specification from it, flat where it is to be."""
+        """The observer's observation, from which the environment also derives the specification."""
         return self.observer.observation()
 
     def get_reward(self, physics: WalkPhysics) -> float:
@@ -213,7 +213,7 @@ class Assistance(control.Task):
         return -float(np.maximum(physics.power(PERIOD_S), 0.0).sum()) * STEP_S
 
     def get_termination(self, physics: WalkPhysics) -> float | None:
-        """0 after a fall, 1 at the end of the way, None on it."""
+        """0 after a fall, 1 at the end of the route, else None."""
         simulation = physics.live.simulation
         return None if not simulation.over else 0.0 if simulation.fell_at is not None else 1.0
 
@@ -227,13 +227,13 @@ def environment(
     Args:
         scenario: Name in the catalogue, path of a file, or a configuration; with an exoskeleton in a mode that powers
             joints, or one of the user's own with motors. It is simulated with contacts, without faults, on rigid shoes.
-        seed: Of every walk; or one seed a walk, of which there have to be enough.
-        observer: Makes from the rig what the controller sees; None: the streams of the exoskeleton's sensors.
-        sensors: Groups of sensors that are worn.
-        flat_observation: One vector, `observations`, of all in the alphabetical order of their names.
+        seed: Of every walk; or an iterable with one seed per walk.
+        observer: Makes the observer from the rig; None: the streams of the exoskeleton's sensors.
+        sensors: Sensor groups of the walk.
+        flat_observation: One vector, `observations`, of all observations in alphabetical order of their names.
 
     Raises:
-        ConfigError: It cannot be walked, or powers nothing; a seed that is none, or, in `reset`, no more of them.
+        ConfigError: The walk is infeasible, no joint is powered, a seed is invalid, or, in `reset`, no seed is left.
     """
     config = scenario if isinstance(scenario, TwinConfig) else load_scenario(scenario).config
     config = replace(config, physics="dynamic", sensors=sensors, faults=(), shock=False)

@@ -1,4 +1,4 @@
-"""A walk with help, and what it costs its wearer."""
+"""A walk with assistance, and its cost to the wearer."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array
 
 Recogniser = Callable[[Rig, Twin], Recognition]
-"""Makes who tells the modes of a walk; of the twin only what a laboratory knows, or the truth to compare with."""
+"""Makes the mode recognition of a walk; from the twin it takes measured geometry, or the truth for comparison."""
 _EXO = Exo(mode=1)
 _FELT = ("insole", "encoder", "actuator")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Made:
-    """A walk that was made."""
+    """A simulated walk and its twin."""
 
     twin: Twin
     walk: SimulatedWalk
 
 
 def bare_walk(config: TwinConfig, seed: int) -> Made:
-    """The walk without any exoskeleton."""
+    """The walk without exoskeleton."""
     twin = Twin(replace(config, exo=None, sensors=(), physics="dynamic", faults=(), shock=False), seed)
     walk = twin.walk
     assert isinstance(walk, SimulatedWalk)
@@ -47,10 +47,10 @@ def helped_walk(config: TwinConfig, seed: int, recogniser: Recogniser | None, se
     """The walk in the exoskeleton with all its modules.
 
     Args:
-        config: Who walks where.
+        config: Of walker and route.
         seed: Of the walk.
-        recogniser: Who tells the modes; None: motors carry themselves, and help nobody.
-        sensors: Groups that are worn besides those of the law.
+        recogniser: Makes the mode recognition; None: the motors only compensate their own inertia.
+        sensors: Sensor groups besides those of the controller.
     """
     observer: Callable[[Rig], Any] | None = None
     if recogniser is not None:
@@ -74,18 +74,18 @@ def helped_walk(config: TwinConfig, seed: int, recogniser: Recogniser | None, se
 
 
 def truth_of(twin: Twin, wrong: float = 0.0) -> Known:
-    """The modes as they are, but for a share of the steps."""
+    """The true modes, with the share `wrong` of the steps replaced by other modes."""
     steps = {side: [(round(s.t_touch * 1e9), s.mode) for s in _made(twin.reference.steps[side])] for side in SIDES}
     return Known(steps, wrong, np.random.default_rng(np.random.SeedSequence(twin.seed, spawn_key=(2,))))
 
 
 def costs(made: Made) -> dict[str, dict[str, float]]:
-    """What the steps of each mode cost: those from a foot's touch-down to the other's, by the mode of the first.
+    """Cost of the steps of each mode; a step lasts from a foot's touch-down to the other foot's.
 
     Returns:
-        By mode: `steps`; `work_j`, the wearer's positive work of hips and knees; `rest_j`, what would be left of it if
-        the most that motors may give went into it without loss; `cuff_n`, root mean square of the force of thigh and
-        shank cuffs, 0 without an exoskeleton.
+        By mode: `steps`; `work_j`, the wearer's positive work of hips and knees; `rest_j`, the work that
+        would remain if the motors' torque limits reduced it without loss; `cuff_n`, RMS force of thigh and
+        shank cuffs, 0 without exoskeleton.
     """
     walk = made.walk
     torque, speed = helped_joints(walk)

@@ -1,8 +1,8 @@
-"""Help with hips and knees, by mode: each joint is pushed the way it turns, where the mode wants work of it.
+"""Assistance of hips and knees by locomotion mode: torque in the direction of the joint's motion.
 
-Negative damping, as of Aguirre-Ollinger et al. 2007, Active-impedance control of a lower-limb assistive exoskeleton
-(IEEE ICORR, 188-195): a push that grows with the joint's speed, up to what the module may give. In stance it goes with
-extension, where the body is lifted, in swing with flexion, where the leg is; how much of it is a question of the mode.
+Negative damping, as in Aguirre-Ollinger et al. 2007, Active-impedance control of a lower-limb assistive exoskeleton
+(IEEE ICORR, 188-195): torque proportional to the joint's speed, up to the module's limit. It assists extension in
+stance, which lifts the body, and flexion in swing, which lifts the leg; the mode sets its share.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Insole, Sample
 
 LOADED_N = 80.0
-"""An insole that tells more is stood on; what an unloaded one tells stays well below."""
+"""Force above which a foot is loaded; an unloaded insole measures far less."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
-    """How much of the most torque a joint is pushed with, in each direction (0-1).
+    """Share of the torque limit that a joint gets in each direction (0-1).
 
     Attributes:
-        extending: Where it extends.
-        bending: Where it bends.
+        extending: While it extends.
+        bending: While it flexes.
     """
 
     extending: float = 0.0
@@ -39,12 +39,12 @@ class Push:
 
 @dataclass(frozen=True, kw_only=True)
 class Help:
-    """How a mode is helped.
+    """Assistance of one mode.
 
     Attributes:
-        share: Of the most torque.
-        stance: By joint, of the leg that is stood on.
-        swing: By joint, of the other.
+        share: Of the torque limit.
+        stance: By joint, of a loaded leg.
+        swing: By joint, of an unloaded leg.
     """
 
     share: float
@@ -67,23 +67,23 @@ HELP = {
     "RA": Help(share=1.0),
     "RD": Help(share=0.75),
 }
-"""What saves the wearer's hips and knees most work; more of it he has to brake. Up stairs the hip only extends under
-load, and hip and knee extend the leg down onto the next tread."""
+"""The values that save most work at the wearer's hips and knees; with more the wearer has to brake. Up stairs the hip
+is only assisted in extension under load, and hip and knee also extend the leg onto the next tread."""
 FULL_RADPS, STANCE_RADPS = 0.8, 0.3
-"""Speed from which on a joint is pushed with all that its mode gives, and where it extends under load."""
+"""Joint speed at which the torque reaches its limit, in general and in extension under load."""
 SMOOTHING_S = 0.05
-"""With less, as with more, frame and straps swing on what the wearer then has to do."""
+"""Time constant of the torque; frame and mounts oscillate with a smaller as with a larger one."""
 
 
 class Helped(Streams):
-    """What a controller that helps by mode sees: the streams, which feet are loaded, and their modes.
+    """Observations of an assistance by mode: the streams, which feet are loaded, and their modes.
 
-    Besides `Streams`: `loaded` (2,) 1 where a foot is stood on, left first; `mode` (2,) numbers of
-    `estimators.locomotion_mode.MODES`: of the step that a foot stands on, or in the air makes.
+    Besides `Streams`: `loaded` (2,) 1 for a loaded foot, left first; `mode` (2,) index into
+    `estimators.locomotion_mode.MODES`: of the current step of a loaded foot, of the next step of an unloaded one.
 
     Args:
         rig: The sensors.
-        recognition: Makes who tells the modes, anew for each walk.
+        recognition: Makes the mode recognition of each walk.
     """
 
     def __init__(self, rig: Rig, recognition: Callable[[], Recognition]) -> None:
@@ -109,8 +109,8 @@ class Helped(Streams):
 
     def observation(self) -> dict[str, Array]:
         """As `Observer`."""
-        told = self._recognition
-        modes = [told.standing[foot] if self._loaded[foot] else told.coming[foot] for foot in SIDES]
+        known = self._recognition
+        modes = [known.standing[foot] if self._loaded[foot] else known.coming[foot] for foot in SIDES]
         return {
             **super().observation(),
             "loaded": np.array([float(self._loaded[foot]) for foot in SIDES]),
@@ -119,11 +119,11 @@ class Helped(Streams):
 
 
 class Helper:
-    """From what `Helped` has seen to torques.
+    """Controller from observations of `Helped` to torques.
 
     Args:
         joints: In the order of actions.
-        most: (n,) N m.
+        most: (n,) torque limits, N m.
     """
 
     def __init__(self, joints: Sequence[str], most: Array) -> None:
@@ -131,25 +131,25 @@ class Helper:
         self._torque = np.zeros(len(joints))
 
     def torques(self, seen: Mapping[str, Array]) -> Array:
-        """(n,) N m to be asked for now, flexion positive; called once a `PERIOD_S` with an observation."""
+        """(n,) torque commands, N m, flexion positive; call it once per `PERIOD_S` with an observation."""
         wanted = np.array([_share(joint, seen) for joint in self._joints]) * self._most
         self._torque += (wanted - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
         return self._torque.copy()
 
 
 def _share(joint: str, seen: Mapping[str, Array]) -> float:
-    """Of the most torque, -1 to 1."""
+    """Share of the torque limit, -1 to 1."""
     name, side = joint.split("_")
     foot, speed = SIDES.index(side), float(seen[f"exo/{joint}/actuator"][2])
     loaded = seen["loaded"][foot] > 0.0
     modes = [MODES[int(mode)] for mode in seen["mode"]]
     # a leg that swings up from the last tread has to be lifted, though it comes down on the level
     of = HELP[modes[foot] if loaded else max(modes, key=lambda mode: HELP[mode].share)]
-    pushed = (of.stance if loaded else of.swing).get(name, Push())  # an ankle's motor is not asked
+    shares = (of.stance if loaded else of.swing).get(name, Push())  # ankles get no torque
     if speed > 0.0:
-        push, full = pushed.bending, FULL_RADPS
+        share, full = shares.bending, FULL_RADPS
     elif speed < 0.0:
-        push, full = -pushed.extending, STANCE_RADPS if loaded else FULL_RADPS
+        share, full = -shares.extending, STANCE_RADPS if loaded else FULL_RADPS
     else:
-        return 0.0  # nor where nothing has come yet
-    return of.share * push * min(abs(speed) / full, 1.0)
+        return 0.0  # NaN: no sample has arrived yet
+    return of.share * share * min(abs(speed) / full, 1.0)

@@ -1,4 +1,4 @@
-"""What a controller of the exoskeleton sees: streams as they come, or what estimators make of them."""
+"""Observations of a controller of the exoskeleton: sensor streams or estimates."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from stridetwin.streams.samples import Actuator, Ahrs, Array, Encoder, Insole, I
 
 
 class Observer(Protocol):
-    """From samples to observations; it knows the rig as estimators are told of it, and no truth."""
+    """From samples to observations; it knows the nominal rig and no truth."""
 
     def reset(self) -> None:
-        """A walk begins."""
+        """Starts a walk."""
         ...
 
     def update(self, samples: Iterable[Sample]) -> None:
-        """Takes what has arrived, in order."""
+        """Processes the samples that arrived, in time order."""
         ...
 
     def observation(self) -> dict[str, Array]:
@@ -28,10 +28,10 @@ class Observer(Protocol):
 
 
 class Streams:
-    """The latest value of each sensor of the exoskeleton, NaN as long as none has come.
+    """The latest value of each sensor of the exoskeleton, NaN before the first sample.
 
-    By topic, without the first stroke: encoders (1,) rad; insoles (4,) N; AHRS (7,) quaternion and rad/s; interaction
-    (2,) N; actuators (3,) N m asked and given, rad/s.
+    By topic, without the leading slash: encoders (1,) rad; insoles (4,) N; AHRS (7,) quaternion and rad/s; interaction
+    (2,) N; actuators (3,) torque command and torque, N m, and speed, rad/s.
 
     Args:
         rig: The sensors.

@@ -1,7 +1,7 @@
-"""Who tells the controller on what kind of ground each foot stands, and on what kind it comes down next.
+"""Locomotion-mode recognition for the controller: the terrain under each foot, and that of its next step.
 
-The prediction from the camera, which knows a step before it; the legs' own recognition, which knows it once the foot
-stands flat; and the truth, which is there to be compared with.
+The prediction from the camera knows a step in advance; the recognition from the legs knows it once the foot is flat;
+the truth serves for comparison.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from stridetwin.streams.samples import Sample
 
 LEVEL = "LG"
 _LATE_NS = 100_000_000
-"""A foot that comes down later than it was planned to is still on its way."""
+"""A foot that lands later than planned is still in swing."""
 
 
 class Recognition(Protocol):
     """Modes of each foot's steps, from samples alone.
 
     Attributes:
-        standing: By foot, mode of the step that it stands on.
-        coming: By foot, that of the next step that it makes.
+        standing: By foot, mode of its current step.
+        coming: By foot, mode of its next step.
     """
 
     standing: dict[str, str]
     coming: dict[str, str]
 
     def update(self, sample: Sample) -> None:
-        """Takes what has arrived."""
+        """Processes a sample; samples come in time order."""
         ...
 
 
 class Unaware:
-    """It is level everywhere."""
+    """No recognition: level ground everywhere."""
 
     def __init__(self) -> None:
         self.standing = dict.fromkeys(SIDES, LEVEL)
@@ -52,7 +52,7 @@ class Unaware:
 
 
 class Predicted(Unaware):
-    """Camera and insoles: visual-inertial odometry leads the map, the map tells the coming steps.
+    """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the coming steps.
 
     Args:
         rig: With a camera with depth and IMU on head or chest, and insoles.
@@ -82,10 +82,10 @@ class Predicted(Unaware):
 
 
 class Felt(Unaware):
-    """The legs: a step is known once its foot stands flat, and until another is, all are taken to be like it.
+    """The legs: a step is known once its foot is flat; its mode is assumed for all steps until the next is known.
 
     Args:
-        exoskeleton: Its geometry, as it is told.
+        exoskeleton: Its nominal geometry.
     """
 
     def __init__(self, exoskeleton: Exoskeleton) -> None:
@@ -103,9 +103,9 @@ class Known(Unaware):
     """The truth.
 
     Args:
-        steps: By foot: when each step's foot comes down, ns, and its mode, in order.
-        wrong: Share of steps that are told wrongly.
-        rng: Chooses them, and what is told in their place.
+        steps: By foot: touch-down of each step, ns, and its mode, in order.
+        wrong: Share of steps with a wrong mode.
+        rng: Chooses these steps and their modes.
     """
 
     def __init__(
@@ -114,7 +114,9 @@ class Known(Unaware):
         super().__init__()
         rng = rng or np.random.default_rng(0)
         self._times = {foot: [t_ns for t_ns, _ in steps[foot]] for foot in SIDES}
-        self._modes = {foot: [LEVEL, *(_spoilt(mode, wrong, rng) for _, mode in steps[foot]), LEVEL] for foot in SIDES}
+        self._modes = {
+            foot: [LEVEL, *(_corrupted(mode, wrong, rng) for _, mode in steps[foot]), LEVEL] for foot in SIDES
+        }
 
     def update(self, sample: Sample) -> None:
         """As `Recognition`."""
@@ -123,6 +125,6 @@ class Known(Unaware):
             self.coming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
 
 
-def _spoilt(mode: str, wrong: float, rng: np.random.Generator) -> str:
+def _corrupted(mode: str, wrong: float, rng: np.random.Generator) -> str:
     others = [m for m in MODES if m != mode]
     return str(rng.choice(others)) if rng.random() < wrong else mode

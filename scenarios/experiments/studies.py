@@ -67,10 +67,11 @@ class Study:
         """Imports the experiment's modules."""
         study, tables = _module(self.module), _module(self.tables or self.module)
         variants = getattr(study, "VARIANTS", None)
-        seeds, run_case = study.__dict__.get("SEEDS"), study.run_case
-        if variants is not None:
+        if variants is None:
+            seeds, run_case = study.SEEDS, study.run_case
+        else:
             seeds, argument = variants[name]
-            run_case = partial(run_case, argument)
+            run_case = partial(study.run_case, argument)
         return Experiment(
             seeds=seeds,
             run_case=run_case,

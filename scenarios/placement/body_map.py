@@ -41,7 +41,7 @@ Rgb = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Picture:
+class BodyImage:
     """A map.
 
     Attributes:
@@ -63,11 +63,11 @@ class _Dot:
     board: bool
 
 
-def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, best: Place) -> Picture | None:
+def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, best: Place) -> BodyImage | None:
     """The map; None where no place moves a sensor.
 
     Args:
-        problem: Whose first scenario says who wears it.
+        problem: Its first scenario has the wearer.
         folder: Where the parts of the user's own lie below.
         searched: All places.
         losses: (P,) mean loss of each, infinite where there is none.
@@ -91,7 +91,7 @@ def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, 
         f"Where sensors sat: circles cameras and IMUs, squares boards; each has the colour of the best {name} that was "
         "found with a sensor there, yellow the best; drawn are the sensors of the best place."
     )
-    return Picture(png=data.tobytes(), words=words)
+    return BodyImage(png=data.tobytes(), words=words)
 
 
 def _dots(problem: Problem, folder: Path, searched: Measured, losses: Array) -> list[_Dot]:
@@ -136,7 +136,7 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, tuple[Mount, bool]]]:
 
 
 def _panel(
-    config: TwinConfig, body: str, dots: list[_Dot], turned: tuple[float, float], span: tuple[float, float]
+    config: TwinConfig, body: str, dots: list[_Dot], view_deg: tuple[float, float], span: tuple[float, float]
 ) -> Rgb:
     """A view onto the dots of one body, from the side on which they are.
 
@@ -144,7 +144,7 @@ def _panel(
         config: Who is drawn, with which sensors.
         body: Which body in full, the others faintly.
         dots: On it.
-        turned: Azimuth away from that side, and elevation, deg.
+        view_deg: Azimuth away from that side, and elevation, deg.
         span: Best and worst loss of all dots, which the colours run over.
     """
     model, data = _standing(config, body)
@@ -154,7 +154,7 @@ def _panel(
     axis = T.xpos + T.xmat.reshape(3, 3) @ _within(model, body)
     out = (points - axis).mean(axis=0)[:2]
     facing = math.degrees(math.atan2(-out[1], -out[0]))
-    azimuth, elevation = facing + turned[0], turned[1]
+    azimuth, elevation = facing + view_deg[0], view_deg[1]
     lookat = (middle + np.array([*axis[:2], middle[2]])) / 2
     reach = max(float(np.linalg.norm(points - lookat, axis=1).max()), _LEAST_M / _MARGIN) * _MARGIN
     half = math.radians(model.vis.global_.fovy / 2)

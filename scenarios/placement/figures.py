@@ -8,7 +8,7 @@ import numpy as np
 
 from stridetwin.scenarios.placement.free import Knob
 from stridetwin.scenarios.placement.measure import Measured
-from stridetwin.scenarios.placement.places import told
+from stridetwin.scenarios.placement.places import format_value
 from stridetwin.scenarios.placement.problem_file import Problem
 from stridetwin.scenarios.placement.significance import front, intervals
 from stridetwin.scenarios.svg import Plot, data_range
@@ -71,7 +71,7 @@ def _profile(knob: Knob, problem: Problem, searched: Measured, losses: Array) ->
     score = problem.scores[k]
     there = _scored(searched, losses)
     means = searched.values[..., k].mean(axis=1)
-    names = [told(value) for value in knob.values]
+    names = [format_value(value) for value in knob.values]
     if names:
         best = [min((i for i in there if searched.places[i].values[knob.name] == value), key=lambda i: losses[i],
                     default=None) for value in knob.values]  # fmt: skip

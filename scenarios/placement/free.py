@@ -1,4 +1,4 @@
-"""What a placement is free to choose: a number between bounds, one of several values, or a point on a surface."""
+"""Free variables of a placement: a number between bounds, one of several values, or a point on a surface."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _Any = Annotated[float, number(-1e6, 1e6)]
 
 @dataclass(frozen=True, kw_only=True)
 class Knob:
-    """One value to choose.
+    """One scalar to choose.
 
     Attributes:
-        name: As tables show it.
+        name: In tables.
         low, high: Bounds of a number.
         step: Of a number: only low, low + step, ...; None for any.
         values: One of these instead; none where it is a number.
-        at: Where it stands in the file.
+        at: Its position in the file.
     """
 
     name: str
@@ -56,40 +56,40 @@ class Knob:
         count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
         if count > _MOST_STEPS:
             raise self.at.error(self.step, f"steps of which there are {_MOST_STEPS} at most")
-        return [self._told(self.low + i * self.step) for i in range(count)]
+        return [self._rounded(self.low + i * self.step) for i in range(count)]
 
     def at_share(self, u: float) -> float:
-        """The number at a share of the way from low to high."""
+        """The number at the fraction u (0-1) from low to high."""
         value = self.low + u * (self.high - self.low)
         if self.step is not None:
             value = self.low + self.step * round((value - self.low) / self.step)
-        return self._told(value)
+        return self._rounded(value)
 
-    def _told(self, value: float) -> float:
-        """A number of few digits that lies within; no -0, which would be another place than 0."""
+    def _rounded(self, value: float) -> float:
+        """The number rounded to a few digits and limited to the bounds; -0 becomes 0, so that both are one place."""
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high) + 0.0
 
     @property
     def ends(self) -> list[Any]:
-        """Values to try before anything is walked: the ends of a range, every one of a choice."""
+        """Values to validate before the first walk: the ends of a range, every value of a choice."""
         return list(self.values) or [self.low, self.high]
 
     @property
     def middle(self) -> Any:
-        """A value to try the others with."""
+        """The value at which the others are validated."""
         return self.values[0] if self.values else self.at_share(0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Free:
-    """A field that is free.
+    """A free field.
 
     Attributes:
-        paths: Where the value goes, one place of the scenario or several.
-        knobs: What there is to choose.
-        surface: Its name, where the field is a position on one; then the knobs' names end in its coordinates.
+        paths: Its fields in the scenario, one or several.
+        knobs: Its scalars.
+        surface: Name of the surface of a position on one; the knobs' names then end in its coordinates.
         fixed: Coordinates on the surface that are not free.
-        at: Where it stands in the file.
+        at: Its position in the file.
     """
 
     paths: tuple[FieldPath, ...]
@@ -99,11 +99,11 @@ class Free:
     at: Where
 
     def value(self, chosen: Mapping[str, Any], person: Person) -> Any:
-        """What is put into the scenario.
+        """The value for the scenario.
 
         Args:
             chosen: Value of each knob by name.
-            person: Who wears it.
+            person: The wearer.
 
         Raises:
             ConfigError: There is no such point on the surface.
@@ -121,7 +121,7 @@ class Free:
 
 
 def short(name: str) -> str:
-    """A path as tables show it."""
+    """A path in tables."""
     return name.replace("sensors.", "")
 
 
@@ -220,5 +220,5 @@ def free_field(name: str, paths: tuple[FieldPath, ...], said: Between | Among | 
 
 
 def grid_size(knobs: list[Knob]) -> int:
-    """How many places a sweep has."""
+    """Number of places of a sweep."""
     return int(np.prod([len(knob.grid) for knob in knobs], dtype=float)) if knobs else 1

@@ -21,11 +21,11 @@ _WITHIN = ("head_imu", "exo_imu", "actuator")  # parts of other parts, or of the
 def geometric_scores(
     sensor_rig: SensorRig, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
 ) -> dict[str, float]:
-    """Scores by name; what there is nothing to tell of (no board ever in view) is left out.
+    """Scores by name; undefined scores (no board ever in view) are left out.
 
     Args:
         sensor_rig: Sensors of the place.
-        walk: True motion; None where only weights are asked for.
+        walk: True motion; None where only weights are needed.
         names: Of `GEOMETRIC`.
         seeing: When a board counts as seen.
 
@@ -37,11 +37,11 @@ def geometric_scores(
         needed = GEOMETRIC[name][0]
         if needed and needed not in groups:
             raise StrideTwinError(f"{name} needs {needed}, which is off")
-    asked = {GEOMETRIC[name][0] for name in names}
+    groups_needed = {GEOMETRIC[name][0] for name in names}
     found: dict[str, float] = {}
-    if walk is not None and "foot_camera" in asked:
+    if walk is not None and "foot_camera" in groups_needed:
         found |= _of_boards(sensor_rig, walk, seeing)
-    if walk is not None and "head_camera" in asked:
+    if walk is not None and "head_camera" in groups_needed:
         found |= _of_the_way(sensor_rig, walk)
     if "weight_g" in names:
         found["weight_g"] = _weight_g(sensor_rig)

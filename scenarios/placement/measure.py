@@ -1,4 +1,4 @@
-"""Scores of places on walks: the same walks at every place, so that chance is in common."""
+"""Scores of places on walks; every place uses the same walks, so that differences are paired."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Measured:
 
     Attributes:
         places: P of them.
-        walks: W of them, in words.
-        values: (P, W, S) scores in the problem's order; NaN where there is none.
-        failed: Why a place has no value somewhere, by its number.
+        walks: Descriptions of the W walks.
+        values: (P, W, S) scores in the problem's order; NaN where a score is missing.
+        failed: Reason for a missing score, by the place's number.
     """
 
     places: list[Place]
@@ -51,7 +51,7 @@ class Measured:
     failed: dict[int, str] = field(default_factory=dict)
 
     def losses(self, scores: Sequence[Score]) -> Array:
-        """(P, W) weighted sum of the scores, so that less is better; NaN where one is missing."""
+        """(P, W) weighted sum of the scores, lower is better; NaN where one is missing."""
         parts = [s.weight * s.losses(self.values[..., i]) for i, s in enumerate(scores) if s.weight]
         return np.asarray(np.sum(parts, axis=0))
 
@@ -60,11 +60,11 @@ class Measure:
     """Measures places.
 
     Args:
-        problem: Which scores, on which scenarios.
-        folder: The placement's, with parts of the user's own below.
-        rows: What has been measured before.
-        workers: Walks at a time.
-        progress: Is told how far it is.
+        problem: Scores and scenarios.
+        folder: The placement's; contains the user's parts.
+        rows: Rows measured so far.
+        workers: Number of walks at a time.
+        progress: Receives the stage and its progress (0-1).
     """
 
     def __init__(self, problem: Problem, folder: Path, rows: Rows, workers: int, progress: Progress) -> None:
@@ -95,8 +95,8 @@ class Measure:
                                             else s.of(row.get("estimators", {})) for s in problem.scores]  # fmt: skip
                     if "failed" in row and np.isnan(values[first + i, j]).any():
                         failed.setdefault(first + i, "; ".join(f"{n}: {why}" for n, why in row["failed"].items()))
-        told = [f"{base.name}, seed {seed}" for base, seed in walks]
-        return Measured(places=list(places), walks=told, values=values, failed=failed)
+        names = [f"{base.name}, seed {seed}" for base, seed in walks]
+        return Measured(places=list(places), walks=names, values=values, failed=failed)
 
     def _look(
         self,
@@ -106,7 +106,7 @@ class Measure:
         rows: list[list[dict[str, Any]]],
         said: tuple[str, float, float],
     ) -> None:
-        """Geometric scores into the rows."""
+        """Adds the geometric scores to the rows."""
         seeing, version = vars(self._problem.seeing), _version(geometric.__name__)
         keys = [[_key("geometric", own[base.name], seed, self._names, seeing, version) for base, seed in walks]
                 for own in scenarios]  # fmt: skip
@@ -135,18 +135,18 @@ class Measure:
                 rows[i][j] |= self._rows.get(key) or {}
 
     def _scenario(self, name: str, plain: dict[str, Any]) -> Scenario | str:
-        """A place's scenario, or why it is none."""
+        """A place's scenario, or the error message."""
         try:
             return scenario_of(plain, self._folder / FOLDER / f"{name}.yaml")
         except StrideTwinError as error:
             return " ".join(str(error).replace(f"{self._folder}/", "").split())
 
     def _plan(
-        self, asked: list[tuple[dict[str, Any], dict[str, Scenario | str], Base, int]]
+        self, walks: list[tuple[dict[str, Any], dict[str, Scenario | str], Base, int]]
     ) -> Iterator[PosedWalk | str]:
-        """The walk of each, planned once for all places that differ in their sensors alone."""
+        """The walk of each, planned once for all places that differ only in their sensors."""
         keys, jobs = [], dict[str, tuple[Scenario, int]]()
-        for plain, scenarios, base, seed in asked:
+        for plain, scenarios, base, seed in walks:
             body = {k: v for k, v in plain[base.name].items() if k not in _SENSORS_ALONE}
             scenario = scenarios[base.name]
             keys.append("" if isinstance(scenario, str) else json.dumps([body, seed], sort_keys=True))
@@ -168,7 +168,7 @@ class Measure:
         rows: list[list[dict[str, Any]]],
         said: tuple[str, float, float],
     ) -> None:
-        """Scores of estimators into the rows."""
+        """Adds the estimators' scores to the rows."""
         version = _version(recorded.__name__)
         keys = [[_key("recorded", own[base.name], seed, version) for base, seed in walks] for own in scenarios]
         jobs: dict[str, Walk] = {}
@@ -180,29 +180,29 @@ class Measure:
             walk = jobs[key]
             self._rows.add([(key, {"walk": f"{walk.name}, seed {walk.seed}", **row})])
             if done == len(walks):
-                self._check_told([self._rows.get(k) or {} for k in list(jobs)[:done]])
+                self._check_scores([self._rows.get(k) or {} for k in list(jobs)[:done]])
             self._progress(said[0], said[1] + said[2] * done / len(jobs))
         for i, found in enumerate(keys):
             for j, key in enumerate(found):
                 row = self._rows.get(key) or {}
                 rows[i][j] |= row | {"failed": {**rows[i][j].get("failed", {}), **row.get("failed", {})}}
 
-    def _check_told(self, rows: Sequence[dict[str, Any]]) -> None:
-        """Refuses a score that its estimator tells of no walk of the first place, before the others are walked."""
+    def _check_scores(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Refuses a score that its estimator reports on no walk of the first place, before the others are measured."""
         for score in self._problem.scores:
-            told = [score.told_instead(row.get("estimators", {})) for row in rows]
-            if not score.geometric and all(told):
-                valid = f"of this estimator: {', '.join(sorted(set().union(*told)))}"
+            reported = [score.reported_instead(row.get("estimators", {})) for row in rows]
+            if not score.geometric and all(reported):
+                valid = f"of this estimator: {', '.join(sorted(set().union(*reported)))}"
                 raise ConfigError(self._problem.path, "scores", score.name, valid)
 
 
 def _key(kind: str, scenario: Scenario | str, *what: Any) -> str:
-    """Of a row: all that a walk is made of, parts with their figures; places that mean the same share it."""
+    """Key of a row: the whole configuration with its parts; equivalent places share it."""
     return key_of(kind, scenario if isinstance(scenario, str) else repr(scenario.config), *what)
 
 
 def _posed(job: tuple[Scenario, int]) -> PosedWalk | str:
-    """The walk, or why it cannot be walked."""
+    """The walk, or the error message of an infeasible one."""
     try:
         return posed_walk(*job)
     except StrideTwinError as error:

@@ -9,25 +9,25 @@ from markupsafe import Markup
 
 from stridetwin.scenarios.film import data_uri
 from stridetwin.scenarios.pages import multiples, page, rendered, section, table
-from stridetwin.scenarios.placement.body_map import Picture
+from stridetwin.scenarios.placement.body_map import BodyImage
 from stridetwin.scenarios.placement.figures import fronts, profiles, value_map
 from stridetwin.scenarios.placement.measure import Measured
-from stridetwin.scenarios.placement.places import AS_IT_IS, told
+from stridetwin.scenarios.placement.places import AS_IT_IS, format_value
 from stridetwin.scenarios.placement.problem_file import Problem
 from stridetwin.streams.samples import Array
 
 
 def placement_page(
-    problem: Problem, searched: Measured, losses: Array, result: Mapping[str, Any], picture: Picture | None
+    problem: Problem, searched: Measured, losses: Array, result: Mapping[str, Any], image: BodyImage | None
 ) -> str:
     """The page.
 
     Args:
-        problem: Whose.
+        problem: The placement problem.
         searched: All places.
         losses: (P,) mean loss of each.
         result: As `run_placement` gives it.
-        picture: The places on the body.
+        image: The places on the body.
     """
     chips = [f"{result['tried']} places", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
@@ -38,10 +38,9 @@ def placement_page(
         section("What is more than chance", "Pairs of the table, walk by walk, corrected for their number.",
                 rendered("list", words=result["words"])),
     ]  # fmt: skip
-    if picture is not None:
-        image = Markup('<img src="{}" alt="{}" style="max-width:100%">')
-        body = image.format(data_uri(picture.png, "image/png"), picture.words)
-        sections.append(section("On the body", picture.words, body))
+    if image is not None:
+        tag = Markup('<img src="{}" alt="{}" style="max-width:100%">')
+        sections.append(section("On the body", image.words, tag.format(data_uri(image.png, "image/png"), image.words)))
     if drawn := value_map(problem, searched, losses):
         sections.append(section("Over two values", "The other values at their best.", drawn))
     if drawn_over := profiles(problem, searched, losses):
@@ -68,7 +67,7 @@ def _table(problem: Problem, result: Mapping[str, Any]) -> str:
 
 def said_value(values: Mapping[str, Any], name: str) -> str:
     """The value of a knob in a table."""
-    return told(values[name]) if values else AS_IT_IS
+    return format_value(values[name]) if values else AS_IT_IS
 
 
 def said(interval: Mapping[str, float | None] | None) -> str:

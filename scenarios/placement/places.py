@@ -22,7 +22,7 @@ AS_IT_IS = "as it is"
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values of all knobs; none where everything is as the scenario has it.
+    """Values of all knobs; empty for the unchanged scenario.
 
     Attributes:
         values: By the knobs' names.
@@ -32,17 +32,17 @@ class Place:
 
     @property
     def key(self) -> str:
-        """The same text for the same place."""
+        """A text that is equal for equal places."""
         return json.dumps(self.values, sort_keys=True)
 
     @property
     def label(self) -> str:
-        """As tables and figures show it."""
-        return ", ".join(f"{name} {told(value)}" for name, value in self.values.items()) or AS_IT_IS
+        """Its name in tables and figures."""
+        return ", ".join(f"{name} {format_value(value)}" for name, value in self.values.items()) or AS_IT_IS
 
 
-def told(value: Any) -> str:
-    """A value in a few words."""
+def format_value(value: Any) -> str:
+    """A value as text for tables."""
     if isinstance(value, float):
         return f"{value:g}"
     text = value if isinstance(value, str) else json.dumps(value)
@@ -53,7 +53,7 @@ def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
     """Plain data of a place's scenario file.
 
     Raises:
-        ConfigError: Something that is set or free has no place in this scenario.
+        ConfigError: This scenario lacks a field that is set or free.
     """
     plain: dict[str, Any] = json.loads(json.dumps(base.scenario))
     for variable in (*problem.variables, *base.variables):
@@ -72,16 +72,16 @@ def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Sce
     """A place's scenario.
 
     Args:
-        problem: Whose.
-        base: From which scenario.
-        place: Which.
-        folder: Where the parts of the user's own lie below.
+        problem: The placement problem.
+        base: The scenario.
+        place: The place.
+        folder: Contains the user's parts.
     """
     return scenario_of(plain_of(problem, base, place), folder / FOLDER / f"{base.name}.yaml")
 
 
 def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:
-    """Who walks; nobody in particular where no surface is asked for."""
+    """The walker; the default person where no field is on a surface."""
     if all(f.surface is None for f in free):
         return Person()
     steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}

@@ -1,4 +1,4 @@
-"""Points in a camera's picture, with its lens."""
+"""Projection of points into a camera's image, with its distortion model."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NEAR_M = 0.03
 
 
 def project(camera: CameraCalibration, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Where points are in the picture (Brown 1966 and Conrady 1919; Kannala & Brandt 2006, as OpenCV has them).
+    """Image coordinates of points (Brown 1966 and Conrady 1919; Kannala & Brandt 2006, as OpenCV has them).
 
     Args:
         camera: Intrinsics and distortion.
@@ -20,7 +20,7 @@ def project(camera: CameraCalibration, points: Array) -> tuple[Array, NDArray[np
 
     Returns:
         (..., 2) pixels, the middle of the upper left one is (0, 0); and (...) whether the point is before the camera
-        and inside the picture, where the lens bends it no further than it can.
+        and inside the image, within the valid range of the distortion model.
     """
     z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.inf)
     x, y = points[..., 0] / z, points[..., 1] / z

@@ -1,4 +1,4 @@
-"""What has been measured, a line each, kept as it comes: a killed run has all lines but the one that it was writing."""
+"""Measured rows, written one line at a time: a killed run loses at most the line that it was writing."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from stridetwin.streams.files import whole_file
 
 NAME = "rows.jsonl"
 HIDDEN = ".unfinished-"
-"""How the folders of walks begin that are being recorded."""
+"""Name prefix of the folders of walks that are being recorded."""
 
 
 class Rows:
     """Rows by key, in a file of JSON lines.
 
     Args:
-        file: Is made where there is none.
-        resume: Rows of an earlier run stay; else the file begins anew.
+        file: Is created if it does not exist.
+        resume: Keeps the rows of an earlier run; else the file starts empty.
 
     Attributes:
-        found: How many rows of an earlier run there were.
+        found: Number of rows of an earlier run.
     """
 
     def __init__(self, file: Path, resume: bool) -> None:
@@ -41,10 +41,9 @@ class Rows:
         return self._rows.get(key)
 
     def add(self, rows: Iterable[tuple[str, dict[str, Any]]]) -> None:
-        """Keeps rows, those that are there by the time that anything ends this process.
+        """Appends rows to the file.
 
-        With the first of them the file begins anew: without what it shall not go on with, nor the line that a killed
-        run was writing.
+        The first call rewrites the file, without rows that are not reused and without an incomplete last line.
         """
         if not self._begun:
             with whole_file(self._file) as new:
@@ -57,16 +56,16 @@ class Rows:
 
 
 def key_of(*what: Any) -> str:
-    """Digest of all that a row comes from."""
+    """Digest of everything that determines a row."""
     return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Makes a folder, for one placement at a time; what killed ones left half done goes.
+    """Locks and creates a folder; removes the unfinished files of killed runs.
 
     Raises:
-        StrideTwinError: Another one works there.
+        StrideTwinError: Another placement uses the folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w") as lock:

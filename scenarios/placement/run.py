@@ -1,4 +1,4 @@
-"""A placement from start to end: search, compare, draw, tell."""
+"""Runs a placement: search, comparison, figures and report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stridetwin.scenarios.placement import rows as row_files
 from stridetwin.scenarios.placement.body_map import body_map
 from stridetwin.scenarios.placement.measure import Measure, Measured, Progress
 from stridetwin.scenarios.placement.page import placement_page
-from stridetwin.scenarios.placement.places import Place, check_ends, plain_of, told
+from stridetwin.scenarios.placement.places import Place, check_ends, format_value, plain_of
 from stridetwin.scenarios.placement.problem_file import Problem
 from stridetwin.scenarios.placement.rows import Rows, held
 from stridetwin.scenarios.placement.search import grid, optimise
@@ -27,8 +27,8 @@ from stridetwin.streams.files import whole_file
 from stridetwin.streams.samples import Array
 
 _SHOWN = 10
-_LONG = 40  # letters: what says less is named by its number alone
-_ALIKE = 0.05  # of every range: places nearer to each other are one place in the table of a search
+_LONG = 40  # characters: longer labels are replaced by the rank
+_ALIKE = 0.05  # of every range: closer places count as one in the table of a search
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +36,11 @@ class Options:
     """Options of a placement run.
 
     Attributes:
-        folder: Gets its files.
-        workers: Walks at a time.
+        folder: Output folder.
+        workers: Number of walks at a time.
         seed: First seed of the walks, and that of the search; None takes the file's.
-        walks: Of each scenario; None takes the file's.
-        resume: What has been measured before is not measured again.
+        walks: Number of walks per scenario; None takes the file's.
+        resume: Reuses the rows of an earlier run.
     """
 
     folder: Path
@@ -50,7 +50,7 @@ class Options:
     resume: bool = False
 
     def of(self, problem: Problem) -> Problem:
-        """The problem with the seeds asked for."""
+        """The problem with these seeds."""
         seeds = problem.seeds if self.walks is None else tuple(range(self.walks))
         if self.seed is not None:
             seeds = tuple(self.seed + i for i in range(len(seeds)))
@@ -62,10 +62,10 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
 
     Returns:
         As JSON holds it: `placement`, `scores`, `walks`, `tried`, `table` (places with `label`, `values`, `scores`,
-        best first), `comparisons`, `words`, `pareto`, `files`. All places stand in `places.csv`.
+        best first), `comparisons`, `words`, `pareto`, `files`. All places are in `places.csv`.
 
     Raises:
-        StrideTwinError: Anything that the user can put right.
+        StrideTwinError: Any usage error.
     """
     problem, folder = options.of(problem), options.folder
     with held(folder):
@@ -81,13 +81,13 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
             why = next(filter(None, searched.failed.values()), "the walks do not feed an estimator of this name")
             raise StrideTwinError(f"{problem.path}: scores: no place has all that weigh, {weighing}: {why}")
         shown, final = _finalists(problem, searched, losses, measure)
-        result = _told(problem, searched, losses, final)
+        result = _result(problem, searched, losses, final)
         _write(problem, folder, searched, losses, shown, result)
     return result
 
 
 def _searched(problem: Problem, measure: Measure) -> Measured:
-    """The place as it is, then all others."""
+    """The unchanged place, then all others."""
     if problem.search is None:
         return measure([Place(), *grid(problem.knobs)], problem.seeds, "places")
 
@@ -99,7 +99,7 @@ def _searched(problem: Problem, measure: Measure) -> Measured:
 
 
 def _finalists(problem: Problem, searched: Measured, losses: Array, measure: Measure) -> tuple[list[int], Measured]:
-    """Numbers of the places of the table, and the same measured: on new walks where the file asks for that."""
+    """Numbers of the places of the table, and their scores, on new walks with `confirm`."""
     count = _SHOWN if problem.confirm is None else problem.confirm.places
     best = _apart(problem, searched.places, losses, count)
     shown = best if 0 in best else [*best, 0]
@@ -122,7 +122,7 @@ def _finalists(problem: Problem, searched: Measured, losses: Array, measure: Mea
 
 
 def _apart(problem: Problem, places: Sequence[Place], losses: Array, count: int) -> list[int]:
-    """Numbers of the best places; of a search, those that are hardly different from a better one left out."""
+    """Numbers of the best places; in a search without those close to a better one."""
     kept: list[int] = []
     for i in np.argsort(losses, kind="stable").tolist():
         if len(kept) == count or not np.isfinite(losses[i]):
@@ -147,7 +147,7 @@ def _means(losses: Array) -> Array:
     return np.where(np.isfinite(losses).all(axis=1), losses.mean(axis=1), np.inf)
 
 
-def _told(problem: Problem, searched: Measured, losses: Array, final: Measured) -> dict[str, Any]:
+def _result(problem: Problem, searched: Measured, losses: Array, final: Measured) -> dict[str, Any]:
     table = []
     columns = [intervals(final.values[:, :, s].T) for s in range(len(problem.scores))]
     for i, place in enumerate(final.places):
@@ -193,24 +193,24 @@ def _told(problem: Problem, searched: Measured, losses: Array, final: Measured) 
 def _write(
     problem: Problem, folder: Path, searched: Measured, losses: Array, shown: list[int], result: dict[str, Any]
 ) -> None:
-    """All files of the folder, and their names into the result."""
+    """Writes all files and adds their names to the result."""
     best = searched.places[shown[0]]
     for base in problem.bases:
         with whole_file(folder / FOLDER / f"best_{base.name}.yaml") as file:
             file.write_text(scenario_text(plain_of(problem, base, best)), encoding="utf-8")
-    picture = body_map(problem, folder, searched, losses, best)
+    image = body_map(problem, folder, searched, losses, best)
     files = ["placement.json", "placement.html", "places.csv", *(f"{FOLDER}/best_{b.name}.yaml" for b in problem.bases)]
-    if picture is not None:
+    if image is not None:
         files.append("body.png")
         with whole_file(folder / "body.png") as file:
-            file.write_bytes(picture.png)
+            file.write_bytes(image.png)
     else:
         (folder / "body.png").unlink(missing_ok=True)  # of another problem
     result["files"] = files
     texts = {
         "placement.json": json_text(result),
         "places.csv": _csv(problem, searched, losses),
-        "placement.html": placement_page(problem, searched, losses, result, picture),
+        "placement.html": placement_page(problem, searched, losses, result, image),
     }
     for name, text in texts.items():
         with whole_file(folder / name) as file:
@@ -225,7 +225,7 @@ def _csv(problem: Problem, searched: Measured, losses: Array) -> str:
     means = searched.values.mean(axis=1)
     for i in np.argsort(losses, kind="stable").tolist():
         values = searched.places[i].values
-        row = [told(values[k.name]) if values else "" for k in problem.knobs]
+        row = [format_value(values[k.name]) if values else "" for k in problem.knobs]
         scores = [f"{x:.6g}" if np.isfinite(x) else "" for x in means[i]]
         writer.writerow([*row, *scores, searched.failed.get(i, "")])
     return out.getvalue()

@@ -20,8 +20,8 @@ GEOMETRIC = {
     "sharp_pct": ("foot_camera", True, "the same, and it hardly blurs"),
     "occlusion_pct": ("foot_camera", False, "of the time with a board in view, that in which limbs hide some of it"),
     "square_px": ("foot_camera", True, "edge of a board's square while it is seen, mean"),
-    "ahead_pct": ("head_camera", True, "ground 0.5 to 2.5 m ahead on the way that the camera with depth sees"),
-    "own_body_pct": ("head_camera", False, "of its picture that the walker's own body fills"),
+    "ahead_pct": ("head_camera", True, "ground 0.5 to 2.5 m ahead on the route that the depth camera sees"),
+    "own_body_pct": ("head_camera", False, "of its image that the walker's own body fills"),
     "weight_g": ("", False, "weight of all sensors that are on"),
     "foot_weight_g": ("", False, "weight of those on one foot"),
 }  # fmt: skip
@@ -34,7 +34,7 @@ class Score:
 
     Attributes:
         name: Of `GEOMETRIC`, or ESTIMATOR.METRIC.
-        weight: In what is made small (or large); 0 for a score that is only told.
+        weight: In the objective; 0 for a score that is only reported.
     """
 
     name: str
@@ -58,17 +58,17 @@ class Score:
         return -values if self.higher_is_better else np.abs(values)
 
     def of(self, scores: Mapping[str, Mapping[str, float]]) -> float:
-        """The value among an estimator's scores: of one that tells of two feet the mean of both; NaN for none."""
+        """The value among an estimator's scores; the mean of both feet where there are two, NaN where it is missing."""
         metric = self.name.partition(".")[2]
-        found = [told[metric] for told in self._told(scores) if metric in told]
+        found = [own[metric] for own in self._of_estimator(scores) if metric in own]
         return sum(found) / len(found) if found else math.nan
 
-    def told_instead(self, scores: Mapping[str, Mapping[str, float]]) -> list[str]:
-        """Other scores that its estimator tells, where it has told some and not this one."""
-        told = {metric for own in self._told(scores) for metric in own}
-        return [] if self.name.partition(".")[2] in told else sorted(told)
+    def reported_instead(self, scores: Mapping[str, Mapping[str, float]]) -> list[str]:
+        """Other scores that its estimator reports, where it reports some but not this one."""
+        reported = {metric for own in self._of_estimator(scores) for metric in own}
+        return [] if self.name.partition(".")[2] in reported else sorted(reported)
 
-    def _told(self, scores: Mapping[str, Mapping[str, float]]) -> list[Mapping[str, float]]:
+    def _of_estimator(self, scores: Mapping[str, Mapping[str, float]]) -> list[Mapping[str, float]]:
         estimator = self.name.partition(".")[0]
         names = [estimator] if estimator in scores else [f"{estimator}_{foot}" for foot in "lr"]
         return [scores[name] for name in names if name in scores]

@@ -29,16 +29,16 @@ def grid(knobs: Sequence[Knob]) -> list[Place]:
 
 
 def optimise(
-    knobs: Sequence[Knob], asked: Optimise, seed: int, loss: Callable[[list[Place]], list[float]]
+    knobs: Sequence[Knob], options: Optimise, seed: int, loss: Callable[[list[Place]], list[float]]
 ) -> list[Place]:
     """Searches places of little loss.
 
-    For every combination of choices CMA-ES starts anew from points that fill the ranges of the numbers evenly; the
+    For every combination of choices CMA-ES starts from points that fill the ranges of the numbers evenly; the
     budget is shared out evenly.
 
     Args:
         knobs: What there is to choose, a number at least.
-        asked: Budget and starts.
+        options: Budget and starts.
         seed: Of everything random in the search.
         loss: Of places, infinite or NaN where there is none; the same place gets the same loss.
 
@@ -59,15 +59,15 @@ def optimise(
     numbers, choices = [k for k in knobs if not k.values], [k for k in knobs if k.values]
     combinations = list(itertools.product(*(k.values for k in choices)))
     size = max(len(numbers), 2)  # the method is not made for one dimension; the second one then means nothing
-    most = _MORE_STARTS * asked.starts
+    most = _MORE_STARTS * options.starts
     starts = cube("sobol", most, size, seed, (_KEY,))
     starts[0] = 0.5
-    shares = [asked.budget * (i + 1) // len(combinations) - asked.budget * i // len(combinations)
+    shares = [options.budget * (i + 1) // len(combinations) - options.budget * i // len(combinations)
               for i in range(len(combinations))]  # fmt: skip
     tried: dict[str, Place] = {}
     for run, (combination, start) in enumerate(itertools.product(combinations, starts)):
         k, at = run % most, run // most
-        left = shares[at] // (asked.starts - k) if k < asked.starts - 1 else shares[at]
+        left = shares[at] // (options.starts - k) if k < options.starts - 1 else shares[at]
         shares[at] -= left
         if left == 0:
             continue

@@ -1,4 +1,4 @@
-"""How well a camera sees a board, or the ground ahead, on a whole walk: no picture is drawn."""
+"""Visibility of a board, or of the ground ahead, over a walk; nothing is rendered."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Seeing:
     """When a board counts as seen.
 
     Attributes:
-        least_px: Edge of its squares in the picture, at the board's middle, if it were seen face on.
+        least_px: Edge of its squares in the image, at the board's middle, if it were seen face on.
         incidence_rad: Largest angle between its normal and the line of sight.
         blur_squares: Largest way of its middle during the exposure, in squares; for `sharp`.
     """
@@ -44,7 +44,7 @@ class Sight:
     """What a camera sees of a board at N instants.
 
     Attributes:
-        in_view: (N,) the whole board is in the picture, large and flat enough: all but what is in the way.
+        in_view: (N,) the whole board is in the image, large and flat enough; occlusion is not considered.
         behind_limbs: (N,) and a limb hides some of it.
         seen: (N,) and nothing hides any of it.
         sharp: (N,) and it hardly blurs.
@@ -67,7 +67,7 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
         walk: Of N instants.
         camera: On one body.
         board: On another one.
-        exposure_s: Of its pictures.
+        exposure_s: Of its images, s.
         seeing: What counts.
     """
     carrier, other = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
@@ -116,8 +116,8 @@ class Outlook:
     """What a camera with depth has before it.
 
     Attributes:
-        ahead: Share of the ground 0.5 to 2.5 m ahead on the way that it sees, over the walk.
-        own_body: Share of its picture that the walker's own body fills, over the walk.
+        ahead: Share of the ground 0.5 to 2.5 m ahead on the route that it sees, over the walk.
+        own_body: Share of its image that the walker's own body fills, over the walk.
     """
 
     ahead: float
@@ -130,7 +130,7 @@ def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float,
     Args:
         walk: The walk.
         camera: Where it sits.
-        range_m: Least and largest depth that it tells.
+        range_m: Smallest and largest depth that it measures.
     """
     rows = np.arange(0, len(walk), _EVERY)
     T = walk.bodies[camera.mount.body].seats(camera.mount.T_body_sensor)[rows]

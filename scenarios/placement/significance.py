@@ -23,7 +23,7 @@ class Interval:
 
     Attributes:
         mean: NaN where there is none.
-        low, high: 95 % interval by bootstrap-t over walks; None where the walks do not tell it.
+        low, high: 95 % interval by bootstrap-t over walks; None where there are too few walks.
     """
 
     mean: float
@@ -38,7 +38,7 @@ class Pair:
     Attributes:
         first, second: Their numbers.
         difference: Mean loss of the second one less that of the first.
-        low, high: 95 % interval of it, by itself; None where the walks do not tell it.
+        low, high: 95 % interval of it, by itself; None where there are too few walks.
         p: Probability of so large a difference by chance, corrected for the number of pairs (Holm).
         significant: Whether it is more than chance.
     """
@@ -57,8 +57,8 @@ def intervals(values: Array) -> list[Interval]:
     whole = np.isfinite(values).all(axis=0)
     found = [Interval(mean=float(np.mean(column))) for column in values.T]
     if len(values) > 1 and whole.any():
-        told = _ends(values[:, whole], paired(values[:, whole]))
-        for i, (low, high) in zip(np.flatnonzero(whole).tolist(), told):
+        ends = _ends(values[:, whole], paired(values[:, whole]))
+        for i, (low, high) in zip(np.flatnonzero(whole).tolist(), ends):
             found[i] = Interval(mean=found[i].mean, low=low, high=high)
     return found
 
@@ -104,7 +104,7 @@ def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[st
         walks: How many there are.
     """
     if walks < 2:
-        return ["One walk: of no difference can be told whether it is more than chance."]
+        return ["One walk: no difference can be tested for significance."]
     if walks < LEAST_WALKS:
         return [f"{walks} walks are too few to call any difference significant; valid: {LEAST_WALKS} or more seeds."]
     words = []

@@ -24,7 +24,7 @@ def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off
 
     Args:
         surface: Of `SURFACES`; all are as wide to the left as to the right.
-        person: Whose.
+        person: The wearer.
         around_rad: Direction from the body's axis, from forward aside.
         up_m: Height in the body's frame.
         off_m: How far outward of the surface.

@@ -176,7 +176,7 @@ def test_a_reason_does_not_say_where_this_machine_has_the_campaign(campaign, tmp
 
 def test_workers_of_another_version_stop_it(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr(campaign_walk, "versions", lambda: {"sources": "here"})
-    with pytest.raises(StrideTwinError, match="other versions than asked for: sources here"):
+    with pytest.raises(StrideTwinError, match="other versions: sources here"):
         generate(campaign, Options(folder=tmp_path), quiet)
 
 
@@ -218,16 +218,18 @@ def test_a_walk_of_which_every_worker_dies_has_failed_and_the_others_are_made(ca
         f"walk_{i:05d}" for i in (0, 1, 3, 4, 5)
     }
     assert rows["walk_00002"]["status"] == "failed"
-    assert rows["walk_00002"]["reasons"] == ["error: a worker died of it; does memory suffice?"]
+    assert rows["walk_00002"]["reasons"] == ["error: its worker died; it may have run out of memory"]
     assert rows["walk_00002"]["person"]
     assert FrailPool.sizes[0] == FrailPool.sizes[-1] == 2
-    assert "a worker died; made anew, each by itself: walk_00002" in capsys.readouterr().err
+    assert "a worker died; repeated, each in its own process: walk_00002" in capsys.readouterr().err
 
 
 def test_workers_that_die_of_every_walk_stop_it(campaign, tmp_path, frail):
     jobs = jobs_of(replace(campaign, walks=6), tmp_path)
     frail(*(f"walk_{i:05d}" for i in range(6)))
-    with pytest.raises(StrideTwinError, match="a worker alone died 3 times, of walk_00000, walk_00001, walk_00002; do"):
+    with pytest.raises(
+        StrideTwinError, match="a single worker died 3 times, on walk_00000, walk_00001, walk_00002; it"
+    ):
         list(engines.rows(jobs, 2, None))
 
 
