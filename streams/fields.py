@@ -173,10 +173,7 @@ class OneKind:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """A union that is tagged by the kind."""
         return core_schema.tagged_union_schema(
-            {
-                TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)])  # type: ignore[valid-type]
-                for kind, of in self._kinds.items()
-            },
+            {TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)]) for kind, of in self._kinds.items()},
             discriminator=lambda node: f"{TAG}{node['kind']}" if isinstance(node, dict) and "kind" in node else None,
         )
 

@@ -132,7 +132,7 @@ FAULTS = {
         samples=changed(_clipped, kinds=Imu),
         calibration=imu_range(gyroscope_range=RATE_RANGE, accelerometer_range=FORCE_RANGE),
     ),
-    "turned_2deg": InjectedFault(words="camera told 2° off", calibration=camera_offset(np.full(3, 2.0 / np.sqrt(3.0)))),
+    "turned_2deg": InjectedFault(words="camera told 2° off", calibration=camera_offset([2.0 / np.sqrt(3.0)] * 3)),
     "clock_10ms": InjectedFault(words="camera's clock told 10 ms off", calibration=_time_offset),
 }
 _COLUMNS = (

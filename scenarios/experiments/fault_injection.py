@@ -85,7 +85,7 @@ def camera_offset(
     return calibration
 
 
-def imu_range(**ranges: float) -> Callable[[Rig], Rig]:
+def imu_range(**ranges: Any) -> Callable[[Rig], Rig]:
     """The IMUs' ranges (`gyroscope_range`, `accelerometer_range`) in the calibration."""
     return lambda rig: replace(rig, imus={t: replace(c, **ranges) for t, c in rig.imus.items()})
 

@@ -101,7 +101,7 @@ def _short(node: object) -> object:
 
 def _scores(items: tuple[_Weighed, ...]) -> tuple[Score, ...]:
     """Scores, each once, of which the first counts where no weights are given."""
-    scores = []
+    scores: list[Score] = []
     for i, item in enumerate(items):
         if any(score.name == item.score for score in scores):
             raise refused(item.score, "every score once", i, "score")

@@ -72,11 +72,11 @@ def optimise(
         if left == 0:
             continue
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, run)))
-        options = {
+        cma_options: dict[str, Any] = {
             "bounds": [0.0, 1.0], "seed": math.nan, "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
             "verbose": -9, "maxfevals": left, "tolfun": 1e-9, "tolx": 1e-4, "tolflatfitness": 5,
         }  # fmt: skip
-        search = cma.CMAEvolutionStrategy(start, _SPREAD, options)
+        search = cma.CMAEvolutionStrategy(start, _SPREAD, cma_options)
         while left > 0 and not search.stop():
             asked_for = search.ask()
             places = [_place(numbers, point, choices, combination) for point in asked_for][:left]
