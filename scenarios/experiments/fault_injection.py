@@ -137,7 +137,7 @@ class _Cell(Formatter):
     def convert_field(self, value: Any, conversion: str | None) -> Any:
         if conversion == "m":
             return 1e3 * value
-        return super().convert_field(value, conversion)  # type: ignore[arg-type]
+        return super().convert_field(value, conversion)
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, list):
