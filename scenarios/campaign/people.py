@@ -11,7 +11,7 @@ from stridetwin.scenarios.campaign.distributions import Distribution, Distributi
 from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import Person
 from stridetwin.sim.people import PEOPLE
-from stridetwin.streams.fields import refused, unique, whole, words
+from stridetwin.streams.fields import ReadAs, refused, unique, whole, words
 
 MOST = 10_000
 _NOWHERE = Where(source="")
@@ -105,11 +105,12 @@ class _Drawn(BaseModel):
         return Group(count=self.count, body=body)
 
 
-GroupInFile = Annotated[
+_GroupInFile = Annotated[
     Annotated[_Named, AfterValidator(_Named.build), Tag("=named")]
     | Annotated[_Drawn, AfterValidator(_Drawn.build), Tag("=drawn")],
     Discriminator(lambda node: "=named" if isinstance(node, dict) and "named" in node else "=drawn"),
 ]
+GroupInFile = Annotated[Group, ReadAs(_GroupInFile)]
 """Type of an item of the list `people`; it becomes a `Group`."""
 
 
