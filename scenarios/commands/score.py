@@ -166,7 +166,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
             if path is not None:
                 with whole_file(path) as file:
                     file.write_text(tell(comparison, failed), encoding="utf-8")
-    if arguments.history:
+    if arguments.history and arguments.label:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
     return Outcome(data=data, lines=lines, code=code)
 
