@@ -43,7 +43,6 @@ class Call:
         Raises:
             StrideTwinError: What the command cannot do.
         """
-        check_outputs(self.command, self.options)
         return COMMANDS[self.command].run(self.options, progress)
 
 
@@ -71,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     call = parse(argv)
     console = Console()
     try:
+        check_outputs(call.command, call.options)
         outcome = call.run(console)
     except StrideTwinError as error:
         return _failed(console, str(error))

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign_files import FORMATS, Walk
-from stridetwin.scenarios import cli
 from stridetwin.scenarios.cli import main
+from stridetwin.scenarios.commands import options
 from stridetwin.scenarios.evaluate import true_path
 from stridetwin.streams import opening
 from stridetwin.streams.errors import RecordingError
@@ -28,7 +28,7 @@ def sources(tmp_path_factory):
 
 
 def test_the_help_names_every_kind():
-    assert cli.KINDS == opening.KINDS
+    assert options.KINDS == opening.KINDS
 
 
 def call(capsys, *words):
@@ -174,7 +174,7 @@ def test_a_taken_place_is_left_as_it_is(sources, capsys, tmp_path):
         (("--map", "imu"), "--map: 'imu' is not valid; valid: FROM=TO"),
         (("--as", "zip"), "--as: 'zip' is not valid; valid: mcap"),
         (("--as", "euroc"), "a folder in the ASL layout"),
-        (("--depth-scale", "0"), "'0' is not valid; valid: a number above 0"),
+        (("--depth-scale", "0"), "'--depth-scale': '0': expected a number above 0"),
         (("--rig", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
     ],
 )
