@@ -101,10 +101,10 @@ def _update(
     foot: Array, root: Array, floor: Array, dt: float, planned: Planned, sensed: Sensed, misplaced: Array
 ) -> None:  # fmt: skip
     swinging, until_landing, share, R_way, near_edge, normal = planned
-    com, felt, pressing = sensed
+    com, measured, pressing = sensed
     for k in range(2):
-        if not np.isnan(felt[k]):
-            floor[k] = felt[k]
+        if not np.isnan(measured[k]):
+            floor[k] = measured[k]
         elif swinging[k]:
             floor[k] = floor[1 - k]
     xi = com[0] - root[0, :2] + (com[1] - root[1, :2]) / OMEGA
@@ -127,7 +127,7 @@ def _update(
         pull -= 2.0 * _FOLLOW * rate
         rate += dt * pull
         if not swinging[k] and not pressing[k]:
-            rate[2], pull[2] = -(_SEARCH_MPS if np.isnan(felt[k]) else _SETTLE_MPS), 0.0
+            rate[2], pull[2] = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
         shift += dt * rate
     under = share[0] * foot[0, 0] + share[1] * foot[1, 0]
     rate = OMEGA * (under - root[0])

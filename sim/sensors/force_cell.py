@@ -44,14 +44,14 @@ class ForceCells:
 
     def read(self, load: Array) -> Array:
         """(N, count) measured force, N, for the next true loads (N, count), N."""
-        felt = self._loop(self._creep(self._gain * load))
-        felt = np.clip(felt + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
+        measured = self._loop(self._creep(self._gain * load))
+        measured = np.clip(measured + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
         if any(self._part.curve):
-            felt = _counted(felt, *self._part.curve)
+            measured = _counted(measured, *self._part.curve)
         if self._sos is not None:
-            felt, self._filter = sosfilt(self._sos, felt, axis=0, zi=self._filter)
-            felt = np.maximum(felt, 0.0)
-        return felt
+            measured, self._filter = sosfilt(self._sos, measured, axis=0, zi=self._filter)
+            measured = np.maximum(measured, 0.0)
+        return measured
 
     def _creep(self, load: Array) -> Array:
         total = load.copy()
