@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from stridetwin.scenarios.svg import Plot
-from stridetwin.sim.noise import Noise
+from stridetwin.report.svg import Plot
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.noise import FLOOR, Noise
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import library, part
 from stridetwin.sim.sensors.imu import ImuModel
-from stridetwin.sim.sensors.wander import FLOOR
-from stridetwin.sim.track import Track
 from stridetwin.streams.rig import ImuCalibration, Mount
 from stridetwin.streams.samples import Array
 

@@ -26,19 +26,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.command import answer, command, show_summary
-from stridetwin.estimators.foot_ins.board import BoardDetector
-from stridetwin.estimators.foot_ins.board_pose import board_poses
-from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
-from stridetwin.estimators.foot_ins.lens import Lens
+from stridetwin.estimators.checkerboard.detector import BoardDetector
+from stridetwin.estimators.checkerboard.pattern import Lens
+from stridetwin.estimators.checkerboard.pose import BoardSighting, board_poses
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.cameras import Cameras, Due
-from stridetwin.sim.fitting import STANDARD, SensorConfig
 from stridetwin.sim.parts.kinds import CameraPart
 from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.playback import Motion
-from stridetwin.sim.render import SensorView, camera_pose
-from stridetwin.sim.rig_bodies import UPPERS
+from stridetwin.sim.rendering.cameras import Cameras, Due
+from stridetwin.sim.rendering.renderer import SensorView, camera_pose
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.foreign_files import FORMATS, Walk
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.opening import open_any
+from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.samples import Sample
 
 PER_FORMAT = 200

@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import answer, command, show_summary
+from stridetwin.cli.main import main as stridetwin
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
 from stridetwin.scenarios.campaign.generate import Options, generate
-from stridetwin.scenarios.cli import main as stridetwin
 
 SHORT = """
 description: a few steps

@@ -19,9 +19,9 @@ import numpy as np
 from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.evaluation.path_scores import Comparison, Scores, compare, score
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.scoring import Comparison, Scores, compare, score
-from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu

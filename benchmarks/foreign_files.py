@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from stridetwin.streams.recording import RecordingWriter
+from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Image, Imu
 

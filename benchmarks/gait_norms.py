@@ -3,7 +3,7 @@
 Run as `python -m benchmarks.gait_norms [--json] [--plots DIR] [--speeds 0.8 1.1 1.3] [--terrain level stairs ramps]`.
 On the level three bodies walk 20 m at each speed, as planned and as simulated, without exoskeleton and with it; the
 mean of the strides in the middle is compared over the gait cycle with Schwartz, Rozumalski & Trost 2008 (the speed
-group nearest by v / sqrt(g leg)). The other bands stand in scenarios/reference/gait_norms.yaml.
+group nearest by v / sqrt(g leg)). The other bands stand in evaluation/reference/gait_norms.yaml.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.scenarios.norms import level_norm, reference, speed_group
-from stridetwin.scenarios.svg import Plot, data_range
+from stridetwin.evaluation.norms import level_norm, reference, speed_group
+from stridetwin.report.svg import Plot, data_range
 from stridetwin.sim.config import SIDES, Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
-from stridetwin.sim.contact import FootLoad
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.playback import Motion
-from stridetwin.sim.rotation import matrix_from_quat
+from stridetwin.sim.kinematics.rotation import matrix_from_quat
+from stridetwin.sim.playback import FootLoad, Motion
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array

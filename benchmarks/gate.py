@@ -31,14 +31,14 @@ from stridetwin.estimators import foot_ins
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import ContactTerrain
 from stridetwin.estimators.foot_ins import FootIns
+from stridetwin.evaluation.evaluate import evaluate, summary
+from stridetwin.evaluation.gate.compare import Comparison, Rules, compare_scores
+from stridetwin.evaluation.gate.metric_policy import OVERALL
+from stridetwin.evaluation.gate.score_table import ScoreTable, document_of, table_of
+from stridetwin.evaluation.step_scores import evaluate_steps
 from stridetwin.scenarios.campaign.generate import generate
 from stridetwin.scenarios.campaign.walk import ACCEPTED
-from stridetwin.scenarios.evaluate import evaluate, summary
-from stridetwin.scenarios.gate.compare import Comparison, Rules, compare_scores
-from stridetwin.scenarios.gate.judged import OVERALL
-from stridetwin.scenarios.gate.score_table import ScoreTable, document_of, table_of
-from stridetwin.scenarios.step_scores import evaluate_steps
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Ahrs, Block, Encoder, Sample
 
 FOOT, STEPS = "foot_ins", "contact_terrain"

@@ -26,12 +26,12 @@ from unittest import mock
 import numpy as np
 from mcap.reader import make_reader
 
-from stridetwin.scenarios import runner
-from stridetwin.scenarios.cli import main as stridetwin
+from stridetwin.cli.main import main as stridetwin
+from stridetwin.report import runner
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.streams.files import partial_path
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.recording_index import RecordingIndex
+from stridetwin.streams.recording.index import RecordingIndex
+from stridetwin.streams.recording.reader import Recording
 
 SHORT = """
 description: a few steps

@@ -31,9 +31,8 @@ from scipy.spatial import cKDTree
 from benchmarks.command import answer, command
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
-from stridetwin.estimators.terrain_map.camera import camera_in_frame
-from stridetwin.scenarios.ground import from_metadata
-from stridetwin.scenarios.map_score import (
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame
+from stridetwin.evaluation.map_scores import (
     FAR_M,
     NEAR_M,
     cells_ahead,
@@ -42,13 +41,14 @@ from stridetwin.scenarios.map_score import (
     on_the_way_ahead,
     true_heights,
 )
+from stridetwin.pipeline.terrain_files import depth_camera, given_poses
+from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.terrain_files import depth_camera, given_poses
-from stridetwin.sim.rotation import matrix_from_quat
-from stridetwin.sim.route import Layout, Strip
+from stridetwin.sim.kinematics.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import Recording
+from stridetwin.sim.world.route import Layout, Strip
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Odometry
 

@@ -53,7 +53,7 @@ def measure(minutes: float, cameras: bool) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         path, target = Path(folder) / "long.yaml", Path(folder) / "long.mcap"
         path.write_text(scenario(minutes))
-        call = "import sys; from stridetwin.scenarios.cli import main; sys.exit(main(sys.argv[1:]))"
+        call = "import sys; from stridetwin.cli.main import main; sys.exit(main(sys.argv[1:]))"
         options = [] if cameras else ["--no-cameras"]
         process = subprocess.Popen([sys.executable, "-c", call, "generate", str(path), "-o", str(target), *options])
         planned, writing = 0.0, list[tuple[int, float]]()

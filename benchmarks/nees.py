@@ -21,16 +21,16 @@ from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_to_foot import FootToFoot, follow
-from stridetwin.scenarios.experiments.two_feet import FEET, true_start
-from stridetwin.scenarios.experiments.walks import IMUS
+from stridetwin.evaluation.path_scores import CHI2_3_95
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.scoring import CHI2_3_95
-from stridetwin.scenarios.truth import TruePath
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
+from stridetwin.studies.jao2020.two_feet import FEET, true_start
+from stridetwin.studies.walks import IMUS
 
 SHARES = np.linspace(0.1, 1.0, 46)  # of a walk's duration, at which walks are compared
 

@@ -19,9 +19,9 @@ from benchmarks.foot_ins_twin import joined
 from benchmarks.real_walks import data_folder, load_markers
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait
-from stridetwin.sim.fitting import SensorConfig
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2

@@ -4,7 +4,7 @@
 environment of this benchmark alone (`--environment`), run as programs of their own, and read the walk as an RGB-D
 folder with IMU; ORB-SLAM3 (GPL) gets a vocabulary that is learnt from other walks of the twin. A peer that cannot be
 had is named with the reason. Every path is laid on the truth in its first sure pose, tilt and all: kind to those
-without an IMU. Errors are those of `scenarios.drift`. Of ORB-SLAM3 counts what it says when the frame comes: it closes
+without an IMU. Errors are those of `evaluation.path_drift`. Of ORB-SLAM3 counts what it says when the frame comes: it closes
 loops, which an odometry does not.
 """
 
@@ -26,19 +26,19 @@ from numpy.typing import NDArray
 
 from benchmarks.command import answer, command
 from benchmarks.peers.vocabulary import write_vocabulary
-from stridetwin.scenarios.drift import Odometry, drift_figures
-from stridetwin.scenarios.experiments.odometry_walks import dvio, figures, follow, odometry_samples, time_of, true_path
+from stridetwin.evaluation.path_drift import Odometry, drift_figures
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.fitting import SensorConfig
-from stridetwin.sim.rotation import matrix_from_quat, quat_from_matrix
+from stridetwin.sim.kinematics.rotation import matrix_from_quat, quat_from_matrix
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.formats.tum_export import write_tum_rgbd
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.formats.tum import decimal_seconds
+from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Image
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.streams.tum import decimal_seconds
+from stridetwin.studies.zhao2023.odometry_walks import dvio, figures, follow, odometry_samples, time_of, true_path
 
 WALKS = ("dvio_walk", "dvio_stairs", "dvio_white")
 VOCABULARY_WALKS, VOCABULARY_SEED, VOCABULARY_EVERY = ("stroll", "room"), 900, 15

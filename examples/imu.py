@@ -18,12 +18,12 @@ from collections.abc import Iterator
 import numpy as np
 from replay import paced
 
+from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.opening import open_any
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.live.sender import Sender
+from stridetwin.streams.live.wire import parse_address
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Imu
-from stridetwin.streams.sender import Sender
-from stridetwin.streams.wire import parse_address
 
 CREEP = 100e-6  # how much faster or slower than ours the device's clock may be
 

@@ -12,11 +12,11 @@ from collections.abc import Iterator
 import numpy as np
 from replay import paced
 
+from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.opening import open_any
+from stridetwin.streams.live.sender import Sender
+from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
-from stridetwin.streams.sender import Sender
-from stridetwin.streams.wire import parse_address
 
 TOPICS = ("/head/imu", "/head/color", "/head/depth")
 

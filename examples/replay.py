@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator, Sequence
 
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Sample
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 

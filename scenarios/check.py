@@ -1,7 +1,11 @@
-"""Is a recording fit for use? Rates, gaps, ranges, clocks and units of every stream, in a table."""
+"""Is a recording fit for use? Rates, gaps, ranges, clocks and units of every stream, in a table.
+
+How often a sensor was at the end of its range: known from its part, or seen as a value that many samples share.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +14,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import camera_clock
-from stridetwin.scenarios.ranges import range_hits
+from stridetwin.sim.parts.library import full_scales
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import IMU_RATES_HZ, force_at_rest, implausible_rates, implausible_units
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.rig import CameraCalibration
-from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
+
+_G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180
+# Data sheets: full scales of parts of public recordings that the library does not have, rad/s and m/s².
+_FURTHER = {
+    "ADIS16448": {"angular_rate": 1000 * _DEG, "specific_force": 18 * _G},
+    "BMI160": {"angular_rate": 2000 * _DEG, "specific_force": 16 * _G},
+}
+_NEAR = 0.999
+_PLATEAU = 5
+
+
+def range_hits(block: Block[Any], rig: Rig | None) -> float | None:
+    """Share of an IMU's samples, %, with an axis at the end of its range; None for other streams.
+
+    Args:
+        block: The stream.
+        rig: Names the part; its full scale is looked up in the library of parts. A part that is not known counts as
+            at its limit where the largest magnitude of an axis is met by `_PLATEAU` samples or more.
+    """
+    if block.kind is not Imu or not len(block):
+        return None
+    part = rig.imus[block.topic].part if rig is not None and block.topic in rig.imus else ""
+    limits = full_scales(part) or next((scales for name, scales in _FURTHER.items() if name in part), {})
+    hit = np.zeros(len(block), bool)
+    for field in ("angular_rate", "specific_force"):
+        hit |= _at_limit(np.abs(block.columns[field]), limits.get(field))
+    return 100.0 * float(hit.mean())
+
+
+def _at_limit(magnitude: Array, limit: float | None) -> Array:
+    if limit is not None:
+        return np.asarray((magnitude >= _NEAR * limit).any(axis=1))
+    top = magnitude.max(axis=0)
+    same = magnitude >= top - 1e-9 * np.maximum(top, 1.0)
+    return np.asarray((same & (same.sum(axis=0) >= _PLATEAU) & (top > 0)).any(axis=1))
+
 
 GAP_PERIODS = 5.0
 RANGE_HITS_PCT = 5.0

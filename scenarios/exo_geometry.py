@@ -22,14 +22,14 @@ from stridetwin.estimators.contact_terrain.geometry import (
     parse_exoskeleton,
     to_text,
 )
-from stridetwin.sim.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, ExoLinks, dh_table
+from stridetwin.sim.wearer.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, ExoLinks, dh_table
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 
 if TYPE_CHECKING:
-    from stridetwin.sim.body import Wearer
     from stridetwin.sim.twin import Twin
+    from stridetwin.sim.wearer.body import Wearer
 
 LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
 """How well a laboratory knows the lengths of thigh and shank, and how its AHRS sit after a calibration in standing."""

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from stridetwin.sim.route import Layout, Slab, Strip  # plain data: needs no simulator
-from stridetwin.sim.way import Piece, Way
+from stridetwin.sim.world.route import Layout, Slab, Strip  # plain data: needs no simulator
+from stridetwin.sim.world.way import Piece, Way
 from stridetwin.streams.errors import RecordingError
 
 KEY = "terrain"

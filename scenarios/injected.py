@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from stridetwin.sim.faults import Events, Fault
+from stridetwin.sim.faults.faults import Events, Fault
 from stridetwin.streams.errors import RecordingError
 
 KEY = "faults"

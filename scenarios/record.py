@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stridetwin.scenarios import exo_geometry, ground, injected
-from stridetwin.sim.anthropometry import anthropometry
-from stridetwin.sim.fault_plan import check_times, plan_faults
-from stridetwin.sim.faults import arrivals
-from stridetwin.streams.recording import RecordingWriter
+from stridetwin.sim.faults.faults import arrivals
+from stridetwin.sim.faults.plan import check_times, plan_faults
+from stridetwin.sim.wearer.anthropometry import anthropometry
+from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.samples import Block, Sample
 
 if TYPE_CHECKING:

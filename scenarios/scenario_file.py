@@ -11,11 +11,11 @@ from typing import Any
 from stridetwin.scenarios.scenario_model import PHYSICS as PHYSICS
 from stridetwin.scenarios.scenario_model import ScenarioFile
 from stridetwin.sim.config import Route, Segment, Stairs, TwinConfig
-from stridetwin.sim.fault_plan import check_faults
-from stridetwin.sim.mesh_terrain import MeshWay, mesh_terrain
-from stridetwin.sim.route import lay_out
-from stridetwin.sim.standard_rig import EXO_GROUPS, standard_rig
-from stridetwin.sim.things import check_things
+from stridetwin.sim.faults.plan import check_faults
+from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
+from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
+from stridetwin.sim.world.obstacles import check_things
+from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from stridetwin.scenarios.sensor_model import Sensors, SensorsInFile
-from stridetwin.sim.actuation import JOINTS, modules
 from stridetwin.sim.config import (
     BYSTANDERS_MAX,
     DIRECTIONS,
@@ -34,11 +33,22 @@ from stridetwin.sim.config import (
     Thing,
     Turn,
 )
-from stridetwin.sim.faults import Fault, LooseStrap
-from stridetwin.sim.mesh_terrain import MeshWay
-from stridetwin.sim.people import PEOPLE
-from stridetwin.sim.picture_faults import LensDirt, Occlusion
-from stridetwin.sim.sample_faults import ClockJump, DeadCell, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
+from stridetwin.sim.faults.faults import Fault, LooseStrap
+from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
+from stridetwin.sim.faults.sample_faults import (
+    ClockJump,
+    DeadCell,
+    Dropout,
+    Freeze,
+    Late,
+    Nan,
+    OutOfOrder,
+    Repeat,
+    Saturation,
+)
+from stridetwin.sim.wearer.actuation import JOINTS, modules
+from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import (
     MM,
@@ -172,7 +182,7 @@ class _OwnExo(_Model):
 
     def build(self) -> Exo:
         """The exoskeleton."""
-        from stridetwin.sim.own_exo_rig import read_own_exo  # the one field that takes the simulator to be read
+        from stridetwin.sim.wearer.own_exo_rig import read_own_exo  # the one field that takes the simulator to be read
 
         try:
             own = read_own_exo(self.model, self.rig)

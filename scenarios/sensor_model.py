@@ -19,9 +19,9 @@ from pydantic import (
 )
 
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.fitting import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, library, part, read_part
+from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.fields import elsewhere, flag, folder_of, refused, unique, words
 from stridetwin.streams.json_schema import described

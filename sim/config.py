@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from stridetwin.sim.faults import Fault
-from stridetwin.sim.fitting import SensorConfig
+from stridetwin.sim.faults.faults import Fault
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.fields import DEG, MM, ReadAs, flag, number, whole, words
 
 if TYPE_CHECKING:
-    from stridetwin.sim.own_exo import OwnExo
+    from stridetwin.sim.wearer.own_exo import OwnExo
 
 SIDES = ("l", "r")
 DIRECTIONS = {"up": False, "down": True}

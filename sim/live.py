@@ -16,11 +16,11 @@ from typing import Self
 import numpy as np
 
 from stridetwin.sim import truth
-from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.dynamics.drive import ControlLaw
-from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import MARGIN_S, Simulation
-from stridetwin.sim.sensor_suite import SensorSuite, instants
+from stridetwin.sim.dynamics.simulated_walk import Replay
+from stridetwin.sim.rendering.camera_processes import CameraProcesses
+from stridetwin.sim.sensors.suite import SensorSuite, instants
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Sample

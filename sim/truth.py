@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.playback import Loads, Motion, Walk
-from stridetwin.sim.rotation import quat_from_matrix
-from stridetwin.sim.straps import MountSlips
-from stridetwin.sim.track import Track
+from stridetwin.sim.sensors.mount_slip import MountSlips
+from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, FootPhase, Footprint, Joints, Odometry, Point, Sample, Wrench
 

@@ -14,29 +14,27 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim import truth
-from stridetwin.sim.body import add_wearer, compile_model
-from stridetwin.sim.bystanders import Crowd, bystanders
-from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import SIDES, Dynamics, TwinConfig
-from stridetwin.sim.crowd_bodies import add_bystanders
-from stridetwin.sim.crowd_bodies import pose as pose_crowd
 from stridetwin.sim.dynamics.drive import ControlLaw
-from stridetwin.sim.dynamics.replay import Replay
 from stridetwin.sim.dynamics.simulate import Simulation
-from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
 from stridetwin.sim.dynamics.soles import add_soles
-from stridetwin.sim.fault_plan import plan_faults
-from stridetwin.sim.fitting import SensorConfig
+from stridetwin.sim.faults.plan import plan_faults
 from stridetwin.sim.gait.exo_fit import check_legs
+from stridetwin.sim.gait.heel_strike import SHOE, UpperMotion, case_parameters
 from stridetwin.sim.gait.reference import Reference, reference
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.playback import Playback
-from stridetwin.sim.render import FilmCamera
-from stridetwin.sim.rig_bodies import add_rig
-from stridetwin.sim.sensor_suite import SensorSuite, instants
-from stridetwin.sim.shock import SHOE, UpperMotion, case_parameters
-from stridetwin.sim.standard_rig import foot_imu_place, sensor_rig
-from stridetwin.sim.straps import MountSlips
-from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.rendering.camera_processes import CameraProcesses
+from stridetwin.sim.rendering.renderer import FilmCamera
+from stridetwin.sim.sensors.mount_slip import MountSlips
+from stridetwin.sim.sensors.standard_rig import foot_imu_place, sensor_rig
+from stridetwin.sim.sensors.suite import SensorSuite, instants
+from stridetwin.sim.wearer.body import add_wearer, compile_model
+from stridetwin.sim.wearer.sensor_bodies import add_rig
+from stridetwin.sim.world.bystanders import Crowd, add_bystanders, bystanders
+from stridetwin.sim.world.bystanders import pose as pose_crowd
+from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Sample
@@ -195,7 +193,7 @@ class Twin:
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
         """All samples and ground truth, in chunks of `CHUNK_S`; images one by one after the rest.
 
-        Mount slips are included; the other faults act on this output (`sim.faults`).
+        Mount slips are included; the other faults act on this output (`sim.faults.faults`).
         """
         playback = self.player()
         suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.mount_slips)

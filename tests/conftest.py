@@ -15,15 +15,15 @@ _FIRST = (
     *_TOGETHER[:3],
     "tests/sim/test_dynamics.py",
     *_TOGETHER[3:],
-    "tests/scenarios/experiments/test_walks.py",
-    "tests/scenarios/experiments/test_jao_simulation.py",
+    "tests/studies/test_walks.py",
+    "tests/studies/test_jao_simulation.py",
     "tests/scenarios/campaign/test_campaign_generate.py",
     "tests/sim/test_exoskeleton.py",
     "tests/scenarios/test_odometry.py",
     "tests/scenarios/test_live_bridge.py",
     "tests/scenarios/test_mode_files.py",
     "tests/estimators/locomotion_mode/",
-    "tests/scenarios/closed_loop/test_helping.py",
+    "tests/studies/closed_loop/test_helping.py",
     "tests/scenarios/test_cli.py",
     "tests/sim/test_twin.py",
     "tests/estimators/test_board_twin.py",
@@ -33,7 +33,7 @@ _FIRST = (
     "tests/sim/test_calibration.py",
     "tests/sim/test_manners.py",
     "tests/scenarios/test_fault_fields.py",
-    "tests/scenarios/experiments/",
+    "tests/studies/",
 )
 """What takes long, so that no process is left with it while the others have nothing to do.
 

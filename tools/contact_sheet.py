@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Dynamics, Exo, Gait, Level, Person, Route, Stairs, TwinConfig
-from stridetwin.sim.render import FilmCamera
+from stridetwin.sim.rendering.renderer import FilmCamera
 from stridetwin.sim.twin import Twin
 
 SEED, COLUMNS, WIDTH, HEIGHT = 1000, 8, 180, 180

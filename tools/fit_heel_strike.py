@@ -1,4 +1,4 @@
-"""Fits how a shoe's upper rings and rocks (`sim/shock.py`) to recorded walks.
+"""Fits how a shoe's upper rings and rocks (`sim/gait/heel_strike.py`) to recorded walks.
 
 `python -m tools.fit_heel_strike` prints the arrays of `shock.SHOE`. Recordings: `dual_foot_walk` (gaitmap's example
 data, MIT), both feet at 204.8 Hz with accelerometers of 16 g; it is looked for as in `benchmarks.real_walks`. The
@@ -28,8 +28,8 @@ from benchmarks.shoe_imu import REAL_HZ, FootWalk, recorded, stances, twin_walks
 from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES, Gait
-from stridetwin.sim.rotation import matrix_from_quat
-from stridetwin.sim.shock import BEFORE_S, SHOE, vibration
+from stridetwin.sim.gait.heel_strike import BEFORE_S, SHOE, vibration
+from stridetwin.sim.kinematics.rotation import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.render import FilmCamera, SensorView, camera_pose
+from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, camera_pose
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Array
 

@@ -14,9 +14,9 @@ import numpy as np
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import read_scenario
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
+from stridetwin.streams.recording.topic_reader import selected
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.topic_reader import selected
 
 SCENARIO = """
 description: A short walk.

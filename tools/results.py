@@ -17,10 +17,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.registry import key_of, read_row
-from stridetwin.scenarios.experiments.studies import STUDIES, experiment
-from stridetwin.scenarios.mode_score import ModeScores
+from stridetwin.evaluation.mode_scores import ModeScores
+from stridetwin.studies.case import Case
+from stridetwin.studies.catalogue import STUDIES, experiment
+from stridetwin.studies.registry import key_of, read_row
 
 RESULTS = Path(__file__).parent.parent / "docs" / "results"
 EXPLAINED = {

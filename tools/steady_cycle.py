@@ -10,20 +10,19 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 
-from stridetwin.sim.body import Wearer, add_wearer, compile_model
 from stridetwin.sim.config import SIDES, Gaze, Person
-from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.gait.foot_path import FootPath, foot_path
-from stridetwin.sim.gait.footsteps import HALF_STEP_WIDTH_M, TOE_OUT_RAD, Footstep
+from stridetwin.sim.gait.footsteps import HALF_STEP_WIDTH_M, TOE_OUT_RAD, Footstep, Rhythm
 from stridetwin.sim.gait.leg_ik import solve_leg
 from stridetwin.sim.gait.load import load_shares, pressure_centres, travel
 from stridetwin.sim.gait.pelvis import level_height
 from stridetwin.sim.gait.posture import Posture, posture
-from stridetwin.sim.gait.rhythm import Rhythm
+from stridetwin.sim.gait.reference import coordinates, legs, zero_moment_point
 from stridetwin.sim.gait.style import Style, leg_length
-from stridetwin.sim.gait.whole_body import coordinates, legs, zero_moment_point
-from stridetwin.sim.rotation import from_euler, matrix_from_quat, rot_z
-from stridetwin.sim.route import Strip
+from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.kinematics.rotation import from_euler, matrix_from_quat, rot_z
+from stridetwin.sim.wearer.body import Wearer, add_wearer, compile_model
+from stridetwin.sim.world.route import Strip
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 

@@ -92,7 +92,7 @@ def follow(page: str, folder: Path, do: Callable[[str], Said]) -> Iterator[Said]
 
 def here(command: str) -> Said:
     """Runs a command in this process."""
-    from stridetwin.scenarios.cli import main as stridetwin
+    from stridetwin.cli.main import main as stridetwin
 
     words, _, file = command.partition(" > ")
     program, *arguments = shlex.split(words)
@@ -102,7 +102,7 @@ def here(command: str) -> Said:
             if program == "pytest":
                 import pytest
 
-                plugin = [] if _installed() else ["-p", "stridetwin.scenarios.pytest_plugin"]
+                plugin = [] if _installed() else ["-p", "stridetwin.evaluation.gate.pytest_plugin"]
                 code = int(pytest.main([*arguments, "-p", "no:dash", "-p", "no:cacheprovider", *plugin]))
             else:
                 code = stridetwin(arguments)

@@ -39,7 +39,7 @@ def main() -> int:
     assert not there, there
     sys.meta_path.insert(0, Nothing())
     if sys.argv[1:]:
-        from stridetwin.scenarios.cli import main as stridetwin
+        from stridetwin.cli.main import main as stridetwin
 
         return stridetwin()
     count = 0
@@ -47,7 +47,7 @@ def main() -> int:
         for module in pkgutil.walk_packages(importlib.import_module(top).__path__, f"{top}."):
             importlib.import_module(module.name)
             count += 1
-    importlib.import_module("stridetwin.scenarios.cli")
+    importlib.import_module("stridetwin.cli.main")
     print(f"{count} modules, and the command line, need no extra")
     return 0
 

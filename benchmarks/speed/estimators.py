@@ -20,13 +20,14 @@ from stridetwin.estimators.dvio.filter import HELD
 from stridetwin.estimators.foot_ins import FootIns, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.scenarios.exo_geometry import geometry
-from stridetwin.scenarios.experiments import odometry_walks, shim_table5
-from stridetwin.scenarios.experiments.walks import CAMERAS, IMUS, SHOES, SONARS
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Range, Sample
+from stridetwin.studies.shim2019 import shim_table5
+from stridetwin.studies.walks import CAMERAS, IMUS, SHOES, SONARS
+from stridetwin.studies.zhao2023 import odometry_walks
 
 RATE_HZ = 200
 STRIDE_S = 1.1
@@ -143,7 +144,10 @@ def contact_terrain(minutes: float, seed: int) -> Summary:
 def _terrain_figures(exo: Exoskeleton, method: str, samples: Sequence[Sample], repetitions: int) -> dict[str, float]:
     span_ns = samples[-1].t_ns - samples[0].t_ns + 10_000_000
     replay, watch = Replay(read=lambda: samples, repetitions=repetitions, span_ns=span_ns), Stopwatch()
-    estimator, instants = ContactTerrain(Rig(), options=Options(method=method), exoskeleton=exo), len({s.t_ns for s in samples}) * repetitions
+    estimator, instants = (
+        ContactTerrain(Rig(), options=Options(method=method), exoskeleton=exo),
+        len({s.t_ns for s in samples}) * repetitions,
+    )
     for _, sample in replay:
         watch.time(lambda: estimator.update(sample))  # noqa: B023
     return {

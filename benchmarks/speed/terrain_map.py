@@ -14,12 +14,12 @@ from benchmarks.speed.timing import Replay, Stopwatch, Summary, recorded
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
-from stridetwin.scenarios.experiments.odometry_walks import HEALTHY
+from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.terrain_files import depth_camera, given_poses, pose_sample
 from stridetwin.sim.config import TwinConfig
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Odometry, Sample
+from stridetwin.studies.zhao2023.odometry_walks import HEALTHY
 
 POSES = ("given", "dvio")
 GAP_NS = 1_000_000_000

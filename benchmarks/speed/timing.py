@@ -16,7 +16,7 @@ import numpy as np
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Sample
 
 Summary = dict[str, dict[str, float]]

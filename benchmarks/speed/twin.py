@@ -12,17 +12,17 @@ import mujoco
 import numpy as np
 
 from benchmarks.speed.timing import Stopwatch, Summary
+from stridetwin.report.runner import without_cameras
 from stridetwin.scenarios.record import record
-from stridetwin.scenarios.runner import without_cameras
 from stridetwin.scenarios.scenario_file import Scenario, load_scenario
-from stridetwin.sim.body import add_wearer, compile_model
 from stridetwin.sim.config import Exo, Level, Person, Route, Stairs, TwinConfig
-from stridetwin.sim.render import FilmCamera, SensorView, camera_pose
-from stridetwin.sim.rig_bodies import add_rig
-from stridetwin.sim.standard_rig import standard_rig
-from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, camera_pose
+from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.sim.wearer.body import add_wearer, compile_model
+from stridetwin.sim.wearer.sensor_bodies import add_rig
+from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.contact_terrain.chain import BACK, KNEE, LENGTH, OFFSETS, SAG
+from stridetwin.estimators.contact_terrain.leg import BACK, KNEE, LENGTH, OFFSETS, SAG
 from stridetwin.estimators.contact_terrain.parameters import OffsetParameters
 from stridetwin.streams.samples import Array
 

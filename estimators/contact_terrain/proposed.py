@@ -10,15 +10,23 @@ import numpy as np
 
 from stridetwin.estimators.compiled import cached
 from stridetwin.estimators.contact_terrain.attitude import Attitudes
-from stridetwin.estimators.contact_terrain.chain import FOOT, OFFSETS, SAG, foot_place, turning
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate
 from stridetwin.estimators.contact_terrain.footfall import Footfall, holds
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
-from stridetwin.estimators.contact_terrain.leg import at_stop, leg_angles, links
+from stridetwin.estimators.contact_terrain.leg import (
+    FOOT,
+    OFFSETS,
+    SAG,
+    at_stop,
+    foot_place,
+    leg_angles,
+    links,
+    turning,
+)
 from stridetwin.estimators.contact_terrain.load import CellLoads
-from stridetwin.estimators.contact_terrain.modes import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.estimators.contact_terrain.offsets import Belief, Offsets, StepFigures
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
+from stridetwin.estimators.contact_terrain.step_class import beyond_slopes, most_likely, sloping, step_modes
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
 

@@ -1,22 +1,210 @@
-"""The method of Shim et al. 2019 as it is published: a rigid foot that touches the ground in its centre of pressure."""
+"""The method of Shim et al. 2019 as it is published: a rigid foot that touches the ground in its centre of pressure.
+
+Centre of pressure from the cells of an insole: equation (11) of Shim et al. 2019.
+
+The four phases of a foot, from its centre of pressure and how fast it turns (Shim et al. 2019, 2.2.2).
+
+The contact point about which the exoskeleton moves, carried from foot to foot (Shim et al. 2019, 2.2.3).
+
+The ground under one footprint as a plane, by least squares over its markers (Shim et al. 2019, 2.2.4 and 2.2.5).
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
-from stridetwin.estimators.contact_terrain.classes import TerrainSvm
-from stridetwin.estimators.contact_terrain.cop import centre_of_pressure, on_sole
 from stridetwin.estimators.contact_terrain.estimate import UNKNOWN, StepEstimate
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.leg import forward, leg_angles, links
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, PublishedParameters
-from stridetwin.estimators.contact_terrain.phases import Phase, foot_phase
-from stridetwin.estimators.contact_terrain.pivot import Pivot, pivot_foot
-from stridetwin.estimators.contact_terrain.plane import Markers, slope
+from stridetwin.estimators.contact_terrain.step_class import TerrainSvm
 from stridetwin.estimators.contact_terrain.ticks import Tick
 from stridetwin.streams.samples import Array
+
+
+def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
+    """(2,) m on the sole, None where the foot does not press.
+
+    See docs/contact_terrain.md (3).
+
+    Args:
+        cells: (4, 2) m.
+        force: (4,) N.
+        pressing_n: N, a foot with less on all cells together is off the ground.
+    """
+    total = float(force.sum())
+    return None if total < pressing_n else force @ cells / total
+
+
+def on_sole(T_foot_sole: Array, cop: Array) -> Array:
+    """(3,) m, a point of the sole in the foot's frame."""
+    point: Array = T_foot_sole[:3, :2] @ cop + T_foot_sole[:3, 3]
+    return point
+
+
+class Phase(Enum):
+    """Phase of one foot."""
+
+    FOOT_OFF = "FO"
+    HEEL_CONTACT = "HC"
+    FOOT_FLAT = "FF"
+    HEEL_OFF = "HO"
+
+
+def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: PublishedParameters) -> Phase:
+    """Phase of a foot.
+
+    Args:
+        cells: (4, 2) m, heel first and toe last.
+        cop: (2,) m, or None where the foot does not press.
+        rate: How fast the foot turns, rad/s.
+        parameters: Limits of rate and of heel and front.
+    """
+    if cop is None:
+        return Phase.FOOT_OFF
+    share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])
+    if rate > parameters.turning_radps and share < parameters.heel_share:
+        return Phase.HEEL_CONTACT
+    if rate > parameters.turning_radps and share > parameters.front_share:
+        return Phase.HEEL_OFF
+    return Phase.FOOT_FLAT
+
+
+def pivot_foot(phases: Sequence[Phase], load: Array, last: int) -> int:
+    """Which foot, 0 or 1, carries the pivot.
+
+    The one that presses; of two, the one that is flat; of two that are both flat or both not, the one with more load.
+
+    Args:
+        phases: Of both feet.
+        load: (2,) N.
+        last: The foot that carried it; kept while no foot presses.
+    """
+    on = [phase is not Phase.FOOT_OFF for phase in phases]
+    if on[0] != on[1]:
+        return int(on[1])
+    if not on[0]:
+        return last
+    flat = [phase is Phase.FOOT_FLAT for phase in phases]
+    return int(flat[1]) if flat[0] != flat[1] else int(load[1] > load[0])
+
+
+class Pivot:
+    """The pivot in the world, whose origin is where it first is.
+
+    Attributes:
+        foot: Foot that carries it, 0 or 1.
+        p_in_world: (3,) m.
+    """
+
+    def __init__(self) -> None:
+        self.foot = 0
+        self.p_in_world = np.zeros(3)
+        self._cop: list[Array | None] = [None, None]
+
+    def move(self, foot: int, cop_in_foot: Sequence[Array | None], R_world_base: Array, T_base_foot: Array) -> None:
+        """Carries the pivot on by what changes in this tick: equations (12)-(16).
+
+        Args:
+            foot: That carries it from now on.
+            cop_in_foot: (3,) m of each foot's centre of pressure in its last frame, None where it does not press.
+            R_world_base: (3, 3).
+            T_base_foot: (2, 4, 4) poses of the last frames in frame 0.
+        """
+        latest = [last if cop is None else cop for cop, last in zip(cop_in_foot, self._cop)]
+        here, there = latest[foot], self._cop[foot] if foot == self.foot else latest[self.foot]
+        if here is not None and there is not None:
+            p_here = T_base_foot[foot, :3, :3] @ here + T_base_foot[foot, :3, 3]
+            p_there = T_base_foot[self.foot, :3, :3] @ there + T_base_foot[self.foot, :3, 3]
+            self.p_in_world = self.p_in_world + R_world_base @ (p_here - p_there)
+        self.foot, self._cop = foot, latest
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """A plane fitted to the markers of one step: equation (18).
+
+    Attributes:
+        normal: (3,) unit vector, up.
+        centre: (3,) m, mean of the markers.
+    """
+
+    normal: Array
+    centre: Array
+
+
+class Markers:
+    """The markers of one step, as the sums that the plane needs: memory does not grow with them.
+
+    Args:
+        parameters: How many markers a plane needs, and where virtual ones lie.
+
+    Attributes:
+        count: Number of markers, the virtual ones not counted.
+    """
+
+    def __init__(self, parameters: PublishedParameters = DEFAULTS.published) -> None:
+        self._parameters = parameters
+        self.count = 0
+        self._origin = np.zeros(3)
+        self._sum = np.zeros(3)
+        self._moments = np.zeros((3, 4))  # of (x, y, 1) with (x, y, 1, z), virtual markers too
+
+    def add(self, p_in_world: Array, medial_in_world: Array) -> None:
+        """Takes a marker and makes its virtual one.
+
+        Args:
+            p_in_world: (3,) m.
+            medial_in_world: (3,) unit vector along the sole to the inner side of the foot.
+        """
+        if self.count == 0:
+            self._origin = p_in_world
+        self.count += 1
+        self._sum += p_in_world
+        for point in (p_in_world, p_in_world + self._parameters.virtual_m * medial_in_world):
+            x, y, z = point - self._origin
+            self._moments += np.outer((x, y, 1.0), (x, y, 1.0, z))
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are as many as a plane needs."""
+        return self.count >= self._parameters.markers_min
+
+    @property
+    def centre(self) -> Array:
+        """(3,) m, mean of the markers."""
+        return self._sum / self.count
+
+    def plane(self) -> Plane | None:
+        """The plane z = a x + b y + d of least squares; None while there are too few markers.
+
+        See docs/contact_terrain.md (4).
+        """
+        if not self.enough:
+            return None
+        a, b, _ = np.linalg.lstsq(self._moments[:, :3], self._moments[:, 3], rcond=1e-12)[0]
+        normal = np.array([-a, -b, 1.0])
+        return Plane(normal=normal / np.linalg.norm(normal), centre=self.centre)
+
+
+def slope(normal: Array, heading: Array) -> float:
+    """Slope, rad: the angle between normal and vertical, positive uphill.
+
+    See docs/contact_terrain.md (5).
+
+    Equation (19) as printed is zero for every normal; this is what its text says.
+
+    Args:
+        normal: (3,) unit vector, up.
+        heading: (2,) horizontal direction of the walk.
+    """
+    tilt = math.hypot(normal[0], normal[1])
+    return math.copysign(math.atan2(tilt, normal[2]), -float(normal[:2] @ heading))
 
 
 @dataclass(kw_only=True, eq=False)

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.estimators.contact_terrain.attitude import Attitudes
-from stridetwin.estimators.contact_terrain.chain import foot_place
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
-from stridetwin.estimators.contact_terrain.leg import leg_angles, links
+from stridetwin.estimators.contact_terrain.leg import foot_place, leg_angles, links
 from stridetwin.estimators.contact_terrain.load import CellLoads
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.contact_terrain.ticks import Gather, Tick

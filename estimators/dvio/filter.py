@@ -1,9 +1,13 @@
-"""The depth-enhanced visual-inertial odometry as an estimator: samples in, poses out."""
+"""The depth-enhanced visual-inertial odometry as an estimator: samples in, poses out.
+
+What the odometry tells.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import ClassVar
 
 import cv2
@@ -11,18 +15,79 @@ import numpy as np
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
-from stridetwin.estimators.dvio.alignment import Alignment
-from stridetwin.estimators.dvio.core import Core, Picture
-from stridetwin.estimators.dvio.estimate import COASTING, LOST, TRACKING, DvioEstimate
+from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import Feet
+from stridetwin.estimators.dvio.initializer import Alignment, Starter
+from stridetwin.estimators.dvio.nav_state import Live
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
-from stridetwin.estimators.dvio.starter import Starter
-from stridetwin.estimators.dvio.stereo import Stereo, with_depth, with_stereo
+from stridetwin.estimators.dvio.sliding_window import Core, Picture
+from stridetwin.estimators.dvio.tracker import Stereo, with_depth, with_stereo
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
-from stridetwin.streams.pose import trajectory_of
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.pose import Pose, trajectory_of
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
+
+TRACKING, COASTING, LOST = "tracking", "coasting", "lost"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DvioEstimate:
+    """What is believed of the camera's IMU after one sample.
+
+    The world's z axis is up; its origin is where the IMU first was, its x axis points where the camera first looked.
+
+    Attributes:
+        t_ns: Time of the sample.
+        pose: Of the IMU; valid unless the odometry is lost.
+        v_imu_in_world: (3,) m/s.
+        gyro_bias: (3,) rad/s.
+        accel_bias: (3,) m/s².
+        health: `tracking`; `coasting`, where the IMU alone tells the motion, for want of points or of pictures; or
+            `lost`, from a failure on until all is found again: the pose then holds its place, and the covariance says
+            how little that means.
+    """
+
+    t_ns: int
+    pose: Pose
+    v_imu_in_world: Array
+    gyro_bias: Array
+    accel_bias: Array
+    health: str
+
+    @classmethod
+    def of(cls, live: Live, health: str, frame: str = "") -> DvioEstimate:
+        """What a propagated state says, copied."""
+        T_world_imu, covariance = kernel.told(live)
+        t_ns = int(live.t_ns[0])
+        return cls(
+            t_ns=t_ns,
+            pose=Pose(
+                t_ns=t_ns,
+                p_frame_in_world=T_world_imu[:3, 3],
+                rotation=T_world_imu[:3, :3],
+                frame=frame,
+                covariance=covariance,
+                valid=health != LOST,
+            ),
+            v_imu_in_world=live.v.copy(),
+            gyro_bias=live.bias[:3].copy(),
+            accel_bias=live.bias[3:].copy(),
+            health=health,
+        )
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6) of the pose: position (m) and rotation about the world's axes (rad)."""
+        assert self.pose.covariance is not None
+        return self.pose.covariance
+
+    @property
+    def T_world_imu(self) -> Array:
+        """(4, 4) IMU to world, m; deprecated, see `pose`."""
+        deprecated("DvioEstimate.T_world_imu", "pose.T_world_frame")
+        return self.pose.T_world_frame
+
 
 MOUNTS = ("head", "chest")
 HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
@@ -33,7 +98,7 @@ _WANTED = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
 class Dvio:
     """Visual-inertial odometry with depth of a camera on head or chest: causal, of constant memory, deterministic.
 
-    After Zhao et al. 2023, §II-C, and beyond it, see `DvioParameters`. It starts at once where the sensor rests, and
+    After Zhao et al. 2023, II-C, and beyond it, see `DvioParameters`. It starts at once where the sensor rests, and
     in motion as soon as vision and IMU align (`starter`), after about half a second. A picture is used once the IMU has
     reached its time and its depth is there, or does not come; 6 s late it is of no use. A sample that is not finite, of
     another size than told, or not later than the last one of its topic is ignored.

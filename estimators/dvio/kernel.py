@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.dvio import live, marginal, patches, pixels, planes, preintegration, sights, solver, surfaces
+from stridetwin.estimators.dvio import imu_factors, nav_state, observations, patches, plane_cells, planes, solver
+from stridetwin.estimators.dvio import patches as pixels
+from stridetwin.estimators.dvio import solver as marginal
 
 _called = cached(Path(__file__).parent, error_model="numpy")
 
@@ -15,16 +17,16 @@ _called = cached(Path(__file__).parent, error_model="numpy")
 @_called
 def integrate_into(zs, k, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
     """`preintegration.integrate` into the `k`-th of some increments, with its weight."""
-    z = preintegration.increment_at(zs, k)
-    preintegration.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
+    z = imu_factors.increment_at(zs, k)
+    imu_factors.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
     z.weight[:] = np.linalg.inv(z.covariance)
 
 
-integrate = _called(preintegration.integrate)
-carry, sound, told = _called(live.carry), _called(live.sound), _called(live.told)
+integrate = _called(imu_factors.integrate)
+carry, sound, told = _called(nav_state.carry), _called(nav_state.sound), _called(nav_state.told)
 minimise, forget_oldest = _called(solver.minimise), _called(marginal.forget_oldest)
-foresee, cull, parallax = _called(sights.foresee), _called(sights.cull), _called(sights.parallax)
+foresee, cull, parallax = _called(observations.foresee), _called(observations.cull), _called(observations.parallax)
 pick, read_depth = _called(pixels.pick), _called(pixels.read_depth)
 cut, align, read_slope = _called(patches.cut), _called(patches.align), _called(patches.read_slope)
-read_planes = _called(surfaces.read_planes)
+read_planes = _called(plane_cells.read_planes)
 match_planes, found_plane = _called(planes.match_planes), _called(planes.found_plane)

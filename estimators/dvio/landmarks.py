@@ -14,9 +14,19 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import REORDERED
-from stridetwin.estimators.dvio.memory import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Window
-from stridetwin.estimators.dvio.terms import Terms
-from stridetwin.estimators.dvio.views import COLUMNS, HOST, RESIDUAL, SEER, SIGHT, Views, huber, ray, seen_at, sight
+from stridetwin.estimators.dvio.projection import (
+    COLUMNS,
+    HOST,
+    RESIDUAL,
+    SEER,
+    SIGHT,
+    Views,
+    huber,
+    ray,
+    seen_at,
+    sight,
+)
+from stridetwin.estimators.dvio.state import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Terms, Window
 from stridetwin.streams.samples import Array
 
 POSE = 6

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from stridetwin.estimators.dvio.memory import ImuNoise
-from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.dvio.state import ImuNoise, Terms
 from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2

@@ -15,7 +15,8 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import mul, rotate, rotate_back
-from stridetwin.estimators.dvio.memory import (
+from stridetwin.estimators.dvio.projection import at_exposure, huber
+from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE_IC,
     D_LENS,
@@ -24,10 +25,9 @@ from stridetwin.estimators.dvio.memory import (
     D_SCALE,
     FRAME,
     PLANE,
+    Terms,
     Window,
 )
-from stridetwin.estimators.dvio.terms import Terms
-from stridetwin.estimators.dvio.views import at_exposure, huber
 from stridetwin.streams.samples import Array
 
 # A sighting's Jacobian has columns of the calibration, of the plane, and of the seer's pose.

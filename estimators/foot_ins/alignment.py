@@ -9,7 +9,8 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix
-from stridetwin.estimators.foot_ins.memory import (
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     ATTITUDE,
     D_ACCEL_BIAS,
@@ -34,8 +35,7 @@ from stridetwin.estimators.foot_ins.memory import (
     VELOCITY,
     Memory,
 )
-from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.stance import across_sole
+from stridetwin.estimators.foot_ins.zero_velocity import across_sole
 from stridetwin.streams.samples import Array
 
 

@@ -7,8 +7,8 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import product, rotation_matrix
-from stridetwin.estimators.foot_ins.covariance import shift
-from stridetwin.estimators.foot_ins.memory import (
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
     GYRO_BIAS,
@@ -19,8 +19,7 @@ from stridetwin.estimators.foot_ins.memory import (
     VELOCITY,
     Memory,
 )
-from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.strapdown import carry
+from stridetwin.estimators.foot_ins.strapdown import carry, shift
 from stridetwin.streams.samples import Array
 
 AT_LIMIT = 0.99  # share of the range at which a sample is taken to be clipped

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.foot_ins import kernel
-from stridetwin.estimators.foot_ins.memory import (
+from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
+from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     HEADED,
     IGNORED,
@@ -26,10 +27,9 @@ from stridetwin.estimators.foot_ins.memory import (
     Memory,
     blank,
 )
-from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.pose import Pose
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 from stridetwin.streams.trajectory import Trajectory

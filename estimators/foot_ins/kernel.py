@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
-from stridetwin.estimators.foot_ins.detector import motion, push, standing_speed
-from stridetwin.estimators.foot_ins.floor import stand
-from stridetwin.estimators.foot_ins.memory import (
+from stridetwin.estimators.foot_ins.level_floor import stand
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     D_ATTITUDE,
     D_POSITION,
@@ -26,9 +26,8 @@ from stridetwin.estimators.foot_ins.memory import (
     TRACKING,
     Memory,
 )
-from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.stance import roll, zero_rate, zero_velocity
 from stridetwin.estimators.foot_ins.strapdown import predict
+from stridetwin.estimators.foot_ins.zero_velocity import motion, push, roll, standing_speed, zero_rate, zero_velocity
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent)

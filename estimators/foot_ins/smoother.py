@@ -1,19 +1,323 @@
-"""The one-foot inertial navigation a moment later: each pose with what the next second tells of it."""
+"""The one-foot inertial navigation a moment later: each pose with what the next second tells of it.
+
+The last samples of a foot, held back until what follows has told what it can of them; compiled.
+
+Smoothing over an interval looks back from its end: what sample k+1 found, seen through how the error of sample k became
+that of k+1, is what it tells of k. In the form of Bryson & Frazier 1963 (Bierman 1973, Automatica 9:503) that needs no
+inverse of a covariance, which here is singular: the start is known, and the floor is as high as the foot that stands on
+it. Between two samples the error goes through Ψ (propagation, corrections, shifts, new floors, as they come), and the
+corrections gather the information J = Σ g gᵀ / s and the evidence j = Σ g z / s about the error that went in, where
+g = Ψ_iᵀ h with Ψ as far as it has come at correction i. With both gathered over all later samples
+
+    x_smoothed = x ⊕ P j,   P_smoothed = P - P J P.
+
+Two passages in a row are one: Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j_a + Ψ_aᵀ j_b. That is associative, so the
+passage over a sliding window takes three products a sample, however long the window is (two stacks, of which the older
+is summed from its end).
+
+Where a peak that a sensor hid is put back (`clipping`), the filter's state jumps, and with it what is held of the
+samples since the peak began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes
+T_k Ψ T_(k-1)⁻¹, and J and j are seen through T_(k-1)⁻¹, where T is what `shift` does to an error.
+
+The filter itself tells Ψ, J and j, without knowing: `listen` gives its covariance 19 rows more, with covariance 0 of
+their own and I with the error. Whatever linear thing is done to the error turns I into Ψᵀ, and each correction takes
+g gᵀ / s from the zeros and puts g z / s into the error beside them.
+"""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.foot_ins import window
+from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.foot_ins.algebra import product
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose, standing_nis
-from stridetwin.estimators.foot_ins.memory import NOMINAL
-from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
+from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
+from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
+from stridetwin.estimators.foot_ins.state import (
+    ATTITUDE,
+    D_ATTITUDE,
+    D_POSITION,
+    D_VELOCITY,
+    GYRO_BIAS,
+    HEAD,
+    IGNORED,
+    NOMINAL,
+    POSITION,
+    RESTORED,
+    RING,
+    STATES,
+    T_LAST,
+    TRACKING,
+    VELOCITY,
+    Memory,
+    blank,
+)
+from stridetwin.estimators.foot_ins.strapdown import shift, shift_rows
+from stridetwin.estimators.foot_ins.zero_velocity import inject
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
+
+_called = cached(Path(__file__).parent)
+
+OLDEST, HELD, SUMMED = range(3)  # of `place`
+
+# Of N samples: time, phase, standing speed (m/s), (N, 20) state, (N, 6, 6) covariance of position and attitude.
+Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
+
+
+class Window(NamedTuple):
+    """A ring of C samples, from the oldest held to the newest.
+
+    Attributes:
+        place: (3,) int64: row of the oldest sample; how many are held; how many of these, from the oldest on, have rows
+            of `transition`, `information` and `evidence` that are summed up to the last of these.
+        t_ns: (C,) int64.
+        phase: (C,) int8 in which each was used.
+        speed: (C,) standard deviation of the standing foot's speed, m/s.
+        nominal: (C, 20) filtered.
+        covariance: (C, 19, 19) filtered.
+        transition: (C + 1, 19, 19) Ψ of the passage from the sample before; row C: over the samples not yet summed.
+        information: (C + 1, 19, 19) J of the same.
+        evidence: (C + 1, 19) j of the same.
+        given: What is told of a sample that leaves.
+    """
+
+    place: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    phase: NDArray[np.int8]
+    speed: Array
+    nominal: Array
+    covariance: Array
+    transition: Array
+    information: Array
+    evidence: Array
+    given: Memory
+
+
+def empty_window(capacity: int) -> Window:
+    """A window of at most `capacity` samples that holds none."""
+    transition = np.zeros((capacity + 1, STATES, STATES))
+    transition[capacity] = np.eye(STATES)
+    return Window(
+        place=np.zeros(3, np.int64),
+        t_ns=np.zeros(capacity, np.int64),
+        phase=np.zeros(capacity, np.int8),
+        speed=np.zeros(capacity),
+        nominal=np.zeros((capacity, NOMINAL)),
+        covariance=np.zeros((capacity, STATES, STATES)),
+        transition=transition,
+        information=np.zeros((capacity + 1, STATES, STATES)),
+        evidence=np.zeros((capacity + 1, STATES)),
+        given=blank(),
+    )
+
+
+def listening() -> Memory:
+    """Memory of a foot whose covariance has the rows that `listen` needs."""
+    return blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
+
+
+@njit(**INSIDE)
+def listen(memory: Memory) -> None:
+    """Prepares the rows beside the foot's for the next sample, in place."""
+    P = memory.covariance
+    P[:, STATES:] = 0.0
+    P[STATES:] = 0.0
+    for i in range(STATES):
+        P[i, STATES + i] = P[STATES + i, i] = 1.0
+    memory.error[STATES:] = 0.0
+
+
+@njit(**INSIDE)
+def put_back(window: Window, memory: Memory) -> None:
+    """Moves what is held of the samples since a hidden peak began by what `restore` found, in place.
+
+    Args:
+        window: Before `hold` takes the sample with which the peak was put back.
+        memory: After that sample; its passage now begins at the moved state.
+    """
+    place, capacity = window.place, len(window.t_ns)
+    held, summed, moved = place[HELD], place[SUMMED], memory.restored
+    reach = 0  # samples back, from the newest held; older ones have left the window
+    for back in range(1, min(memory.clock[RESTORED], held) + 1):
+        if (
+            window.t_ns[(place[OLDEST] + held - back) % capacity]
+            != memory.ring_t_ns[(memory.clock[HEAD] - back) % RING]
+        ):
+            break
+        reach = back
+    if reach == 0:
+        return
+    for back in range(1, reach + 1):
+        i = (place[OLDEST] + held - back) % capacity
+        x = window.nominal[i]
+        x[:ATTITUDE] += moved[back, :ATTITUDE]
+        x[ATTITUDE:GYRO_BIAS] = product(moved[back, ATTITUDE:], x[ATTITUDE:GYRO_BIAS])
+        shift(window.covariance[i], 0, moved[back, POSITION:VELOCITY], moved[back, VELOCITY:ATTITUDE])
+        if held - back >= summed:
+            _move(window, i, moved, back, back + 1, reach)
+    last_summed = held - summed + 1
+    if last_summed <= reach:
+        for k in range(summed):
+            _move(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
+    _move(window, capacity, moved, 1, last_summed, reach)
+    dp, dv = moved[1, POSITION:VELOCITY], moved[1, VELOCITY:ATTITUDE]
+    _begin_at(memory.covariance[:, STATES:], dp, dv)
+    _begin_at(memory.covariance[STATES:].T, dp, dv)
+    _begin_at(memory.error[STATES:].reshape(1, STATES), dp, dv)
+
+
+@njit(**INSIDE)
+def _move(window: Window, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
+    """Moves the ends of a row's passage, told in samples back; those beyond `reach` stay."""
+    if end <= reach:
+        shift_rows(window.transition[row], 0, moved[end, POSITION:VELOCITY], moved[end, VELOCITY:ATTITUDE])
+    if begin <= reach:
+        dp, dv = moved[begin, POSITION:VELOCITY], moved[begin, VELOCITY:ATTITUDE]
+        _begin_at(window.transition[row], dp, dv)
+        _begin_at(window.information[row], dp, dv)
+        _begin_at(window.information[row].T, dp, dv)
+        _begin_at(window.evidence[row].reshape(1, STATES), dp, dv)
+
+
+@njit(**INSIDE)
+def _begin_at(M: Array, dp: Array, dv: Array) -> None:
+    """M <- M T⁻¹ in place, T as of `covariance.shift`."""
+    p, v, a = D_POSITION, D_VELOCITY, D_ATTITUDE
+    for i in range(M.shape[0]):
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            M[i, a + k] += M[i, p + m] * dp[n] - M[i, p + n] * dp[m] + M[i, v + m] * dv[n] - M[i, v + n] * dv[m]
+
+
+@njit(**INSIDE)
+def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
+    """Takes what the filter holds after a sample that it used in `phase`; there must be room."""
+    capacity = len(window.t_ns)
+    i = (window.place[OLDEST] + window.place[HELD]) % capacity
+    window.place[HELD] += 1
+    window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
+    window.nominal[i] = memory.nominal
+    window.covariance[i] = memory.covariance[:STATES, :STATES]
+    window.transition[i] = memory.covariance[:STATES, STATES:]
+    window.information[i] = -memory.covariance[STATES:, STATES:]
+    window.evidence[i] = memory.error[STATES:]
+    _join(window, capacity, i, capacity)
+
+
+@njit(**INSIDE)
+def _join(window: Window, earlier: int, later: int, into: int) -> None:
+    """Writes the passage of row `earlier` and then of row `later` into a row, which may be one of these.
+
+    See docs/foot_ins.md (16).
+    """
+    A, B = window.transition[earlier], window.transition[later]
+    evidence = window.evidence[earlier] + A.T @ window.evidence[later]
+    information = window.information[earlier] + A.T @ (window.information[later] @ A)
+    window.transition[into] = B @ A
+    window.information[into] = information
+    window.evidence[into] = evidence
+
+
+@njit(**INSIDE)
+def give(window: Window) -> int:
+    """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held.
+
+    See docs/foot_ins.md (17).
+    """
+    place, capacity = window.place, len(window.t_ns)
+    i = place[OLDEST]
+    if place[SUMMED] == 0:
+        for k in range(place[HELD] - 2, -1, -1):
+            _join(window, (i + k) % capacity, (i + k + 1) % capacity, (i + k) % capacity)
+        place[SUMMED] = place[HELD]
+        window.transition[capacity] = np.eye(STATES)
+        window.information[capacity] = 0.0
+        window.evidence[capacity] = 0.0
+    place[OLDEST] = (i + 1) % capacity
+    place[HELD] -= 1
+    place[SUMMED] -= 1
+    J, j = window.information[capacity], window.evidence[capacity]
+    if place[SUMMED] > 0:
+        A = window.transition[place[OLDEST]]
+        J = window.information[place[OLDEST]] + A.T @ (J @ A)
+        j = window.evidence[place[OLDEST]] + A.T @ j
+    given, P = window.given, window.covariance[i]
+    less = P @ (0.5 * (J + J.T)) @ P
+    given.nominal[:] = window.nominal[i]
+    given.covariance[:] = P - 0.5 * (less + less.T)
+    given.error[:] = P @ j
+    given.clock[T_LAST] = window.t_ns[i]
+    inject(given)
+    return i
+
+
+@njit(**INSIDE)
+def _write(window: Window, out: Rows, k: int) -> None:
+    """Gives the oldest sample and writes it into row `k`."""
+    i = give(window)
+    out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
+    out[3][k] = window.given.nominal
+    note_pose_covariance(window.given, out[4][k])
+
+
+@_called
+def run(
+    memory: Memory,
+    window: Window,
+    parameters: KernelParameters,
+    lag_ns: int,
+    t_ns: NDArray[np.int64],
+    rate: Array,
+    force: Array,
+    out: Rows,
+) -> int:
+    """Takes N samples; after each, gives the oldest held if it is `lag_ns` old or there is no more room.
+
+    Args:
+        memory: Of `listening`, changed in place.
+        window: Changed in place.
+        parameters: What the filter believes.
+        lag_ns: Age at which a sample leaves the window.
+        t_ns: (N,) int64.
+        rate: (N, 3) rad/s.
+        force: (N, 3) m/s².
+        out: Room for N rows, of which the first are written.
+
+    Returns:
+        How many rows are.
+    """
+    n = 0
+    for k in range(len(t_ns)):
+        listen(memory)
+        phase, speed = step(memory, parameters, t_ns[k], rate[k], force[k])
+        if phase == IGNORED:
+            continue
+        if phase == TRACKING and memory.clock[RESTORED] > 0:
+            put_back(window, memory)
+        hold(window, memory, phase, speed)
+        full = window.place[HELD] == len(window.t_ns)
+        if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
+            _write(window, out, n)
+            n += 1
+    return n
+
+
+@_called
+def drain(window: Window, out: Rows, n: int) -> int:
+    """Gives all that is still held, from row `n` of `out` on; returns up to which row."""
+    while window.place[HELD] > 0:
+        _write(window, out, n)
+        n += 1
+    return n
+
 
 MAX_LAG_S = 10.0
 MAX_RATE_HZ = 1000.0  # of a faster sensor as many samples are held, and the lag is shorter
@@ -52,8 +356,8 @@ class FootInsSmoother:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
-        self._memory = window.listening()
-        self._window = window.empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
+        self._memory = listening()
+        self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
         if start is not None:
             start.place(self._memory)
 
@@ -83,15 +387,15 @@ class FootInsSmoother:
     @property
     def held(self) -> int:
         """Samples not told yet."""
-        return int(self._window.place[window.HELD])
+        return int(self._window.place[HELD])
 
-    def _told(self, out: window.Rows, n: int) -> FootInsPath:
+    def _told(self, out: Rows, n: int) -> FootInsPath:
         """The first `n` rows, and all that is still held."""
-        n = window.drain(self._window, out, n)
+        n = drain(self._window, out, n)
         return FootInsPath.of(out[0][:n], out[1][:n], out[2][:n], out[3][:n], out[4][:n])
 
-    def _take(self, t_ns: NDArray[np.int64], rate: Array, force: Array, out: window.Rows) -> int:
-        return window.run(
+    def _take(self, t_ns: NDArray[np.int64], rate: Array, force: Array, out: Rows) -> int:
+        return run(
             self._memory,
             self._window,
             self._parameters,
@@ -103,6 +407,6 @@ class FootInsSmoother:
         )
 
 
-def _rows(n: int) -> window.Rows:
+def _rows(n: int) -> Rows:
     """Room for `n` samples, as `FootInsPath.of` takes them."""
     return np.empty(n, np.int64), np.empty(n, np.int8), np.empty(n), np.empty((n, NOMINAL)), np.empty((n, 6, 6))

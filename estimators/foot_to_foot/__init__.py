@@ -1,10 +1,10 @@
 """Inertial navigation of two shoes that see each other."""
 
-from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
+from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.foot_to_foot.events import RelativePosition
 from stridetwin.estimators.foot_to_foot.filter import METHODS, Aiding, FootToFoot, FootToFootEstimate
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters
 from stridetwin.estimators.foot_to_foot.path import follow
-from stridetwin.estimators.foot_to_foot.samples import RelativePosition
 
 __all__ = [
     "METHODS",

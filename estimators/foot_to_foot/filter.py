@@ -12,22 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream, deprecated
-from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
+from stridetwin.estimators.checkerboard.pose import BoardSighting
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
-from stridetwin.estimators.foot_ins.memory import ATTITUDE, EMPTY, IGNORED, STATES, TOLD
 from stridetwin.estimators.foot_ins.parameters import for_sensor
+from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, STATES, TOLD
 from stridetwin.estimators.foot_to_foot import kernel
-from stridetwin.estimators.foot_to_foot.events import Aid, in_order
-from stridetwin.estimators.foot_to_foot.eyes import Expected, Eyes, relative_position
-from stridetwin.estimators.foot_to_foot.memory import ECHOES, FEET, IMU, NEVER, SIGHTINGS, Events, blank_pair
+from stridetwin.estimators.foot_to_foot.board_tracking import Expected, Eyes, relative_position
+from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_order
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters, for_kernel
-from stridetwin.estimators.foot_to_foot.rig import shoes_of, side_by_side
-from stridetwin.estimators.foot_to_foot.samples import RelativePosition
-from stridetwin.estimators.foot_to_foot.worn import Worn
+from stridetwin.estimators.foot_to_foot.shoe_rig import Worn, shoes_of, side_by_side
+from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, SIGHTINGS, Events, blank_pair
 from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.pose import Pose
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range
 

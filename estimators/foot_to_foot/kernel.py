@@ -13,14 +13,14 @@ from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.clipping import hides
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, possible, step
-from stridetwin.estimators.foot_ins.memory import ATTITUDE, IGNORED, VELOCITY, Memory
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_to_foot.memory import IMU, RELATIVE, SIGHTING, Events, Pair, inject_all
+from stridetwin.estimators.foot_ins.state import ATTITUDE, IGNORED, VELOCITY, Memory
+from stridetwin.estimators.foot_to_foot.gyro_scale import turn_by_scale
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.published import published_step, relate
 from stridetwin.estimators.foot_to_foot.ranging import hear
 from stridetwin.estimators.foot_to_foot.rewind import rewind
-from stridetwin.estimators.foot_to_foot.scale import turn_by_scale
+from stridetwin.estimators.foot_to_foot.state import IMU, RELATIVE, SIGHTING, Events, Pair, inject_all
 from stridetwin.estimators.foot_to_foot.vision import UNUSED, board_in_camera, see
 from stridetwin.streams.samples import Array
 

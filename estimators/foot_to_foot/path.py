@@ -9,7 +9,7 @@ import numpy as np
 from stridetwin.estimators.base import FEET, PROPOSED, Options, PathEstimate
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath
 from stridetwin.estimators.foot_to_foot.filter import FootToFoot
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Image, Imu, Range, Sample
 from stridetwin.streams.trajectory import Trajectory
 

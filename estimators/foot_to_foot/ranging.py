@@ -8,13 +8,13 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.covariance import correct
-from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_POSITION, STATES
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.stance import surprise
-from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, ECHOES, Pair, inject_all
+from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_POSITION, STATES
+from stridetwin.estimators.foot_ins.strapdown import correct
+from stridetwin.estimators.foot_ins.zero_velocity import surprise
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.rewind import cross, rewind
+from stridetwin.estimators.foot_to_foot.state import ALL_STATES, ECHOES, Pair, inject_all
 from stridetwin.estimators.foot_to_foot.vision import UNUSED
 
 

@@ -9,7 +9,7 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, force_at_middle, product, rotation_matrix
-from stridetwin.estimators.foot_ins.memory import (
+from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
     FILL,

@@ -9,11 +9,13 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, rotation_matrix
-from stridetwin.estimators.foot_ins.covariance import correct
-from stridetwin.estimators.foot_ins.memory import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.stance import surprise
-from stridetwin.estimators.foot_to_foot.memory import (
+from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
+from stridetwin.estimators.foot_ins.strapdown import correct
+from stridetwin.estimators.foot_ins.zero_velocity import surprise
+from stridetwin.estimators.foot_to_foot.parameters import PairParameters
+from stridetwin.estimators.foot_to_foot.rewind import Then, cross, rewind
+from stridetwin.estimators.foot_to_foot.state import (
     ALL_STATES,
     BOARD,
     CAMERA,
@@ -24,8 +26,6 @@ from stridetwin.estimators.foot_to_foot.memory import (
     Pair,
     inject_all,
 )
-from stridetwin.estimators.foot_to_foot.parameters import PairParameters
-from stridetwin.estimators.foot_to_foot.rewind import Then, cross, rewind
 from stridetwin.streams.samples import Array
 
 MIN_DEPTH = 0.02  # m; a board nearer than this, or behind the camera, is not where the filter thinks

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, NextChange
-from stridetwin.estimators.locomotion_mode.footing import Line
+from stridetwin.estimators.locomotion_mode.foothold import Line
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.pieces import Piece, mode_table, under
 from stridetwin.estimators.locomotion_mode.rollout import Chain, moments
+from stridetwin.estimators.locomotion_mode.segments import Piece, mode_table, under
 from stridetwin.estimators.terrain_map import Stairs, TerrainEstimate
 from stridetwin.streams.samples import Array
 

@@ -14,18 +14,25 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
-from stridetwin.estimators.locomotion_mode.felt import going_on
-from stridetwin.estimators.locomotion_mode.footing import Footing, Line
+from stridetwin.estimators.locomotion_mode.foothold import Footing, Line
 from stridetwin.estimators.locomotion_mode.footsteps import SIDE
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.pieces import Flight, Piece, heights, pieces, seen_last, unseen, with_unseen
+from stridetwin.estimators.locomotion_mode.proprioception import going_on
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, coming_steps
-from stridetwin.estimators.locomotion_mode.rhythm import Rhythm
+from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments
-from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
+from stridetwin.estimators.locomotion_mode.segments import (
+    Flight,
+    Piece,
+    heights,
+    pieces,
+    seen_last,
+    unseen,
+    with_unseen,
+)
 from stridetwin.estimators.methods import current_name
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
-from stridetwin.estimators.terrain_map.camera import camera_in_frame, depth_calibration
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Insole, Odometry, Sample

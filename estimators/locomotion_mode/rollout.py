@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.pieces import Piece, edges_before, mode_table, stretch, weights
+from stridetwin.estimators.locomotion_mode.segments import Piece, edges_before, mode_table, stretch, weights
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

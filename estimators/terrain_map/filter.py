@@ -10,18 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.base import MAP, POSE_STREAM, Declaration, Options, Stream, deprecated
-from stridetwin.estimators.terrain_map.blocks import EDGE, clear, empty_blocks, roll
-from stridetwin.estimators.terrain_map.camera import DepthCamera, camera_in_frame, depth_calibration
+from stridetwin.estimators.terrain_map.depth_camera import (
+    DepthCamera,
+    camera_in_frame,
+    depth_calibration,
+    without_outlines,
+)
 from stridetwin.estimators.terrain_map.estimate import Plane, Profile, Terrain, TerrainEstimate
-from stridetwin.estimators.terrain_map.integrate import integrate, touch
-from stridetwin.estimators.terrain_map.outlines import without_outlines
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
-from stridetwin.estimators.terrain_map.patches import patches
+from stridetwin.estimators.terrain_map.plane_extraction import patches
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet
-from stridetwin.estimators.terrain_map.poses import Poses
+from stridetwin.estimators.terrain_map.pose_buffer import Poses
 from stridetwin.estimators.terrain_map.profile import profile
+from stridetwin.estimators.terrain_map.ray_casting import from_above, from_camera, well_seen
 from stridetwin.estimators.terrain_map.terrains import Terrains
-from stridetwin.estimators.terrain_map.views import from_above, from_camera, well_seen
+from stridetwin.estimators.terrain_map.tsdf_integration import integrate, touch
+from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, clear, empty_blocks, roll
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 

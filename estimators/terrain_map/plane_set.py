@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.terrain_map.estimate import Plane
+from stridetwin.estimators.terrain_map.height_map import NONE, Surface, forget, overlaps, put_view, sums_of
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, height_planes, off_height_plane, turned
-from stridetwin.estimators.terrain_map.surface import NONE, Surface, forget, overlaps, put_view, sums_of
 from stridetwin.streams.samples import Array
 
 SLOTS = 256

@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.terrain_map.blocks import Blocks
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
+from stridetwin.estimators.terrain_map.height_map import borders
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import SLOTS, PlaneSet
-from stridetwin.estimators.terrain_map.risers import Riser, heading_of, pairs_of, refined, riser
-from stridetwin.estimators.terrain_map.stairs import flights, stairs
-from stridetwin.estimators.terrain_map.surface import borders
+from stridetwin.estimators.terrain_map.stairs import Riser, flights, heading_of, pairs_of, refined, riser, stairs
+from stridetwin.estimators.terrain_map.voxel_blocks import Blocks
 from stridetwin.streams.samples import Array
 
 

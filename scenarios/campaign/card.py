@@ -16,7 +16,7 @@ _READ = """```python
 import json
 from pathlib import Path
 
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 
 folder = Path(".")  # where this file lies
 for walk in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["walks"]:

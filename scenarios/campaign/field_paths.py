@@ -8,7 +8,7 @@ from typing import Any
 
 from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.fitting import KIND
+from stridetwin.sim.parts.sensor_config import KIND
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"

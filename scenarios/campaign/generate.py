@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stridetwin.scenarios.campaign import card, engines
+from stridetwin.scenarios.campaign import card, executors
 from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
@@ -120,7 +120,7 @@ def generate(campaign: Campaign, options: Options, progress: Progress) -> Done:
         lay_files(options.folder, campaign.own)
         stage = f"walks, {outdated} of another version anew" if outdated else "walks"
         progress(stage, len(rows) / len(jobs))
-        for row in engines.rows(missing, options.workers, options.scheduler):
+        for row in executors.rows(missing, options.workers, options.scheduler):
             rows[row["walk"]] = row
             progress(stage, len(rows) / len(jobs))
         content = manifests.manifest(campaign, [rows[job.walk.name] for job in jobs], made_by, own)

@@ -216,7 +216,7 @@ def _named_in(path: Path) -> Iterator[str]:
     if path.suffix.lower() in _SUFFIXES:
         yield from _parts_in(read_yaml(path, most_values=LARGEST_FILE_VALUES))
     elif path.suffix.lower() in _MODELS:
-        from stridetwin.sim.own_exo_model import files_of  # takes the simulator
+        from stridetwin.sim.wearer.own_exo_model import files_of  # takes the simulator
 
         yield from files_of(path)
 

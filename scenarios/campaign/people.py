@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.fields import Where
 from stridetwin.sim.config import Person
-from stridetwin.sim.people import PEOPLE
+from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.streams.fields import ReadAs, refused, unique, whole, words
 
 MOST = 10_000

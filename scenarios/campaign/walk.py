@@ -1,4 +1,7 @@
-"""One walk of a campaign: recorded under a hidden name, checked, then moved to its place atomically."""
+"""One walk of a campaign: recorded under a hidden name, checked, then moved to its place atomically.
+
+An MCAP file whose streams without images are read in one pass, as `check` reads all of them.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +16,47 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.scenarios.campaign.campaign_file import Quality
-from stridetwin.scenarios.campaign.judge import measured, reasons
 from stridetwin.scenarios.campaign.own_scenario import FOLDER as SCENARIOS
 from stridetwin.scenarios.campaign.own_scenario import scenario_text
 from stridetwin.scenarios.campaign.people import told
 from stridetwin.scenarios.campaign.plan import Walk
-from stridetwin.scenarios.campaign.read_once import read_once
-from stridetwin.scenarios.experiments.versions import digest
+from stridetwin.scenarios.campaign.quality import measured, reasons
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
+from stridetwin.scenarios.versions import digest
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.recording.mcap_contents import McapContents
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.topic_reader import concatenated
+from stridetwin.streams.samples import Block
+
+
+class _ReadOnce(McapContents):
+    """Holds the blocks of all topics without images in memory."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, lenient=True)
+        self._blocks: dict[str, Block[Any]] = {}
+
+    def block(self, topic: str) -> Block[Any]:
+        """All samples of a topic without images."""
+        if not self._blocks:
+            parts: dict[str, list[Block[Any]]] = {}
+            for chunk in self._index.chunks:
+                small = [t for t in chunk.parts if not self._index.readers[t].is_image]
+                for name, messages in self._messages(chunk, small).items() if small else ():
+                    block = self._kept_block(self._index.readers[name], messages, chunk.parts[name])
+                    parts.setdefault(name, []).append(block)
+            self._blocks = {name: concatenated(blocks) for name, blocks in parts.items()}
+        return self._blocks[topic]
+
+
+def read_once(path: Path) -> Recording:
+    """A recording, opened leniently."""
+    return Recording(path, lenient=True, contents=_ReadOnce(path))
+
 
 RECORDINGS, REJECTED, ROWS, HIDDEN = "recordings", "rejected", "rows", ".unfinished"
 ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"

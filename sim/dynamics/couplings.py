@@ -10,8 +10,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.coupling import Coupling
 from stridetwin.sim.dynamics.spatial import cross, rotate
+from stridetwin.sim.wearer.coupling import Coupling
 from stridetwin.streams.samples import Array
 
 

@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.dynamics.replan import Planned
+from stridetwin.sim.dynamics.footstep_replanning import Planned
 from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_weights
 from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.wearer.body import Wearer
 from stridetwin.streams.samples import Array
 
 CONTROL_S = 0.002

@@ -7,22 +7,22 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES, Dynamics, Exo
-from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.dynamics.contact_bias import ContactBias, Contacts
+from stridetwin.sim.dynamics.contact_sensing import Soles
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
-from stridetwin.sim.dynamics.feel import Soles
+from stridetwin.sim.dynamics.footstep_replanning import Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import CONTROL_S, plan_control
-from stridetwin.sim.dynamics.replan import Sensed, StepReplan
 from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk, through
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import cross
-from stridetwin.sim.exoskeleton import couplings
 from stridetwin.sim.gait.reference import Reference
+from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.exoskeleton import couplings
 from stridetwin.streams.samples import Array
 
 STEP_S = DRIVER_S

@@ -1,4 +1,7 @@
-"""A simulated walk: smooth functions of time through the physics steps, and the contact loads."""
+"""A simulated walk: smooth functions of time through the physics steps, and the contact loads.
+
+Playback of a simulated walk, with the recorded contact loads.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.contact import FootLoad
-from stridetwin.sim.coordinates import Coordinates
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.rotation import from_euler
+from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.kinematics.rotation import from_euler
+from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
+from stridetwin.sim.wearer.body import Wearer
 from stridetwin.streams.samples import Array
 
 _LOADED_N = 20.0
@@ -189,3 +192,18 @@ def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
     R_sole = np.array([s.R_world_sole for s in steps])[i]
     toes = np.einsum("nji,nj->ni", R_sole, R_foot[:, :, 0])
     return -np.arcsin(np.clip(toes[:, 2], -1.0, 1.0))
+
+
+class Replay(Player[SimulatedWalk]):
+    """Plays a simulated walk."""
+
+    def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
+        """Contact loads and joint torques at (N,) instants; the residual is the assistance at the root alone."""
+        t = t_ns * 1e-9
+        torque, push, turn = self._walk.efforts(t)
+        names = self._walk.coordinates.names[6:]
+        motors = {name: torque[:, k] for k, name in enumerate(names) if name.startswith("exo_")}
+        return Loads(
+            t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=push, residual_torque=turn,
+            motors=motors,
+        )  # fmt: skip

@@ -9,8 +9,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.wearer.body import Wearer
 from stridetwin.streams.samples import Array
 
 RADIUS_M = 0.006

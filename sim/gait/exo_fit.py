@@ -14,14 +14,14 @@ import mujoco
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from stridetwin.sim.actuation import FRICTION_SPEED_RADPS
-from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.coordinates import Coordinates
-from stridetwin.sim.exoskeleton import RANGE_RAD, ExoLinks, couplings, leg_frame
-from stridetwin.sim.gait import exo_kernel
-from stridetwin.sim.own_exo import OwnExo, check_held
-from stridetwin.sim.rigid_tree import Tree, chain_loads
+from stridetwin.sim.gait import exo_fit_kernel
+from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads
+from stridetwin.sim.wearer.actuation import FRICTION_SPEED_RADPS
+from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.exoskeleton import RANGE_RAD, ExoLinks, couplings, leg_frame
+from stridetwin.sim.wearer.own_exo import OwnExo, check_held
 from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops
@@ -75,7 +75,7 @@ class ExoLeg:
         self.is_standard = isinstance(size.exo, ExoLinks)
         own = [c for c in couplings(size) if c.name.endswith(f"_{side}")]
         self._held = [c.body[:-2] for c in own]
-        self.kernel = exo_kernel.Leg(
+        self.kernel = exo_fit_kernel.Leg(
             offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in own]),
             p_in_exo=np.array([c.p_in_exo for c in own]), p_in_body=np.array([c.p_in_body for c in own]),
             stiffness=np.array([[c.stiffness, c.rotation_stiffness] for c in own]),
@@ -90,7 +90,7 @@ class ExoLeg:
             q: (N, J) rad.
             wearer: The leg of the wearer.
         """
-        return exo_kernel.strains(self.kernel, q, *self.held(wearer))
+        return exo_fit_kernel.strains(self.kernel, q, *self.held(wearer))
 
     def held(self, wearer: Limbs) -> tuple[Array, Array]:
         """(N, C, 3) m, origins, and (N, C, 3, 3) rotations of the wearer's bodies to which the couplings attach."""
@@ -117,7 +117,7 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
         value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), limbs(size, side, up, up, foot, up))
         dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])
         stiffness, damping = (
-            exo_kernel.project(leg.kernel, law, jacobian, value)[1][0]
+            exo_fit_kernel.project(leg.kernel, law, jacobian, value)[1][0]
             for law in (leg.kernel.stiffness, leg.kernel.damping)
         )
         check_held(size.exo, side, whole[np.ix_(dofs, dofs)], stiffness, damping)
@@ -126,7 +126,7 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
 def fit_leg(leg: ExoLeg, wearer: Limbs) -> Array:
     """(N, J) angles of a weightless leg: least energy of couplings and stops, by Newton's method."""
     q = _guess(wearer) if leg.is_standard else np.zeros((len(wearer.p["foot"]), len(leg.frame.joints)))
-    exo_kernel.fit(leg.kernel, q, *leg.held(wearer), _ITERATIONS)
+    exo_fit_kernel.fit(leg.kernel, q, *leg.held(wearer), _ITERATIONS)
     return q
 
 
@@ -181,15 +181,15 @@ def settle(
         mass, load = chain_loads(tree, chains, q, v, a, model.opt.gravity)
         for k, side in enumerate(SIDES):
             leg, speed = legs[side].kernel, v[:, dofs[k]]
-            value, jacobian = exo_kernel.strains(leg, angles[:, k], *held[side])
-            gradient, stiff = exo_kernel.project(leg, leg.stiffness, jacobian, value)
-            damped, damp = exo_kernel.project(leg, leg.damping, jacobian, make_interp_spline(t, value, k=5)(t, 1))
+            value, jacobian = exo_fit_kernel.strains(leg, angles[:, k], *held[side])
+            gradient, stiff = exo_fit_kernel.project(leg, leg.stiffness, jacobian, value)
+            damped, damp = exo_fit_kernel.project(leg, leg.damping, jacobian, make_interp_spline(t, value, k=5)(t, 1))
             slowed = np.tanh(speed / FRICTION_SPEED_RADPS)
             drag = viscous[k] * speed + FRICTION_SPEED_RADPS * friction[k] * slowed
             damp[:, diagonal, diagonal] += viscous[k] + friction[k] * (1.0 - slowed**2)
             force = -(gradient + damped + load[:, k] + model.dof_armature[dofs[k]] * a[:, dofs[k]] + drag)
             mass[:, k, diagonal, diagonal] += model.dof_armature[dofs[k]]
-            angles[:, k] += exo_kernel.march(
+            angles[:, k] += exo_fit_kernel.march(
                 leg, mass[:, k], damp, stiff, force, angles[:, k], dt, _STOP_ITERATIONS
             )  # fmt: skip
     return {side: angles[:, k] for k, side in enumerate(SIDES)}

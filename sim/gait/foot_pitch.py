@@ -14,8 +14,8 @@ from scipy.interpolate import PchipInterpolator, make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.gait.smooth import ease
 from stridetwin.sim.gait.style import RISE_KNOTS, SWING_KNOTS, Style
+from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.streams.samples import Array
 
 _HEEL_FIRST_RAD = 0.03  # least toe-up pitch of a landing on the heel

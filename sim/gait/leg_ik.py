@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.sim.body import Wearer
-from stridetwin.sim.rotation import rot_x, rot_y
+from stridetwin.sim.kinematics.rotation import rot_x, rot_y
+from stridetwin.sim.wearer.body import Wearer
 from stridetwin.streams.samples import Array
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_banded, solveh_banded
 
-from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.foot_path import FootPath
+from stridetwin.sim.gait.footsteps import Rhythm
 from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
-from stridetwin.sim.gait.rhythm import Rhythm
+from stridetwin.sim.wearer.body import Wearer
 from stridetwin.streams.samples import Array
 
 KNEE_MIN_RAD = np.radians(7.0)  # sets the height of the pelvis; the legs may straighten to KNEE_HARD_MIN_RAD

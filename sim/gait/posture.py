@@ -1,4 +1,10 @@
-"""Motion of pelvis, trunk, head and arms that goes with the feet."""
+"""Motion of pelvis, trunk, head and arms that goes with the feet.
+
+Gaze of the walker: along the way, down at the ground of the next steps, or around.
+
+The head is held still in space between movements, as balance reflexes do (Pozzo, Berthoz & Lefort 1990); the chest
+follows it less.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +16,116 @@ from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
-from stridetwin.sim.gait.gaze import look
-from stridetwin.sim.gait.rhythm import Rhythm
-from stridetwin.sim.rotation import from_euler
-from stridetwin.sim.route import Strip
+from stridetwin.sim.gait.footsteps import Rhythm
+from stridetwin.sim.kinematics.rotation import from_euler
+from stridetwin.sim.kinematics.smooth import ease
+from stridetwin.sim.world.route import Strip
 from stridetwin.streams.samples import Array
+
+_LEVEL_PITCH = 0.06
+_BY_CLIMB = 0.45  # on stairs and ramps the head pitches down farther
+_AHEAD_S, _AHEAD_MIN_M = 1.8, 1.1  # two steps (Marigold & Patla 2007: mostly this far, 1.5-2 s)
+_HEAD_SHARE = 0.45  # of a downward gaze; the eyes do the rest
+_EYES_LEGS = 1.78  # height of the eyes, in leg lengths
+_PITCH_SMOOTHING_S = 0.22
+_HOLD_S, _HOLD_SPREAD = 1.1, 0.5  # median, and SD of its logarithm
+_YAW_SD, _YAW_MAX = np.radians(22.0), np.radians(40.0)
+_PITCH_SD, _PITCH_MIN, _PITCH_MAX = 0.24, -0.62, 0.75
+_MOVE_S, _MOVE_S_PER_RAD = 0.22, 0.32
+_SWAY_ONSET_S = 1.0  # the head is still for this time, and reaches full sway after twice this time
+_HEAD_LIMIT_RAD = 1.0  # neck relative to trunk; approached, never exceeded
+_CHEST_YAW, _CHEST_PITCH = 0.22, 0.12  # of the head's rotation
+_CHEST_SMOOTHING_S = 0.30
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """Rotations on a time grid, (N,) rad.
+
+    Attributes:
+        head_pitch: Of the head in the world, down positive.
+        head_yaw: Of the head relative to the way, left positive.
+        chest_pitch: Added to the pitch of the chest.
+        chest_yaw: Added to the yaw of the chest.
+    """
+
+    head_pitch: Array
+    head_yaw: Array
+    chest_pitch: Array
+    chest_yaw: Array
+
+
+def look(
+    gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
+) -> Look:  # fmt: skip
+    """Rotations of head and chest.
+
+    Args:
+        gaze: Kind of gaze and its offsets.
+        t: (N,) uniform s.
+        s: (N,) m, the walker along the way.
+        climb: (N,) mean slope of the ground nearby.
+        profile: Ground along the way.
+        leg_m: Hip centre to sole, m.
+        rng: Draws the directions of a wandering gaze; other kinds do not use it.
+    """
+    dt = float(t[1] - t[0])
+    usual = _LEVEL_PITCH + _BY_CLIMB * np.abs(climb)
+    pitch, yaw = usual, np.zeros_like(t)
+    if gaze.kind == "terrain":
+        pitch = usual - _LEVEL_PITCH + _smooth(_toward_ground(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
+    elif gaze.kind == "wandering":
+        away, yaw = _wander(t, rng)
+        pitch = usual + away
+    if gaze == Gaze():
+        return Look(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
+    yaw_sway, pitch_sway = _sway(gaze, t)
+    pitch, yaw = pitch + pitch_sway, yaw + yaw_sway
+    pitch, yaw = (_HEAD_LIMIT_RAD * np.tanh((x + more) / _HEAD_LIMIT_RAD)
+                  for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
+    return Look(
+        head_pitch=pitch,
+        head_yaw=yaw,
+        chest_pitch=_CHEST_PITCH * _smooth(pitch - usual, _CHEST_SMOOTHING_S, dt),
+        chest_yaw=_CHEST_YAW * _smooth(yaw, _CHEST_SMOOTHING_S, dt),
+    )
+
+
+def _toward_ground(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
+    """(N,) pitch of a head that looks at the ground where the walker will be in `_AHEAD_S`."""
+    at = [v for strip in profile for v in (strip.s0, strip.s1)]
+    z = [v for strip in profile for v in (strip.z0, strip.z1)]
+    rows = np.arange(len(s))
+    ahead = np.maximum(np.interp(rows + _AHEAD_S / dt, rows, s) - s, _AHEAD_MIN_M)
+    below = _EYES_LEGS * leg_m + np.interp(s, at, z) - np.interp(s + ahead, at, z)
+    return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
+
+
+def _wander(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """(N,) pitch and (N,) yaw offsets: quick movements between directions that are held for a while."""
+    angles = [np.zeros_like(t), np.zeros_like(t)]
+    now, last = t[0], np.zeros(2)
+    while now < t[-1]:
+        now += float(np.clip(_HOLD_S * np.exp(_HOLD_SPREAD * rng.standard_normal()), 0.35, 4.0))
+        pitch = np.clip(rng.normal(0.0, _PITCH_SD), _PITCH_MIN, _PITCH_MAX)
+        yaw = np.clip(rng.normal(0.0, _YAW_SD), -_YAW_MAX, _YAW_MAX)
+        goal = np.array([pitch, yaw])
+        move = _MOVE_S + _MOVE_S_PER_RAD * float(np.hypot(*(goal - last)))
+        for turn, step in zip(angles, goal - last):
+            turn += step * ease((t - now) / move)
+        now, last = now + move, goal
+    return angles[0], angles[1]
+
+
+def _sway(gaze: Gaze, t: Array) -> tuple[Array, Array]:
+    """(N,) yaw and (N,) pitch of a commanded periodic head motion."""
+    phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
+    return gaze.sway_yaw_rad * share * np.sin(phase), -gaze.sway_pitch_rad * share * np.cos(phase)
+
+
+def _smooth(x: Array, sigma_s: float, dt: float) -> Array:
+    return gaussian_filter1d(x, sigma_s / dt, mode="nearest", truncate=5.0)
+
 
 STANDING_TILT_RAD = np.radians(11.0)
 _ARM_SWING_RAD = 0.62  # per leg length of distance between the feet
@@ -62,13 +173,13 @@ def posture(
         rng: Draws the directions of a wandering gaze.
     """
     dt = float(t[1] - t[0])
-    heading = _smooth((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
+    heading = _smoothed((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
-    stride = _smooth((apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m, 0.03, dt)
+    stride = _smoothed((apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m, 0.03, dt)
     left_first = float(rhythm.steps[0].foot == "l")  # a side of the pelvis is highest early in its stance
     list_to_left = np.cos(np.pi * (rhythm.phase(t) - left_first - _LIST_PEAK))
     s = (paths["l"].s + paths["r"].s) / 2
-    climb = _smooth(_incline(s, profile), 0.35, dt)
+    climb = _smoothed(_incline(s, profile), 0.35, dt)
     effort = np.clip(climb, 0.0, 0.7)
     yaw = rhythm.styled(t, "turn", 0.0) * stride
     roll = rhythm.styled(t, "list_", 0.0) * list_to_left
@@ -91,7 +202,7 @@ def posture(
         joints[f"elbow_flexion_{side}"] = 0.42 + _ELBOW_SWING_RAD * swing
     for name, value in joints.items():
         if name.startswith("shoulder_flexion"):
-            joints[name] = _smooth(value, 0.03, dt)
+            joints[name] = _smoothed(value, 0.03, dt)
     return Posture(pelvis=np.stack([heading + yaw, pitch, roll], -1), joints=joints)
 
 
@@ -119,5 +230,5 @@ def _three_axes(name: str, R: Array) -> dict[str, Array]:
     }
 
 
-def _smooth(x: Array, sigma_s: float, dt: float) -> Array:
+def _smoothed(x: Array, sigma_s: float, dt: float) -> Array:
     return gaussian_filter1d(x, sigma_s / dt, axis=0, mode="nearest", truncate=5.0)

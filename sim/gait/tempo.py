@@ -1,19 +1,58 @@
-"""Speed of the walker along the way, and the step length there."""
+"""Speed of the walker along the way, and the step length there.
+
+Walking on curves: slower, with shorter steps and wider feet.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.body import Wearer
 from stridetwin.sim.config import Gait
-from stridetwin.sim.gait.manner import shuffled_share, walk_growth
-from stridetwin.sim.gait.style import leg_length, pace
-from stridetwin.sim.route import RUN_OUT_M, Layout
+from stridetwin.sim.gait.style import leg_length, pace, shuffled_share, walk_growth
+from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.world.route import RUN_OUT_M, Layout
+from stridetwin.sim.world.way import Way
 from stridetwin.streams.samples import Array
+
+TURN_A_STEP_RAD = np.radians(30.0)
+_STRAIGHT_FROM_M = 3.0  # radius
+_SLOWEST = 0.4
+_WIDER_M = 0.045  # on each side at the sharpest turn, so that the outer foot does not tread on the inner one
+_PLANNING_M = 0.005
+
+
+def speed_share(way: Way, s: Array) -> Array:
+    """Speed relative to a straight way: it follows curvature to the power -1/3 (Hicheur et al. 2005)."""
+    radius = 1.0 / np.maximum(np.abs(way.curvature(s)), 1e-6)
+    return np.clip(np.cbrt(radius / _STRAIGHT_FROM_M), _SLOWEST, 1.0)
+
+
+def turn_share(way: Way, s0: float, s1: float) -> float:
+    """Change of heading between two arc lengths, relative to the largest change in one step."""
+    return abs(float(way.heading(s1) - way.heading(s0))) / TURN_A_STEP_RAD
+
+
+def widening(way: Way, s0: float, s1: float) -> float:
+    """Additional lateral distance of a foot, m, for a turn between two arc lengths."""
+    return _WIDER_M * min(turn_share(way, s0, s1), 1.0)
+
+
+def paced(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Arc lengths from start to stop and the steps made until there, for steps of `step(s)` m on a straight way.
+
+    In curves the steps are shorter, as the square root of the speed, and no step turns farther than people do.
+    """
+    s = np.linspace(start, stop, 2 + int((stop - start) / _PLANNING_M))
+    middle = (s[1:] + s[:-1]) / 2
+    turning = np.abs(way.curvature(middle)) / TURN_A_STEP_RAD
+    density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), turning)
+    return s, np.concatenate([[0.0], np.cumsum(density * np.diff(s))])
+
 
 _STEP_AT_PACE_1 = 1.05  # leg lengths, by the walk ratio: 0.66 m at 1.2 m/s for a person of 1.75 m
 _BRISK_MPS = 1.2  # speed limit near standing, on ramps and in tight bends

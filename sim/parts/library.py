@@ -1,14 +1,18 @@
-"""The parts that come with the project, by name, and custom parts from files."""
+"""The parts that come with the project, by name, and custom parts from files.
+
+Full scales of the library's parts, looked up by a rig's description of a part.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from stridetwin.sim.parts.figure import built, file_model, idealised
-from stridetwin.sim.parts.kinds import KINDS, Part
+from stridetwin.sim.parts.kinds import KINDS, ForceCellPart, ImuPart, Part
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import OneKind
 from stridetwin.streams.validation import validated
@@ -61,3 +65,27 @@ def ideal(of: P) -> P:
 def kind_of(of: Part) -> str:
     """The kind of a part as named in its file."""
     return next(name for name, kind in KINDS.items() if type(of) is kind)
+
+
+@cache
+def full_scales(text: str) -> Mapping[str, float]:
+    """Largest magnitude by field of the samples (rad/s, m/s², N); empty for an unknown part or one without range.
+
+    Args:
+        text: Description of the part in the rig: that in the library, or any text that contains its name.
+    """
+    match _described_by(text):
+        case ImuPart() as imu:
+            return {"angular_rate": imu.gyroscope.range, "specific_force": imu.accelerometer.range}
+        case ForceCellPart() as cell:
+            return {"force": cell.range}
+    return {}
+
+
+def _described_by(text: str) -> Part | None:
+    """The part with this description, otherwise the one with the longest name in the text."""
+    plain = text.replace("-", " ")
+    parts = [part(name) for name in library()]
+    named = [p for p in parts if p.name.replace("-", " ") in plain]
+    same = [p for p in parts if p.description == text]
+    return next(iter(same), max(named, key=lambda p: len(p.name), default=None))

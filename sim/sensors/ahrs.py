@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.noise import Noise
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.noise import Noise, Wander
 from stridetwin.sim.parts.kinds import AhrsPart
-from stridetwin.sim.sensors.wander import Wander
-from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Ahrs, Array, Block
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.force_cell import ForceCells
-from stridetwin.sim.track import Track
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block, Insole
 

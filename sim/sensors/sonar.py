@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from stridetwin.sim.bystanders import Crowd
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import SonarPart
-from stridetwin.sim.terrain import Terrain
-from stridetwin.sim.track import Track
+from stridetwin.sim.world.bystanders import Crowd
+from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block, Range
 

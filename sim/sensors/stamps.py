@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.fitting import Clock
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.sensor_config import Clock
 from stridetwin.streams.samples import Block
 
 Instants = NDArray[np.int64]

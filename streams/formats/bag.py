@@ -1,29 +1,102 @@
 """Bags of ROS messages: any MCAP files, ROS 2 bags and ROS 1 bags, read into streams.
 
-A `Bag` returns CDR messages, which are decoded like those of our own recordings (`streams.topic_reader`). Calibrations
+A `Bag` returns CDR messages, which are decoded like those of our own recordings (`streams.recording.topic_reader`). Calibrations
 come from CameraInfo, mounts from /tf_static, ground truth from poses whose topic name says so.
+
+Mapping of a bag's streams to our topics, by type and topic name.
+
+Poses of motion capture in a bag: PoseStamped, PoseWithCovarianceStamped, TransformStamped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
-from stridetwin.streams.formats.bag_names import bag_names
-from stridetwin.streams.formats.bag_poses import POSES, pose_of
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.split_imu import joined, joined_name
-from stridetwin.streams.imported import ImageStream, Notes, Source
-from stridetwin.streams.mcap_scan import Messages
-from stridetwin.streams.recording_index import Problem
-from stridetwin.streams.ros_types import deserialise, typestore_for
-from stridetwin.streams.samples import Block, Depth, Image
-from stridetwin.streams.schema_size import Definitions
-from stridetwin.streams.topic_reader import READABLE, TopicReader
+from stridetwin.streams.recording.imported import ImageStream, Notes, Source
+from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.recording.mcap_scan import Messages
+from stridetwin.streams.recording.ros_types import Definitions, deserialise, typestore_for
+from stridetwin.streams.recording.topic_reader import READABLE, TopicReader
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
+
+OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
+_FOOT = re.compile(r"foot|shoe|ankle|heel|insole")
+_LEFT, _RIGHT = re.compile(r"left|(?<![a-z])l(?![a-z])"), re.compile(r"right|(?<![a-z])r(?![a-z])")
+_TRUE = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|vicon|mocap|optitrack|qualisys|truth")
+_COLOUR = (re.compile(r"color|colour|rgb"), re.compile(r"cam_?0|left"), re.compile(r""))
+_DEPTH = (re.compile(r"aligned|registered"), re.compile(r""))
+_INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
+
+
+def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
+    """Our topic for each of a bag's topics that has one.
+
+    Args:
+        kinds: Kind of samples by topic, in the order of the bag.
+
+    Returns:
+        Foot IMUs and cameras by "left" or "right" together with "foot", "shoe" or "ankle"; the first other IMU, colour
+        camera and depth camera become those of the head; a pose named as truth becomes the head's. Topics that already
+        have our names, or have no counterpart, are omitted and keep their names.
+    """
+    taken = {t for t in kinds if OURS.fullmatch(t)}
+    names: dict[str, str] = {}
+
+    def give(topic: str, ours: str) -> None:
+        if ours not in taken:
+            names[topic] = ours
+            taken.add(ours)
+
+    rest = [t for t in kinds if t not in taken]
+    for topic in rest:
+        if _FOOT.search(topic.lower()) and (side := _side(topic.lower())):
+            sort = {Imu: "imu", Image: "camera"}.get(kinds[topic])
+            if sort:
+                give(topic, f"/foot_{side}/{sort}")
+    others = [t for t in rest if t not in names and not _FOOT.search(t.lower())]
+    for kind, ours, patterns in (
+        (Imu, "/head/imu", (re.compile(r""),)),
+        (Accelerometer, "/head/accelerometer", (re.compile(r""),)),
+        (Image, "/head/color", _COLOUR),
+        (Depth, "/head/depth", _DEPTH),
+    ):
+        there = [t for t in others if kinds[t] is kind and not _INFRARED.search(t.lower())]
+        first = next((t for p in patterns for t in there if p.search(t.lower())), None)
+        if first is not None:
+            give(first, ours)
+    true = next((t for t in others if kinds[t] is Odometry and _TRUE.search(t.lower())), None)
+    if true is not None:
+        give(true, "/truth/head/odometry")
+    return names
+
+
+def _side(topic: str) -> str:
+    left, right = bool(_LEFT.search(topic)), bool(_RIGHT.search(topic))
+    return "" if left == right else "l" if left else "r"
+
+
+POSES = frozenset(
+    f"geometry_msgs/msg/{name}" for name in ("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")
+)
+
+
+def pose_of(message: Any) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
+    """Stamp (ns), position (m) and quaternion (w, x, y, z) of one message."""
+    if hasattr(message, "transform"):
+        p, q = message.transform.translation, message.transform.rotation
+    else:
+        pose = getattr(message.pose, "pose", message.pose)
+        p, q = pose.position, pose.orientation
+    stamp = message.header.stamp
+    return stamp.sec * 1_000_000_000 + stamp.nanosec, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z)
 
 
 @dataclass(frozen=True)

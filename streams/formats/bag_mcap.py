@@ -13,9 +13,9 @@ from mcap.opcode import Opcode
 
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.bag import Channel
-from stridetwin.streams.imported import Notes, unreadable
-from stridetwin.streams.mcap_scan import CutOffError, DamagedError, Unpacking, parse, read_chunk, top_records
-from stridetwin.streams.recording_index import Problem
+from stridetwin.streams.recording.imported import Notes, unreadable
+from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.recording.mcap_scan import CutOffError, DamagedError, Unpacking, parse, read_chunk, top_records
 
 _LOOSE = struct.Struct("<HIqq")
 

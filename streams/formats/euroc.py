@@ -17,11 +17,11 @@ import numpy as np
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.calibrations import BODY
-from stridetwin.streams.formats.picture_lists import read_image_list
+from stridetwin.streams.formats.assumed_calibration import BODY
+from stridetwin.streams.formats.image_files import read_image_list
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
-from stridetwin.streams.imported import ImageStream, Notes, Source, unreadable
+from stridetwin.streams.recording.imported import ImageStream, Notes, Source, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
 from stridetwin.streams.yaml_node import Node, parse_node

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.calibrations import body_of
+from stridetwin.streams.formats.assumed_calibration import body_of
 from stridetwin.streams.formats.euroc import NAMES
-from stridetwin.streams.imported import Notes, Source
 from stridetwin.streams.kalibr import PLAIN_BODY
+from stridetwin.streams.recording.imported import Notes, Source
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Image, Imu
 

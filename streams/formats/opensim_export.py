@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import RecordingError
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
 
 MOTION, LOADS, TIES = "motion.mot", "ground_reactions.mot", "external_loads.xml"

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.imported import Notes
+from stridetwin.streams.recording.imported import Notes
+from stridetwin.streams.recording.topic_reader import increasing
 from stridetwin.streams.samples import Array, Block, Odometry
-from stridetwin.streams.topic_reader import increasing
 
 _UNIT = (0.9, 1.1)
 

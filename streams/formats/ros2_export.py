@@ -12,12 +12,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.bag_mcap import McapBag
-from stridetwin.streams.formats.recorded import write_recording
-from stridetwin.streams.imported import Notes
+from stridetwin.streams.formats.rewrite import write_recording
 from stridetwin.streams.kalibr import write_rig
-from stridetwin.streams.recorder import RIG_NAME
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.ros_types import typestore
+from stridetwin.streams.recording.imported import Notes
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.ros_types import typestore
+from stridetwin.streams.recording.writer import RIG_NAME
 
 STORAGES = ("mcap", "sqlite3")
 _VERSION: Literal[9] = 9  # of the bag's metadata, as ROS 2 Jazzy writes it

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.imported import Notes
+from stridetwin.streams.recording.imported import Notes
+from stridetwin.streams.recording.topic_reader import increasing
 from stridetwin.streams.samples import Array, Block, Imu
-from stridetwin.streams.topic_reader import increasing
 
 _GYRO = re.compile(r"gyro(?:/sample)?", re.IGNORECASE)
 _JOINED = "imu"

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.calibrations import BODY, image_size
-from stridetwin.streams.formats.picture_lists import read_image_list
+from stridetwin.streams.formats.assumed_calibration import BODY, image_size
+from stridetwin.streams.formats.image_files import read_image_list
 from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.split_imu import joined_at_rates
 from stridetwin.streams.formats.text_rows import numbers, read_text_rows
-from stridetwin.streams.imported import ImageStream, Notes, Source
+from stridetwin.streams.formats.tum import decimal_seconds
 from stridetwin.streams.plausible import mean_rate
+from stridetwin.streams.recording.imported import ImageStream, Notes, Source
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Imu
-from stridetwin.streams.tum import decimal_seconds
 
 PER_METRE = 5000.0
 COLOR, DEPTH, ACCELEROMETER, IMU = "/head/color", "/head/depth", "/head/accelerometer", "/head/imu"

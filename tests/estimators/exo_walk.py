@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import Exoskeleton
 from stridetwin.scenarios.exo_geometry import geometry
-from stridetwin.scenarios.experiments.shim_table5 import SENSORS, walked
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Ahrs, Footprint, Sample
+from stridetwin.studies.shim2019.shim_table5 import SENSORS, walked
 
 
 @cache

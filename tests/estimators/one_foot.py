@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.foot_ins import kernel
-from stridetwin.estimators.foot_ins.memory import Memory
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.state import Memory
 from stridetwin.streams.samples import Array
 
 

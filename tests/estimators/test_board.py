@@ -10,9 +10,9 @@ from board_pictures import BOARD, LENSES, Scene, camera, image, pose, project, r
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.estimators.foot_ins.board import BoardDetector, BoardDetectorParameters
-from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
-from stridetwin.estimators.foot_ins.lens import Lens
+from stridetwin.estimators.checkerboard.detector import BoardDetector, BoardDetectorParameters
+from stridetwin.estimators.checkerboard.pattern import Lens
+from stridetwin.estimators.checkerboard.pose import BoardSighting
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array, Image
 

@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins.board_pattern import BoardPattern
-from stridetwin.estimators.foot_ins.board_pose import admissible, board_poses
-from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
+from stridetwin.estimators.checkerboard.pattern import BoardPattern
+from stridetwin.estimators.checkerboard.pose import BoardSighting, admissible, board_poses
 from stridetwin.streams.samples import Array
 
 POINTS = BoardPattern(BOARD).points_in_board

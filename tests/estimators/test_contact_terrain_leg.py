@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.contact_terrain.geometry import DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import at_stop, forward, joint_angles, leg_angles, links
 from stridetwin.scenarios.exo_geometry import geometry
-from stridetwin.sim.body import wearer
 from stridetwin.sim.config import Level, Person, Route, TwinConfig
-from stridetwin.sim.exoskeleton import forward_kinematics
-from stridetwin.sim.standard_rig import standard_rig
+from stridetwin.sim.sensors.standard_rig import standard_rig
+from stridetwin.sim.wearer.body import wearer
+from stridetwin.sim.wearer.exoskeleton import forward_kinematics
 from stridetwin.streams.errors import ConfigError
 
 ANGLES = st.lists(st.floats(-1.2, 1.2), min_size=6, max_size=6).map(np.array)

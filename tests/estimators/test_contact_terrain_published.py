@@ -6,11 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stridetwin.estimators.contact_terrain import TerrainSvm
-from stridetwin.estimators.contact_terrain.cop import centre_of_pressure
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS
-from stridetwin.estimators.contact_terrain.phases import Phase, foot_phase
-from stridetwin.estimators.contact_terrain.pivot import Pivot, pivot_foot
-from stridetwin.estimators.contact_terrain.plane import Markers, slope
+from stridetwin.estimators.contact_terrain.published import (
+    Markers,
+    Phase,
+    Pivot,
+    centre_of_pressure,
+    foot_phase,
+    pivot_foot,
+    slope,
+)
 from stridetwin.streams.errors import StrideTwinError
 
 PUBLISHED = DEFAULTS.published

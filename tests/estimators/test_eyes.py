@@ -9,9 +9,9 @@ import pytest
 from board_pictures import BOARD, Scene, camera, image, pose, project
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins.lens import Lens
-from stridetwin.estimators.foot_to_foot.eyes import Expected, Eyes
-from stridetwin.estimators.foot_to_foot.rig import Shoes
+from stridetwin.estimators.checkerboard.pattern import Lens
+from stridetwin.estimators.foot_to_foot.board_tracking import Expected, Eyes
+from stridetwin.estimators.foot_to_foot.shoe_rig import Shoes
 from stridetwin.streams.samples import Array, Image
 
 POSE = pose(0.01, -0.01, 0.18, 0.3, 0.3, -0.2)

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath, StartPose
-from stridetwin.sim.fault_plan import plan_faults
-from stridetwin.sim.faults import Fault, arrivals
-from stridetwin.sim.sample_faults import ClockJump, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
+from stridetwin.sim.faults.faults import Fault, arrivals
+from stridetwin.sim.faults.plan import plan_faults
+from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
+from stridetwin.streams.recording.ros_samples import block_of
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.ros_samples import block_of
 from stridetwin.streams.samples import Block, Imu
 
 TOPIC = ADIS16485.topic

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, FootInsSmoother, StartPose
-from stridetwin.estimators.foot_ins.memory import IGNORED, STATES, blank
 from stridetwin.estimators.foot_ins.parameters import for_sensor
+from stridetwin.estimators.foot_ins.state import IGNORED, STATES, blank
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Block, Imu
 from tests.estimators.one_foot import take

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.estimators.foot_ins.memory import PHASE, STATES, TRACKING
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
+from stridetwin.estimators.foot_ins.state import PHASE, STATES, TRACKING
 from stridetwin.estimators.foot_to_foot import (
     BoardSighting,
     FootToFoot,
@@ -22,21 +22,20 @@ from stridetwin.estimators.foot_to_foot import (
     FootToFootParameters,
     PublishedParameters,
     RelativePosition,
-    memory,
+    state,
     vision,
 )
-from stridetwin.estimators.foot_to_foot.memory import ALL_STATES, CLOCKS, FEET, MOUNTS, Pair, blank_pair
 from stridetwin.estimators.foot_to_foot.parameters import for_kernel
 from stridetwin.estimators.foot_to_foot.rewind import rewind as compiled_rewind
-from stridetwin.scenarios.experiments.jao_simulation import Setup, Simulation
-from stridetwin.scenarios.experiments.steady_walk import SteadyWalk
+from stridetwin.estimators.foot_to_foot.state import ALL_STATES, CLOCKS, FEET, MOUNTS, Pair, blank_pair
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Block, Imu, Range
+from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyWalk
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import take
 
-inject_all = from_python(memory.inject_all)
+inject_all = from_python(state.inject_all)
 rewind = from_python(compiled_rewind)
 see = from_python(vision.see)
 tied, board_in_camera = from_python(vision._tied), from_python(vision.board_in_camera)

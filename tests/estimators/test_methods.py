@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from stridetwin.cli.main import parser
 from stridetwin.estimators.dvio.parameters import METHODS, named
 from stridetwin.estimators.methods import current_name
-from stridetwin.scenarios.cli import parser
-from stridetwin.scenarios.experiments.registry import read_row
+from stridetwin.studies.registry import read_row
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 

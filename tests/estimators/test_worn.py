@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins.board_sighting import BoardSighting
-from stridetwin.estimators.foot_to_foot.rig import Shoes, shoes_of
-from stridetwin.estimators.foot_to_foot.worn import Worn
+from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.foot_to_foot.shoe_rig import Shoes, Worn, shoes_of
 from stridetwin.sim.config import Level, Route, TwinConfig
-from stridetwin.sim.standard_rig import standard_rig
+from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.streams.errors import StrideTwinError
 
 CORNERS = 0.005 * np.array(

@@ -1,8 +1,8 @@
 import pytest
 from fake_twin import FakeTwin
 
-from stridetwin.scenarios import runner
-from stridetwin.scenarios.cli import main
+from stridetwin.cli.main import main
+from stridetwin.report import runner
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin

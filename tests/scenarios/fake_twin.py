@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from stridetwin.sim.config import Level, Route, TwinConfig
-from stridetwin.sim.route import lay_out
+from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import (
     Block,

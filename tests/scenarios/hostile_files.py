@@ -19,8 +19,8 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
 from benchmarks.foreign_files import Walk, write_csv_table, write_euroc, write_npz_table, write_rosbag2, write_tum
-from stridetwin.streams.mcap_writer import MAGIC
-from stridetwin.streams.ros_types import definition
+from stridetwin.streams.recording.mcap_writer import MAGIC
+from stridetwin.streams.recording.ros_types import definition
 
 MIB = 1 << 20
 GIB = 1 << 30

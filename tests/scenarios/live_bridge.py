@@ -5,7 +5,7 @@ import socket
 import threading
 from contextlib import suppress
 
-from stridetwin.scenarios.cli import parse
+from stridetwin.cli.main import parse
 from stridetwin.streams.errors import StrideTwinError
 
 

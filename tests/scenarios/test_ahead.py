@@ -8,10 +8,17 @@ import re
 import numpy as np
 import pytest
 
+from stridetwin.cli.score import score_table
 from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, NextChange, StepPrediction
-from stridetwin.scenarios.ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
-from stridetwin.scenarios.commands.score import score_table
-from stridetwin.scenarios.figures_ahead import (
+from stridetwin.evaluation.alignment import Laid, Laying
+from stridetwin.evaluation.gate.compare import Rules, compare_scores
+from stridetwin.evaluation.gate.score_table import table_of
+from stridetwin.evaluation.map_scores import MapScores, ScoredChange, TrueChange, map_figures, true_heights
+from stridetwin.evaluation.mode_scores import score_modes
+from stridetwin.evaluation.terrain_ahead import CELL_M, HALF_WIDTH_M, Ahead, SeenWay, Snapshot, mode_scores
+from stridetwin.pipeline.run import merged
+from stridetwin.pipeline.terrain_files import KINDS
+from stridetwin.report.figures_terrain import (
     WRONG,
     ground_errors,
     ground_from_above,
@@ -20,15 +27,8 @@ from stridetwin.scenarios.figures_ahead import (
     mode_ribbon,
     told_runs,
 )
-from stridetwin.scenarios.gate.compare import Rules, compare_scores
-from stridetwin.scenarios.gate.score_table import table_of
-from stridetwin.scenarios.ground_grid import KINDS
-from stridetwin.scenarios.laying import Laid, Laying
-from stridetwin.scenarios.map_score import MapScores, ScoredChange, TrueChange, map_figures, true_heights
-from stridetwin.scenarios.mode_score import score_modes
-from stridetwin.scenarios.pipeline import merged
 from stridetwin.sim.config import Level, Route, Stairs
-from stridetwin.sim.route import lay_out
+from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.samples import Depth, Footprint, Odometry
 from stridetwin.streams.trajectory import Trajectory
 
@@ -239,7 +239,7 @@ class Listening:
 
 def test_rerun_gets_ground_steps_and_modes_over_time(ahead):
     rr = pytest.importorskip("rerun")
-    from stridetwin.scenarios.rerun_ahead import told_words, write_ahead
+    from stridetwin.report.rerun_file import told_words, write_ahead
 
     stream = Listening()
     write_ahead(rr, stream, ahead)

@@ -43,7 +43,7 @@ def estimates(seen, tmp_path_factory):
     script = (
         "import json, sys; from tools.without_extras import EXTRAS, main as bare;"
         "commands = json.loads(sys.argv.pop()); bare();"
-        "from stridetwin.scenarios.cli import main; codes = [main(words) for words in commands];"
+        "from stridetwin.cli.main import main; codes = [main(words) for words in commands];"
         "assert not EXTRAS & set(sys.modules); sys.exit(max(codes))"
     )
     done = subprocess.run(
@@ -75,7 +75,7 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
     commands = [["list"], ["place", "shoe_sight", "-o", "x"], ["experiment", "assistance", "-o", "x"]]
     script = (
         "import json, sys; from tools.without_extras import Nothing; sys.meta_path.insert(0, Nothing());"
-        "from stridetwin.scenarios.cli import main;"
+        "from stridetwin.cli.main import main;"
         "print('', [main(words) for words in json.loads(sys.argv[1])])"
     )
     done = subprocess.run(

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.cli import main
-from stridetwin.streams.recording import Recording
+from stridetwin.cli.main import main
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.yaml_file import parse_yaml
 
 ROOT = Path(__file__).parents[2]

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign_files import Walk, write_euroc
+from stridetwin.cli.main import main
 from stridetwin.scenarios.check import check_recording, check_table
-from stridetwin.scenarios.cli import main
-from stridetwin.streams.opening import open_any
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 

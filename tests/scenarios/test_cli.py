@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from fake_twin import FakeTwin
 
-from stridetwin.scenarios import runner
-from stridetwin.scenarios.cli import main
-from stridetwin.streams.imu_table import read_imu_table
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.cli.main import main
+from stridetwin.report import runner
+from stridetwin.streams.formats.imu_table import read_imu_table
+from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.samples import Imu
-from stridetwin.streams.tum import read_tum
 
 COMMANDS = (
     "run",
@@ -243,7 +243,7 @@ def test_a_run_that_fails_half_way_leaves_the_old_files_alone(simulator, capsys,
     def broken(*_):
         raise OSError(28, "No space left on device", "report.html")
 
-    monkeypatch.setattr("stridetwin.scenarios.report.render_report", broken)
+    monkeypatch.setattr("stridetwin.report.run_report.render_report", broken)
     (tmp_path / "scores.json").write_text("old")
     assert "No space left" in failed(capsys, "run", "level_20m", "--no-film", "--no-cameras", "-o", tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["scores.json"]
@@ -323,7 +323,7 @@ def test_the_hardware_commands_do_without_the_simulator_and_the_viewer(walk, tmp
     code = (
         "import sys\n"
         "for name in ('mujoco', 'rerun', 'dm_control', 'trimesh'): sys.modules[name] = None\n"
-        "from stridetwin.scenarios.cli import main\n"
+        "from stridetwin.cli.main import main\n"
         f"r, o = {str(walk / 'recording.mcap')!r}, {str(tmp_path / 'path.txt')!r}\n"
         "assert main(['score', r]) == 0\n"
         "assert main(['export', r, '--format', 'tum', '-o', o]) == 0\n"
@@ -341,7 +341,7 @@ def test_the_hardware_commands_do_without_the_simulator_and_the_viewer(walk, tmp
 def test_a_reader_that_leaves_early_ends_a_command_quietly(words):
     read, write = os.pipe()
     os.close(read)  # as `head` does once it has its lines
-    code = f"from stridetwin.scenarios.cli import main; raise SystemExit(main({words}))"
+    code = f"from stridetwin.cli.main import main; raise SystemExit(main({words}))"
     done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")

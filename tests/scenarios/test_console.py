@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from stridetwin.scenarios import console
+from stridetwin.cli import console
 
 
 class Terminal(io.StringIO):

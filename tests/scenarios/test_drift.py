@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.drift import LOST_M, Odometry, drift_figures
-from stridetwin.scenarios.truth import TruePath
+from stridetwin.evaluation.path_drift import LOST_M, Odometry, drift_figures
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.trajectory import Trajectory
 
 SIDE_M, RISE_M, HZ = 12.0, 1.0, 20.0

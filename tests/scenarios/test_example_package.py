@@ -13,14 +13,14 @@ import pytest
 from live_bridge import alive, sent
 
 from stridetwin import scenarios
+from stridetwin.cli.main import main
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.pipeline import pose_of
+from stridetwin.pipeline.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.tum import read_tum
+from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.recording.reader import Recording
 
 PACKAGE = Path(__file__).parent / "example_package"
 NAMES = {"gravity_foot_l", "gravity_foot_r"}

@@ -5,14 +5,14 @@ import json
 import pytest
 import yaml
 
-from stridetwin.scenarios.cli import main
+from stridetwin.cli.main import main
 from stridetwin.scenarios.injected import from_metadata
 from stridetwin.scenarios.scenario_file import load_scenario, read_scenario
 from stridetwin.scenarios.scenario_model import FAULTS
-from stridetwin.sim.faults import LooseStrap
-from stridetwin.sim.sample_faults import Dropout
+from stridetwin.sim.faults.faults import LooseStrap
+from stridetwin.sim.faults.sample_faults import Dropout
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 
 GOOD = {"description": "a walk", "terrain": [{"level": {"length_m": 3}}]}
 AT = {"at_s": 3, "duration_s": 0.5}

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from stridetwin.scenarios import ahead as ahead_module
-from stridetwin.scenarios.pipeline import all_paths
-from stridetwin.streams.recording import Recording
+from stridetwin.evaluation import terrain_ahead as ahead_module
+from stridetwin.pipeline.run import all_paths
+from stridetwin.streams.recording.reader import Recording
 
 
 def test_two_processes_tell_the_same_as_one(seen, monkeypatch):

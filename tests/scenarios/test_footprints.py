@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.footprints import ASKED_S, along_way, asked_ns
+from stridetwin.evaluation.truth import ASKED_S, along_way, asked_ns
 from stridetwin.sim.config import Level, Route, Turn
-from stridetwin.sim.route import lay_out
+from stridetwin.sim.world.route import lay_out
 
 CORNER = lay_out(
     Route(segments=(Level(length_m=6), Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=6)))

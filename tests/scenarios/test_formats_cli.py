@@ -7,18 +7,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign_files import FORMATS, Walk
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.commands import options
-from stridetwin.scenarios.evaluate import true_path
-from stridetwin.streams import opening
+from stridetwin.cli import options
+from stridetwin.cli.main import main
+from stridetwin.evaluation.evaluate import true_path
 from stridetwin.streams.errors import RecordingError
-from stridetwin.streams.imu_table import read_imu_table
+from stridetwin.streams.formats import opening
+from stridetwin.streams.formats.imu_table import read_imu_table
+from stridetwin.streams.formats.opening import open_any
+from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.kalibr import write_rig
-from stridetwin.streams.opening import open_any
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Odometry
-from stridetwin.streams.tum import read_tum
 
 
 @pytest.fixture(scope="module")

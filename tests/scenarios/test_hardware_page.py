@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from live_bridge import alive, free_port, outcome
 
-from stridetwin.streams import wire
+from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.kalibr import read_rig, rig_from_yaml, write_rig
-from stridetwin.streams.messages import Encoder
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.ros_types import typestore
+from stridetwin.streams.live import wire
+from stridetwin.streams.live.messages import Encoder
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import Imu
-from stridetwin.streams.tum import read_tum
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
@@ -38,7 +38,7 @@ def example(monkeypatch, name, *words):
 @pytest.mark.parametrize("console", CONSOLES, ids=range(len(CONSOLES)))
 def test_every_command_of_the_page_does_what_it_says(console, seen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("stridetwin.scenarios.live.made_up_samples", lambda *_: [])  # which costs seconds
+    monkeypatch.setattr("stridetwin.pipeline.live.made_up_samples", lambda *_: [])  # which costs seconds
     (tmp_path / "walk.mcap").symlink_to(seen)
     write_rig(Recording(seen).rig, tmp_path / "rig.yaml")
     lines = [shlex.split(line.removeprefix("$ ")) for line in console.splitlines()]

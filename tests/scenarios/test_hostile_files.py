@@ -21,12 +21,12 @@ MOST_S, MOST_MIB = 2.0, 500.0
 # One process loads the packages; each command runs in a fork of it, whose time and memory the system counts.
 ZYGOTE = """
 import json, os, resource, sys, traceback
-import stridetwin.scenarios.check, stridetwin.scenarios.evaluate
+import stridetwin.scenarios.check, stridetwin.evaluation.evaluate
 import stridetwin.estimators.registry
 stridetwin.estimators.registry.estimators()
-import stridetwin.scenarios.gate.walk_scores, stridetwin.streams.formats.recorded
-from stridetwin.scenarios.cli import main
-from stridetwin.streams.ros_types import typestore
+import stridetwin.evaluation.gate.walk_scores, stridetwin.streams.formats.rewrite
+from stridetwin.cli.main import main
+from stridetwin.streams.recording.ros_types import typestore
 typestore()
 for line in sys.stdin:
     words = json.loads(line)

@@ -16,23 +16,23 @@ import numpy as np
 import pytest
 from live_bridge import alive, free_port, outcome, sent
 
+from stridetwin.cli.main import main
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
-from stridetwin.scenarios import live
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.latency import Latency, Times
-from stridetwin.scenarios.live_chain import Fit
-from stridetwin.scenarios.mode_files import predicted_steps, write_modes
-from stridetwin.scenarios.terrain_files import pose_sample, write_terrain
+from stridetwin.pipeline import live
+from stridetwin.pipeline.latency import Latency, Times
+from stridetwin.pipeline.live_chain import Fit
+from stridetwin.pipeline.mode_files import predicted_steps, write_modes
+from stridetwin.pipeline.terrain_files import pose_sample, write_terrain
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.kalibr import write_rig
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.live.sender import Sender
+from stridetwin.streams.live.wire import WireError, parse_address
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Accelerometer, Depth, Image, Range
-from stridetwin.streams.sender import Sender
-from stridetwin.streams.tum import write_tum
-from stridetwin.streams.wire import WireError, parse_address
 
 
 def estimated(*words):
@@ -306,7 +306,7 @@ def test_live_does_without_the_simulator_prints_rows_and_ends_by_a_signal(seen, 
     code = (
         "import sys\n"
         "for name in ('mujoco', 'rerun', 'dm_control', 'trimesh'): sys.modules[name] = None\n"
-        "from stridetwin.scenarios.cli import main\n"
+        "from stridetwin.cli.main import main\n"
         f"raise SystemExit(main(['live', 'foot_ins', '--listen', '127.0.0.1:{port}']))\n"
     )
     with out.open("w") as rows:

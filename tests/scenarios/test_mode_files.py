@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.mode_files import COLUMNS, predicted_steps
+from stridetwin.cli.main import main
+from stridetwin.pipeline.mode_files import COLUMNS, predicted_steps
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.fitting import SensorConfig
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.scenarios.change_score import ScoredApproach, mode_changes
-from stridetwin.scenarios.experiments.zhao_generality import GROUPS, MOUNTS, PATTERNS, SEEDS, TERRAINS, condition
-from stridetwin.scenarios.flights import flights
-from stridetwin.scenarios.laying import Laid
-from stridetwin.scenarios.mode_figures import mode_figures
-from stridetwin.scenarios.mode_score import ModeScores, ScoredMode, score_modes, told_by_step
+from stridetwin.evaluation.alignment import Laid
+from stridetwin.evaluation.change_scores import ScoredApproach, mode_changes
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, score_modes, told_by_step
+from stridetwin.evaluation.truth import flights
 from stridetwin.sim.config import Level, Ramp, Route, Segment, Stairs, Turn
-from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.trajectory import Trajectory
+from stridetwin.studies.zhao2023.zhao_generality import GROUPS, MOUNTS, PATTERNS, SEEDS, TERRAINS, condition
 
 
 def layout(*segments: Segment):

@@ -8,12 +8,12 @@ import re
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.commands.source import opened
-from stridetwin.scenarios.scoring import compare
-from stridetwin.scenarios.truth import TruePath
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.tum import read_tum
+from stridetwin.cli.main import main
+from stridetwin.cli.recording import opened
+from stridetwin.evaluation.path_scores import compare
+from stridetwin.evaluation.truth import TruePath
+from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.recording.reader import Recording
 
 WALK = """\
 description: a few steps in a room

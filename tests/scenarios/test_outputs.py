@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.cli import main, parse
-from stridetwin.scenarios.commands.outputs import check_outputs
+from stridetwin.cli.main import main, parse
+from stridetwin.cli.outputs import check_outputs
 
 
 @pytest.fixture

@@ -12,14 +12,14 @@ from fake_twin import FakeTwin
 from live_bridge import outcome
 from page_commands import PAGES, ROOT, fenced, in_text, name, rows_of_the_command_line, variants
 
+from stridetwin.cli import COMMANDS, main
 from stridetwin.estimators import registry
-from stridetwin.scenarios import cli, runner
+from stridetwin.report import runner
 from stridetwin.scenarios.campaign.campaign_file import campaigns
-from stridetwin.scenarios.commands import COMMANDS
-from stridetwin.scenarios.experiments.studies import STUDIES
-from stridetwin.scenarios.placement.problem_file import problems
 from stridetwin.scenarios.scenario_file import PHYSICS, catalogue
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.studies.catalogue import STUDIES
+from stridetwin.studies.placement.problem_file import problems
 
 WHOLE = {"docs/bring_your_own.md", "docs/hardware.md", "docs/tutorial.md"}
 """Pages that other tests do from end to end: test_bring_your_own_page, test_hardware_page, test_tutorial."""
@@ -107,7 +107,7 @@ def read_stridetwin(words):
     if "--help" in words:
         assert words == ["--help"] or words[0] in COMMANDS
         return
-    call = cli.parse(words)
+    call = main.parse(words)
     asked = call.options
     if getattr(asked, "problem", None):
         assert asked.problem in {*problems(), *YOURS}
@@ -214,7 +214,7 @@ def steps(tmp_path_factory):
     path = tmp_path_factory.mktemp("steps") / "walk.mcap"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
-        assert cli.main(["generate", "level_20m", "--no-cameras", "-o", str(path)]) == 0
+        assert main.main(["generate", "level_20m", "--no-cameras", "-o", str(path)]) == 0
     return path
 
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from stridetwin.scenarios.cli import main
-from stridetwin.streams.recording import Recording
+from stridetwin.cli.main import main
+from stridetwin.streams.recording.reader import Recording
 
 pytest.importorskip("mujoco")
 

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from stridetwin.scenarios.evaluate import evaluate
-from stridetwin.scenarios.figures_gait import level_strides
-from stridetwin.scenarios.norms import level_norm, reference, speed_group
-from stridetwin.scenarios.pictures import colour_of_depth
-from stridetwin.scenarios.pipeline import all_paths
-from stridetwin.scenarios.report import travelled
-from stridetwin.scenarios.rerun_file import recording_id, write_rerun
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.evaluation.evaluate import evaluate
+from stridetwin.evaluation.norms import level_norm, reference, speed_group
+from stridetwin.pipeline.run import all_paths
+from stridetwin.report.camera_views import colour_of_depth
+from stridetwin.report.figures_gait import level_strides
+from stridetwin.report.rerun_file import recording_id, write_rerun
+from stridetwin.report.run_report import travelled
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Imu
 

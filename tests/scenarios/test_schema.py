@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from stridetwin.cli.main import main
+from stridetwin.cli.schema import SCHEMAS, as_text, file_schema, shipped
 from stridetwin.scenarios.campaign.campaign_file import campaigns
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.commands.schema import SCHEMAS, as_text, file_schema, shipped
-from stridetwin.scenarios.placement.problem_file import problems
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.parts.library import library
+from stridetwin.studies.placement.problem_file import problems
 
 FILES = {"scenario": catalogue(), "campaign": campaigns(), "placement": problems(), "part": library()}
 LINE = re.compile(r"# yaml-language-server: \$schema=(\S+)")

@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.alignment import Rigid, align
-from stridetwin.scenarios.scoring import armse_2d, compare, nees_position, relative_errors_m, score
-from stridetwin.scenarios.truth import TruePath
+from stridetwin.evaluation.alignment import Rigid, align
+from stridetwin.evaluation.path_scores import armse_2d, compare, nees_position, relative_errors_m, score
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.samples import Block, Odometry
 from stridetwin.streams.trajectory import Trajectory

@@ -3,8 +3,8 @@ import pytest
 
 from stridetwin.scenarios.sensor_model import SensorsInFile
 from stridetwin.sim.config import Level, Route, TwinConfig
-from stridetwin.sim.fitting import KIND
-from stridetwin.sim.standard_rig import sensor_rig
+from stridetwin.sim.parts.sensor_config import KIND
+from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.validation import validated
 

@@ -6,14 +6,13 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.commands.score import score_table
-from stridetwin.scenarios.figures_steps import steps_from_above, steps_from_aside
-from stridetwin.scenarios.gate.compare import Rules, compare_scores
-from stridetwin.scenarios.gate.score_table import table_of
-from stridetwin.scenarios.step_scores import step_scores
-from stridetwin.scenarios.steps import ScoredStep
+from stridetwin.cli.score import score_table
+from stridetwin.evaluation.gate.compare import Rules, compare_scores
+from stridetwin.evaluation.gate.score_table import table_of
+from stridetwin.evaluation.step_scores import ScoredStep, step_scores
+from stridetwin.report.figures_steps import steps_from_above, steps_from_aside
 from stridetwin.sim.config import Level, Ramp, Route
-from stridetwin.sim.route import lay_out
+from stridetwin.sim.world.route import lay_out
 
 
 def step(i, *, mode="LG", told_mode="LG", told=True, elevation=0.004, slope=0.0):

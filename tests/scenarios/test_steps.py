@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.scenarios.experiments import shim_table5
-from stridetwin.scenarios.steps import (
+from stridetwin.evaluation.step_scores import (
     COLUMNS,
     ScoredStep,
     displacement_errors,
@@ -18,6 +17,7 @@ from stridetwin.scenarios.steps import (
     write_steps,
 )
 from stridetwin.streams.samples import Footprint
+from stridetwin.studies.shim2019 import shim_table5
 
 
 def footprint(i, mode="LG", height=0.0, pitch=0.0):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stridetwin.scenarios.svg import Plot, data_range, thin, ticks
+from stridetwin.report.svg import Plot, data_range, thin, ticks
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.integers(1, 12))

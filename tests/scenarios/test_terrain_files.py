@@ -7,16 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
+from stridetwin.cli.main import main
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.ground_grid import KINDS, GroundGrid, kinds_at
-from stridetwin.scenarios.map_score import distance_to, mesh_of, true_changes
-from stridetwin.scenarios.pipeline import mapped
-from stridetwin.scenarios.terrain_files import COLORS
+from stridetwin.evaluation.map_scores import distance_to, mesh_of, true_changes
+from stridetwin.pipeline.run import mapped
+from stridetwin.pipeline.terrain_files import COLORS, KINDS, GroundGrid, kinds_at
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
-from stridetwin.sim.route import Slab
-from stridetwin.sim.terrain import Terrain
-from stridetwin.streams.opening import open_any
+from stridetwin.sim.world.route import Slab
+from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.formats.opening import open_any
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 192.0
 RISER, TREAD = 0.15, 0.30

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from benchmarks import vio_peers
 from benchmarks.peers.folder import row
 from benchmarks.peers.vocabulary import BRANCHES, write_vocabulary
-from stridetwin.scenarios.truth import TruePath
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.sim.config import Level, Route, TwinConfig
-from stridetwin.sim.standard_rig import standard_rig
+from stridetwin.sim.sensors.standard_rig import standard_rig
 
 RIG = standard_rig(TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),))))
 CAMERA, IMU = RIG.cameras["/head/color"], RIG.imu("/head/imu")

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.live_chain import Request, chain_of
+from stridetwin.pipeline.live_chain import Request, chain_of
+from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
 from stridetwin.scenarios.record import record
-from stridetwin.scenarios.warm_up import made_up_rig, made_up_samples
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 
@@ -50,11 +50,11 @@ def test_the_stair_ahead_is_found():
 LEFT_TO_COMPILE = """
 import gc, json, sys
 from numba.core.dispatcher import Dispatcher
-from stridetwin.scenarios.live_chain import Request, chain_of
-from stridetwin.scenarios.warm_up import made_up_rig, made_up_samples
-from stridetwin.streams.messages import Decoder
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.stored_messages import stored_messages
+from stridetwin.pipeline.live_chain import Request, chain_of
+from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
+from stridetwin.streams.live.messages import Decoder
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.live.stored_messages import stored_messages
 
 def compiled():
     found = [d for d in gc.get_objects() if isinstance(d, Dispatcher)]

@@ -4,17 +4,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from stridetwin.sim.bystanders import PARTS
 from stridetwin.sim.config import Level, Route, Stairs, Turn, TwinConfig
-from stridetwin.sim.crowd_bodies import pose
+from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.library import ideal
-from stridetwin.sim.render import SensorView
-from stridetwin.sim.rotation import quat_from_matrix
+from stridetwin.sim.rendering.renderer import SensorView
 from stridetwin.sim.sensors.sonar import SonarModel
-from stridetwin.sim.terrain import Terrain
-from stridetwin.sim.track import Track
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.world.bystanders import PARTS, pose
+from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 
 ROUTES = {

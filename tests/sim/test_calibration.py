@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.calibration import CalibrationSd, depth_scale
-from stridetwin.sim.cameras import Cameras, Due
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.fitting import SensorConfig
-from stridetwin.sim.standard_rig import sensor_rig
+from stridetwin.sim.parts.calibration_error import CalibrationSd, depth_scale
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.rendering.cameras import Cameras, Due
+from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Depth
 

@@ -1,10 +1,10 @@
 """A walk's bytes do not depend on how many processes draw its pictures."""
 
-from stridetwin.sim import camera_processes
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.faults import LooseStrap
+from stridetwin.sim.faults.faults import LooseStrap
+from stridetwin.sim.rendering import camera_processes
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.recording import RecordingWriter
+from stridetwin.streams.recording.reader import RecordingWriter
 
 CONFIG = TwinConfig(
     name="short",

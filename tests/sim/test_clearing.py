@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.gait.clearing import smoothest_above
-from stridetwin.sim.gait.smooth import ease
+from stridetwin.sim.gait.foot_path import smoothest_above
+from stridetwin.sim.kinematics.smooth import ease
 
 FREE = np.full(61, -np.inf)
 AT = np.linspace(0.0, 1.0, 61)

@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
-from stridetwin.sim.coupling import Pose, wrench
 from stridetwin.sim.dynamics.couplings import CouplingSet
-from stridetwin.sim.exoskeleton import EXO_LEG_JOINTS, couplings
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.joint import InteractionModel
-from stridetwin.sim.standard_rig import sensor_rig
+from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.coupling import Pose, wrench
+from stridetwin.sim.wearer.exoskeleton import EXO_LEG_JOINTS, couplings
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block
 

@@ -13,13 +13,21 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
-from stridetwin.scenarios.norms import reference as published
-from stridetwin.sim.actuation import HIP, JOINTS, KNEE, modules
-from stridetwin.sim.body import add_wearer, compile_model, wearer
+from stridetwin.evaluation.norms import reference as published
 from stridetwin.sim.config import Exo, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
-from stridetwin.sim.coupling import Coupling, Pose, strain, wrench
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.exoskeleton import (
+from stridetwin.sim.gait import exo_fit_kernel
+from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, Limbs, fit_leg, limbs
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.playback import Playback
+from stridetwin.sim.sensors.joint import InteractionModel
+from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
+from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.actuation import HIP, JOINTS, KNEE, modules
+from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.wearer.body import add_wearer, compile_model, wearer
+from stridetwin.sim.wearer.coupling import Coupling, Pose, strain, wrench
+from stridetwin.sim.wearer.exoskeleton import (
     DH_FRAMES,
     DH_SIGNS,
     EXO_LEG_BODIES,
@@ -31,14 +39,6 @@ from stridetwin.sim.exoskeleton import (
     forward_kinematics,
     frame_0_in_pelvis,
 )
-from stridetwin.sim.gait import exo_kernel
-from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, Limbs, fit_leg, limbs
-from stridetwin.sim.noise import Noise
-from stridetwin.sim.people import PEOPLE
-from stridetwin.sim.playback import Playback
-from stridetwin.sim.sensors.joint import InteractionModel
-from stridetwin.sim.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
-from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
 
@@ -243,7 +243,7 @@ def test_strains_agree_with_their_jacobian_and_the_fit_has_no_gradient_left(side
         np.testing.assert_allclose(jacobian[:, :, j], slope, atol=1e-8)
     q = fit_leg(leg, on)
     value, jacobian = leg.strains(q, on)
-    gradient, hessian = exo_kernel.project(leg.kernel, leg.kernel.stiffness, jacobian, value)
+    gradient, hessian = exo_fit_kernel.project(leg.kernel, leg.kernel.stiffness, jacobian, value)
     weighted = np.swapaxes(jacobian, 1, 2) @ block_diag(*leg.kernel.stiffness.reshape(-1, 3, 3))
     np.testing.assert_allclose(gradient, np.einsum("nik,nk->ni", weighted, value), atol=1e-9)
     np.testing.assert_allclose(hessian, weighted @ jacobian, atol=1e-9)
@@ -278,7 +278,7 @@ def test_compiled_strains_are_those_of_the_couplings_on_the_model(side: str) -> 
 def test_compiled_stops_are_the_stops() -> None:
     leg = ExoLeg(wearer(Person()), "l").kernel
     for q in np.linspace(RANGE_RAD[:, 0] - 0.05, RANGE_RAD[:, 1] + 0.05, 40):
-        compiled = np.array([exo_kernel.stop_torque(leg, j, angle) for j, angle in enumerate(q)]).T
+        compiled = np.array([exo_fit_kernel.stop_torque(leg, j, angle) for j, angle in enumerate(q)]).T
         np.testing.assert_allclose(compiled, stops(q), rtol=1e-9, atol=1e-9)
 
 

@@ -10,15 +10,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim.fault_plan import check_faults, plan_faults
-from stridetwin.sim.faults import LooseStrap, arrivals
-from stridetwin.sim.parts.full_scale import full_scales
+from stridetwin.sim.faults.faults import LooseStrap, arrivals
+from stridetwin.sim.faults.image_faults import LensDirt, Occlusion
+from stridetwin.sim.faults.plan import check_faults, plan_faults
+from stridetwin.sim.faults.sample_faults import (
+    ClockJump,
+    DeadCell,
+    Dropout,
+    Freeze,
+    Late,
+    Nan,
+    OutOfOrder,
+    Repeat,
+    Saturation,
+)
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import part
-from stridetwin.sim.picture_faults import LensDirt, Occlusion
-from stridetwin.sim.sample_faults import ClockJump, DeadCell, Dropout, Freeze, Late, Nan, OutOfOrder, Repeat, Saturation
+from stridetwin.sim.parts.library import full_scales, part
 from stridetwin.streams.errors import ConfigError, RecordingError
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Insole
 

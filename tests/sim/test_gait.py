@@ -10,13 +10,12 @@ import pytest
 
 from benchmarks import gait
 from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
-from stridetwin.sim.contact import share_out
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.playback import Playback
-from stridetwin.sim.rotation import matrix_from_quat, rot_y
+from stridetwin.sim.kinematics.rotation import matrix_from_quat, rot_y
+from stridetwin.sim.playback import Playback, share_out
 from stridetwin.sim.truth import FLAT, foot_phase
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.way import Way
+from stridetwin.sim.world.way import Way
 from stridetwin.streams.errors import StrideTwinError
 
 ROUTES: dict[str, tuple[Segment, ...]] = {

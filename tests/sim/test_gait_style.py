@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks import gait_norms
-from stridetwin.sim.body import wearer
 from stridetwin.sim.config import Level, Person
-from stridetwin.sim.gait.smooth import bump, soft_ease
 from stridetwin.sim.gait.style import Style, level_style
 from stridetwin.sim.gait.tempo import preferred_step
+from stridetwin.sim.kinematics.smooth import bump, soft_ease
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.body import wearer
 
 
 def level(speed_mps: float, person: Person) -> Twin:

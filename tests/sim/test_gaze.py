@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stridetwin.sim.config import Gait, Gaze
-from stridetwin.sim.gait.gaze import Look, look
-from stridetwin.sim.gait_checks import check_gait
-from stridetwin.sim.route import Strip
+from stridetwin.sim.gait.checks import check_gait
+from stridetwin.sim.gait.posture import Look, look
+from stridetwin.sim.world.route import Strip
 from stridetwin.streams.errors import ConfigError
 
 LEG_M = 0.93

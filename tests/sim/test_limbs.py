@@ -2,9 +2,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from stridetwin.sim.body import add_wearer, compile_model
 from stridetwin.sim.config import Exo, Person
-from stridetwin.sim.limbs import NEAR_M, Limbs, shapes
+from stridetwin.sim.wearer.body import add_wearer, compile_model
+from stridetwin.sim.wearer.limbs import NEAR_M, Limbs, shapes
 
 BALL = {"kind": np.array([2]), "size": np.array([[0.1, 0.0, 0.0]]), "reach": np.array([0.1])}
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
-from stridetwin.sim.fitting import SensorConfig
+from stridetwin.sim.faults.sample_faults import Dropout
 from stridetwin.sim.live import LATENCY_S, LiveTwin
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import part
-from stridetwin.sim.sample_faults import Dropout
+from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Actuator, Block

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from benchmarks import gait
 from stridetwin.sim.config import Gait, Gaze, Level, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import CLEARANCE_M, Footstep
-from stridetwin.sim.gait.manner import style_at
+from stridetwin.sim.gait.style import style_at
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import ConfigError
 

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from stridetwin.sim.config import Level, Ramp, Stairs
-from stridetwin.sim.mesh_terrain import MeshWay, mesh_terrain
+from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
 from stridetwin.streams.errors import StrideTwinError
 
 

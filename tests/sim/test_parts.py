@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stridetwin.sim.fitting import KIND, STANDARD, STANDARD_BACK_AHRS
 from stridetwin.sim.parts.kinds import Gyroscope, ImuPart
 from stridetwin.sim.parts.library import IDEAL, ideal, kind_of, library, part, read_part
+from stridetwin.sim.parts.sensor_config import KIND, STANDARD, STANDARD_BACK_AHRS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.yaml_file import read_yaml
 

@@ -5,10 +5,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from stridetwin.sim import render
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
-from stridetwin.sim.render import FilmCamera, SensorView, camera_pose, swap_camera_convention
-from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.rendering import renderer as render
+from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, camera_pose, swap_camera_convention
+from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import CameraCalibration, Mount
 
 OFF_CENTRE = (392.0, 388.0, 331.3, 228.7)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stridetwin.sim.body import add_wearer, compile_model
 from stridetwin.sim.config import SIDES, Exo, Person
-from stridetwin.sim.exoskeleton import EXO_LEG_BODIES
-from stridetwin.sim.rigid_tree import Tree, chain_loads, hinge_torques, motion, root_wrench
+from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads, hinge_torques, motion, root_wrench
+from stridetwin.sim.wearer.body import add_wearer, compile_model
+from stridetwin.sim.wearer.exoskeleton import EXO_LEG_BODIES
 from stridetwin.streams.samples import Array
 
 N = 12

@@ -6,21 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.bystanders import Crowd
 from stridetwin.sim.config import Level, Route, Stairs, TwinConfig
-from stridetwin.sim.fitting import Clock
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.library import ideal
+from stridetwin.sim.parts.sensor_config import Clock
 from stridetwin.sim.sensors.ahrs import AhrsModel
 from stridetwin.sim.sensors.force_cell import ForceCells
 from stridetwin.sim.sensors.insole import InsoleModel, cell_shares
 from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
 from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.sensors.stamps import Stamps
-from stridetwin.sim.standard_rig import sensor_rig
-from stridetwin.sim.terrain import Terrain
-from stridetwin.sim.track import Track
+from stridetwin.sim.sensors.standard_rig import sensor_rig
+from stridetwin.sim.world.bystanders import Crowd
+from stridetwin.sim.world.terrain import Terrain
 
 ROUTE = Route(segments=(Level(length_m=3.0), Stairs(risers=3)))
 OUTFIT = sensor_rig(TwinConfig(name="test", route=ROUTE))

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor, Imager
 from stridetwin.sim.parts.library import ideal, part
-from stridetwin.sim.sensors.imager import SPARE, Sensor
-from stridetwin.sim.sensors.lens import Lens
-from stridetwin.sim.sensors.stereo_depth import DepthModel
-from stridetwin.sim.sensors.sweep import Sweep
+from stridetwin.sim.rendering.imager import SPARE, Sensor
+from stridetwin.sim.rendering.lens import Lens
+from stridetwin.sim.rendering.stereo_depth import DepthModel
+from stridetwin.sim.rendering.sweep import Sweep
 from stridetwin.streams.rig import CameraCalibration, Mount
 
 SHOE: Imager = part("acA800-200gc").imager

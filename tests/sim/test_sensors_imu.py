@@ -7,13 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from benchmarks import allan
-from stridetwin.sim.noise import Noise
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.noise import FLOOR, Noise, Wander
 from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
 from stridetwin.sim.parts.library import ideal
-from stridetwin.sim.sensor_suite import step_ends
 from stridetwin.sim.sensors import imu as imu_model
-from stridetwin.sim.sensors.wander import FLOOR, Wander
-from stridetwin.sim.track import Track
+from stridetwin.sim.sensors.suite import step_ends
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration, Mount
 

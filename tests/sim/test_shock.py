@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
+from stridetwin.sim.gait.heel_strike import SHOE, vibration
+from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ImuPart
 from stridetwin.sim.parts.library import ideal
 from stridetwin.sim.sensors.imu import ImuModel
-from stridetwin.sim.shock import SHOE, vibration
-from stridetwin.sim.track import Track
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Array, Block
 

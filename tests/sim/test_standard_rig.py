@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Level, Route, TwinConfig
-from stridetwin.sim.fitting import SensorConfig
-from stridetwin.sim.rig_bodies import add_rig, visible
-from stridetwin.sim.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, GROUPS, standard_rig
+from stridetwin.sim.wearer.sensor_bodies import add_rig, visible
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 CONFIG = TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),)))

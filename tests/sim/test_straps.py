@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.faults import LooseStrap
-from stridetwin.sim.straps import MountSlips, Slip
-from stridetwin.sim.track import Track
+from stridetwin.sim.faults.faults import LooseStrap
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.sensors.mount_slip import MountSlips, Slip
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Block
 

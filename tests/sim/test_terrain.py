@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs, Thing
-from stridetwin.sim.solids import Box, SolidSet, Wedge
-from stridetwin.sim.terrain import Terrain
-from stridetwin.sim.textures import PERIOD_M
+from stridetwin.sim.world.solids import Box, SolidSet, Wedge
+from stridetwin.sim.world.terrain import Terrain
+from stridetwin.sim.world.textures import PERIOD_M
 from stridetwin.streams.errors import ConfigError
 
 ROUTE = Route(

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.bystanders import Crowd
-from stridetwin.sim.camera_processes import CameraProcesses
 from stridetwin.sim.config import Gait, Level, Route, Stairs, TwinConfig
-from stridetwin.sim.fitting import Clock, SensorConfig
 from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.sensor_config import Clock, SensorConfig
 from stridetwin.sim.playback import Playback
+from stridetwin.sim.rendering.camera_processes import CameraProcesses
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.samples import Block, Depth, Footprint, Image
 
 SHORT = TwinConfig(name="short", route=Route(segments=(Level(length_m=1.0),)), gait=Gait(stand_s=0.5))

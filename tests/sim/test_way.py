@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.sim import polygons
 from stridetwin.sim.config import Lanes, Level, Ramp, Route, Stairs, Turn
-from stridetwin.sim.route import SPOT_RADIUS_M, lay_out
-from stridetwin.sim.terrain import Terrain
+from stridetwin.sim.world import scenery
+from stridetwin.sim.world.route import SPOT_RADIUS_M, lay_out
+from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import ConfigError
 
 STAIR, RAMP = Stairs(risers=4, riser_m=0.15, tread_m=0.3), Ramp(angle_rad=0.2, rise_m=0.6)
@@ -213,7 +213,7 @@ def test_what_is_left_of_a_polygon_and_its_holes_cover_it_once(seed, count):
 
     polygon = rectangle(0.0, np.zeros(2))
     fan = [rectangle(0.17 * k, rng.uniform(-0.3, 0.3, 2) * (seed % 2)) for k in range(1, count + 1)]
-    pieces = [q for p in polygons.without(polygon, fan) for q in polygons.quads(p)]
+    pieces = [q for p in scenery.without(polygon, fan) for q in scenery.split_into_quads(p)]
     points = rng.uniform([-2, -1], [2, 1], (400, 2))
     expected = ~np.any([inside(hole, points) for hole in fan], axis=0)
     found = np.sum([inside(p, points) for p in pieces], axis=0) if pieces else np.zeros(len(points))

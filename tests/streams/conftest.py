@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from rigs import every_small_block, small_rig
 
-from stridetwin.streams.recording import RecordingWriter
+from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.samples import Depth, Image
 
 

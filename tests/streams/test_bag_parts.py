@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag_calibration import BagCalibration
-from stridetwin.streams.formats.calibrations import completed
-from stridetwin.streams.imported import ImageStream, Notes
+from stridetwin.streams.recording.imported import ImageStream, Notes
+from stridetwin.streams.recording.ros_images import COMPRESSED, image_kind, read_image_message
+from stridetwin.streams.recording.ros_types import serialise, typestore
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.ros_pictures import COMPRESSED, image_kind, read_image_message
-from stridetwin.streams.ros_types import serialise, typestore
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 
 

@@ -16,15 +16,15 @@ from rigs import every_small_block, small_rig
 from test_wire import compressed, same, told_size
 
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live_recorder import LiveRecorder
-from stridetwin.streams.messages import Encoder
-from stridetwin.streams.receiver import MOST_PEERS, Arrival, Receiver
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.reorder import Reorder
+from stridetwin.streams.live.live_recorder import LiveRecorder
+from stridetwin.streams.live.messages import Encoder
+from stridetwin.streams.live.receiver import MOST_PEERS, Arrival, Receiver
+from stridetwin.streams.live.reorder import Reorder
+from stridetwin.streams.live.sender import IMAGES_HELD, SAMPLES_HELD, Sender
+from stridetwin.streams.live.stored_messages import stored_messages
+from stridetwin.streams.live.wire import HELLO, SAMPLE, Hello, Message, WireError, frame, hello_frame, sample_frame
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image, Imu
-from stridetwin.streams.sender import IMAGES_HELD, SAMPLES_HELD, Sender
-from stridetwin.streams.stored_messages import stored_messages
-from stridetwin.streams.wire import HELLO, SAMPLE, Hello, Message, WireError, frame, hello_frame, sample_frame
 
 LOCAL = ("127.0.0.1", 0)
 
@@ -95,7 +95,7 @@ def test_what_comes_is_recorded_byte_for_byte(recorded, tmp_path):
 
 
 def test_a_slow_receiver_is_told_how_much_it_has_missed(monkeypatch):
-    monkeypatch.setattr("stridetwin.streams.receiver.INBOX_COUNT", 3)
+    monkeypatch.setattr("stridetwin.streams.live.receiver.INBOX_COUNT", 3)
     rng = np.random.default_rng(0)
     with Receiver(LOCAL) as receiver:
         with Sender(small_rig(), receiver.address, encoder=Encoder(small_rig(), jpeg_quality=None)) as sender:
@@ -114,7 +114,7 @@ def test_a_slow_receiver_is_told_how_much_it_has_missed(monkeypatch):
 
 
 def test_a_lossless_sender_waits(monkeypatch):
-    monkeypatch.setattr("stridetwin.streams.receiver.INBOX_COUNT", 2)
+    monkeypatch.setattr("stridetwin.streams.live.receiver.INBOX_COUNT", 2)
     with Receiver(LOCAL) as receiver:
         with Sender(small_rig(), receiver.address, lossless=True) as sender:
             came = []
@@ -148,8 +148,8 @@ def test_a_sender_comes_again_and_what_was_lost_between_is_counted():
 
 
 def test_a_sender_comes_again_while_nobody_makes_room(monkeypatch):
-    monkeypatch.setattr("stridetwin.streams.receiver.INBOX_COUNT", 3)
-    monkeypatch.setattr("stridetwin.streams.receiver._TAKEOVER_S", 0.2)
+    monkeypatch.setattr("stridetwin.streams.live.receiver.INBOX_COUNT", 3)
+    monkeypatch.setattr("stridetwin.streams.live.receiver._TAKEOVER_S", 0.2)
     with Receiver(LOCAL) as receiver:
         with Sender(small_rig(), receiver.address) as sender:
             for i in range(100):
@@ -175,7 +175,7 @@ def test_a_sender_comes_again_while_nobody_makes_room(monkeypatch):
 
 
 def test_an_old_connection_that_is_still_read_is_no_refusal(monkeypatch):
-    monkeypatch.setattr("stridetwin.streams.receiver._TAKEOVER_S", 0.05)
+    monkeypatch.setattr("stridetwin.streams.live.receiver._TAKEOVER_S", 0.05)
     held = threading.Event()
     with Receiver(LOCAL) as receiver:
         put = receiver._put
@@ -271,7 +271,7 @@ def test_a_hello_that_nobody_has_thought_of_is_refused(monkeypatch):
             assert told != rig
             body = json.dumps({"stridetwin": 1, "rig": told}).encode()
             assert said in raw(receiver, frame(HELLO, body))
-        monkeypatch.setattr("stridetwin.streams.receiver.read_hello", lambda body: 1 // 0)
+        monkeypatch.setattr("stridetwin.streams.live.receiver.read_hello", lambda body: 1 // 0)
         assert b"ZeroDivisionError" in raw(receiver, hello_frame(Hello()))
         assert receiver.refusals == 5
 
@@ -322,7 +322,7 @@ def test_streams_are_put_in_order_within_the_window():
 
 SERVER = """
 import sys
-from stridetwin.streams.receiver import Receiver
+from stridetwin.streams.live.receiver import Receiver
 with Receiver(("127.0.0.1", 0)) as receiver:
     print(receiver.address[1], flush=True)
     while not receiver.ended:

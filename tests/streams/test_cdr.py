@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rigs import every_small_block, small_rig
 
-from stridetwin.streams.cdr import layout_of
-from stridetwin.streams.mcap_writer import message_rows
-from stridetwin.streams.ros_samples import SMALL, fill
-from stridetwin.streams.ros_types import message, serialise, typestore
+from stridetwin.streams.recording.cdr import layout_of
+from stridetwin.streams.recording.mcap_writer import message_rows
+from stridetwin.streams.recording.ros_samples import SMALL, fill
+from stridetwin.streams.recording.ros_types import message, serialise, typestore
 
 
 @pytest.mark.parametrize("block", every_small_block(5), ids=lambda b: b.kind.__name__)

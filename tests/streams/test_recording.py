@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 from rigs import every_small_block, small_rig
 from rosbags.highlevel import AnyReader
 
-from stridetwin.streams import recorder
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.files import partial_path
-from stridetwin.streams.recording import Recording, RecordingWriter
+from stridetwin.streams.recording import writer as recorder
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Range
 
@@ -338,7 +338,7 @@ def foreign(path, stamps, log_offset=5_000_000, names=("a",), frame="imu"):
     """A recording by the stock writer, by a driver with another frame, latency and a big-endian machine."""
     from mcap.writer import Writer
 
-    from stridetwin.streams.ros_types import definition, message, typestore
+    from stridetwin.streams.recording.ros_types import definition, message, typestore
 
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=4096)

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.imu_table import read_imu_table
-from stridetwin.streams.wire import parse_address
+from stridetwin.streams.formats.imu_table import read_imu_table
+from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.yaml_file import parse_yaml
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [p for part in ("streams", "sim", "estimators", "scenarios", "examples") for p in (ROOT / part).rglob("*.py")]
 PIPES = {
-    "sim/rendering.py",
-    "sim/camera_processes.py",
+    "sim/rendering/rendering.py",
+    "sim/rendering/camera_processes.py",
 }  # between the twin and its own rendering processes, never a file
 SAFE = {"_StrictLoader"}
 

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.imu_table import read_imu_table
+from stridetwin.streams.formats.imu_table import read_imu_table
+from stridetwin.streams.formats.tum import read_tum, write_tum
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.streams.tum import read_tum, write_tum
 
 N = 200
 HEADER = "t,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"

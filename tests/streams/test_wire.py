@@ -13,12 +13,9 @@ from rigs import every_small_block, small_rig
 
 from stridetwin.streams.bounded import image_size
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.messages import Decoder, Encoder
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.ros_types import serialise, typestore
-from stridetwin.streams.samples import Depth, Image, Imu, Odometry
-from stridetwin.streams.stored_messages import stored_messages
-from stridetwin.streams.wire import (
+from stridetwin.streams.live.messages import Decoder, Encoder
+from stridetwin.streams.live.stored_messages import stored_messages
+from stridetwin.streams.live.wire import (
     END,
     HELLO,
     LARGEST,
@@ -35,6 +32,9 @@ from stridetwin.streams.wire import (
     read_sample,
     sample_frame,
 )
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.ros_types import serialise, typestore
+from stridetwin.streams.samples import Depth, Image, Imu, Odometry
 
 HEAD = 5
 
@@ -271,7 +271,7 @@ def test_bytes_that_are_no_frame_are_refused(ends, sent, said):
 
 
 def test_half_a_frame_is_not_waited_for(ends, monkeypatch):
-    monkeypatch.setattr("stridetwin.streams.wire.FRAME_S", 0.1)
+    monkeypatch.setattr("stridetwin.streams.live.wire.FRAME_S", 0.1)
     a, b = ends
     a.sendall(struct.pack("<IB", 100, SAMPLE) + b"half")
     began = time.perf_counter()
@@ -283,7 +283,7 @@ def test_half_a_frame_is_not_waited_for(ends, monkeypatch):
 
 
 def test_a_frame_that_drips_is_given_up_at_its_time(ends, monkeypatch):
-    monkeypatch.setattr("stridetwin.streams.wire.FRAME_S", 0.2)
+    monkeypatch.setattr("stridetwin.streams.live.wire.FRAME_S", 0.2)
     a, b = ends
     a.sendall(struct.pack("<IB", 1000, SAMPLE))
     enough = threading.Event()
@@ -305,7 +305,7 @@ def test_a_frame_that_drips_is_given_up_at_its_time(ends, monkeypatch):
 
 
 def test_what_is_there_is_taken_after_the_time(ends, monkeypatch):
-    monkeypatch.setattr("stridetwin.streams.wire.FRAME_S", -1.0)  # it is we who were late
+    monkeypatch.setattr("stridetwin.streams.live.wire.FRAME_S", -1.0)  # it is we who were late
     a, b = ends
     a.sendall(frame(SAMPLE, bytes(100_000)))
     assert FrameReader(b).next(SAMPLE) == (SAMPLE, bytes(100_000))

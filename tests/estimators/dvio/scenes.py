@@ -6,8 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import planes
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, PLANE, PLANES, ImuNoise, Window, blank_window
-from stridetwin.estimators.dvio.terms import Terms
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, ImuNoise, Terms, Window, blank_window
 from tests.estimators.from_python import from_python
 
 turned = from_python(planes.turned)

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.alignment import Beliefs, aligned, gyro_bias
-from stridetwin.estimators.dvio.memory import Increment, blank_increment
-from stridetwin.estimators.dvio.structure import Sightings, structure_of_bearings, structure_with_depth
+from stridetwin.estimators.dvio.initializer import Beliefs, aligned, gyro_bias
+from stridetwin.estimators.dvio.state import Increment, blank_increment
+from stridetwin.estimators.dvio.structure_from_motion import Sightings, structure_of_bearings, structure_with_depth
 from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

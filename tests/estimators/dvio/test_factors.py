@@ -9,17 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stridetwin.estimators.dvio import factors, views
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, Increment
-from stridetwin.estimators.dvio.views import SIGHT, blank_views
+from stridetwin.estimators.dvio import imu_factors, projection
+from stridetwin.estimators.dvio.projection import SIGHT, blank_views
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Increment
 from tests.estimators.dvio.scenes import SHARED, TERMS, moved, seen_window
 from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
-view, ray = from_python(views.view), from_python(views.ray)
-sight, seen_at = from_python(views.sight), from_python(views.seen_at)
-motion = from_python(factors.motion)
+view, ray = from_python(projection.view), from_python(projection.ray)
+sight, seen_at = from_python(projection.sight), from_python(projection.seen_at)
+motion = from_python(imu_factors.motion)
 
 
 @settings(max_examples=10, deadline=None)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.contact_terrain.speed import LegSpeed
 from stridetwin.estimators.dvio import Dvio, DvioParameters
 from stridetwin.estimators.dvio.feet import Feet
-from stridetwin.estimators.dvio.memory import D_VELOCITY, FRAME
+from stridetwin.estimators.dvio.state import D_VELOCITY, FRAME
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Depth, Image, Imu, Insole
 from tests.estimators.dvio.wall import Wall, rig, swaying

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.inertial import Inertial
-from stridetwin.estimators.dvio.memory import blank_increment
+from stridetwin.estimators.dvio.state import blank_increment
 from stridetwin.streams.rig import ImuCalibration, Mount
 from stridetwin.streams.samples import Imu
 from tests.estimators.dvio.scenes import NOISE

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import Dvio, DvioParameters, kernel, planes
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, PLANE, PLANES, Window
+from stridetwin.estimators.dvio.plane_cells import sample_pixels
 from stridetwin.estimators.dvio.planes import COLUMNS, Room, forget_plane, free_slot
 from stridetwin.estimators.dvio.solver import blank_work
-from stridetwin.estimators.dvio.surfaces import sample_pixels
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, Window
 from stridetwin.streams.samples import Image
 from tests.estimators.dvio.scenes import SHARED, TERMS, moved, see_corner, see_plane, seen_window
 from tests.estimators.dvio.wall import Wall, rig, swaying

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.memory import Increment, blank_increment
+from stridetwin.estimators.dvio.state import Increment, blank_increment
 from tests.estimators.dvio.scenes import NOISE
 
 PERIOD_NS = 5_000_000

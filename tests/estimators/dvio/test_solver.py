@@ -10,9 +10,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.marginal import shift
-from stridetwin.estimators.dvio.memory import CALIBRATION, FRAME, PLANES, Window
-from stridetwin.estimators.dvio.solver import blank_work
+from stridetwin.estimators.dvio.solver import blank_work, shift
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANES, Window
 from tests.estimators.dvio.scenes import NOISE, SHARED, TERMS, moved, see_corner, seen_window
 
 PERIOD_NS = 5_000_000

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio.stereo import Stereo, with_stereo
+from stridetwin.estimators.dvio.tracker import Stereo, with_stereo
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Image

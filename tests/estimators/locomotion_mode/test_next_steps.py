@@ -9,13 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionModeParameters
-from stridetwin.estimators.locomotion_mode.footing import Footing, Line
+from stridetwin.estimators.locomotion_mode.foothold import Footing, Line
 from stridetwin.estimators.locomotion_mode.footsteps import SIDE, StepFilter
-from stridetwin.estimators.locomotion_mode.pieces import Flight, Piece, mode_table, pieces, unseen, weights, with_unseen
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
-from stridetwin.estimators.locomotion_mode.rhythm import Landing
+from stridetwin.estimators.locomotion_mode.rhythm import Landing, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments, roll_out
-from stridetwin.estimators.locomotion_mode.touchdown import TouchDowns
+from stridetwin.estimators.locomotion_mode.segments import (
+    Flight,
+    Piece,
+    mode_table,
+    pieces,
+    unseen,
+    weights,
+    with_unseen,
+)
 from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp, TerrainEstimate
 from stridetwin.streams.samples import Insole
 

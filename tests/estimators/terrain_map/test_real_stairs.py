@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks.real_walks import data_folder
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.scenarios.pipeline import mapped
-from stridetwin.streams.opening import open_any
+from stridetwin.pipeline.run import mapped
+from stridetwin.streams.formats.opening import open_any
 
 FOLDER = data_folder("stairs_depth")
 pytestmark = pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")

@@ -8,7 +8,7 @@ import pytest
 from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, picture, pose
 
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
-from stridetwin.estimators.terrain_map.blocks import CAPACITY
+from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Imu

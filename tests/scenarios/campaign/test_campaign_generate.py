@@ -14,19 +14,19 @@ from pathlib import Path
 import pytest
 from small_campaign import SHORT, SMALL, write
 
+from stridetwin.cli.main import main
 from stridetwin.scenarios import processes
-from stridetwin.scenarios.campaign import engines
+from stridetwin.scenarios.campaign import executors
 from stridetwin.scenarios.campaign import walk as campaign_walk
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
 from stridetwin.scenarios.campaign.generate import Options, generate
 from stridetwin.scenarios.campaign.plan import Extra, plan
 from stridetwin.scenarios.campaign.walk import Job
 from stridetwin.scenarios.check import check_recording
-from stridetwin.scenarios.cli import main
 from stridetwin.sim import parts
 from stridetwin.sim.parts.library import part
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.recording import Recording
+from stridetwin.streams.recording.reader import Recording
 
 pytest.importorskip("mujoco")
 
@@ -213,7 +213,7 @@ def frail(monkeypatch):
 def test_a_walk_of_which_every_worker_dies_has_failed_and_the_others_are_made(campaign, tmp_path, frail, capsys):
     jobs = jobs_of(replace(campaign, walks=6), tmp_path)
     frail("walk_00002")
-    rows = {row["walk"]: row for row in engines.rows(jobs, 2, None)}
+    rows = {row["walk"]: row for row in executors.rows(jobs, 2, None)}
     assert {name for name, row in rows.items() if row["status"] == "accepted"} == {
         f"walk_{i:05d}" for i in (0, 1, 3, 4, 5)
     }
@@ -230,7 +230,7 @@ def test_workers_that_die_of_every_walk_stop_it(campaign, tmp_path, frail):
     with pytest.raises(
         StrideTwinError, match="a single worker died 3 times, on walk_00000, walk_00001, walk_00002; it"
     ):
-        list(engines.rows(jobs, 2, None))
+        list(executors.rows(jobs, 2, None))
 
 
 def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):

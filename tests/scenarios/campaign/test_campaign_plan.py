@@ -8,10 +8,8 @@ from small_campaign import write
 
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.card import card
-from stridetwin.scenarios.campaign.manifest import manifest, ranges
-from stridetwin.scenarios.campaign.plan import Extra, people, plan
-from stridetwin.scenarios.campaign.sampling import cube
-from stridetwin.scenarios.campaign.splits import split
+from stridetwin.scenarios.campaign.manifest import manifest, ranges, split
+from stridetwin.scenarios.campaign.plan import Extra, cube, people, plan
 
 
 def test_sobol_keeps_its_first_points_and_a_latin_hypercube_has_one_in_each_layer():

@@ -11,11 +11,11 @@ import dm_env
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.closed_loop import environment
-from stridetwin.sim.actuation import modules
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
-from stridetwin.sim.own_exo_rig import read_own_exo
+from stridetwin.sim.wearer.actuation import modules
+from stridetwin.sim.wearer.own_exo_rig import read_own_exo
 from stridetwin.streams.errors import ConfigError
+from stridetwin.studies.closed_loop import environment
 
 WALK = TwinConfig(
     name="short", route=Route(segments=(Level(length_m=1.0),)), physics="dynamic", exo=Exo(mode=1),

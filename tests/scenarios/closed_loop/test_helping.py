@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.scenarios.closed_loop.helped_walk import bare_walk, costs, helped_walk, truth_of
-from stridetwin.scenarios.closed_loop.helping import HELP, Helped, Helper
-from stridetwin.scenarios.closed_loop.recognition import Known, Predicted, Unaware
-from stridetwin.scenarios.experiments import assistance
 from stridetwin.sim.config import Exo, Gait, Level, Route, Stairs, TwinConfig
-from stridetwin.sim.standard_rig import sensor_rig
+from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.samples import Insole
+from stridetwin.studies import assistance
+from stridetwin.studies.closed_loop.assistance_controller import HELP, Helped, Helper
+from stridetwin.studies.closed_loop.assisted_walk import bare_walk, costs, helped_walk, truth_of
+from stridetwin.studies.closed_loop.recognition import Known, Predicted, Unaware
 
 JOINTS = ("hip_l", "hip_r", "knee_l", "knee_r")
 MOST = np.array([20.0, 20.0, 15.0, 15.0])

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.jao_simulation import (
+from stridetwin.studies.case import Case
+from stridetwin.studies.jao2020.jao_simulation import (
     FEET,
     REPORTED,
     Setup,
     Simulation,
+    SteadyWalk,
     collect,
     run_case,
     run_seed,
     table,
 )
-from stridetwin.scenarios.experiments.steady_walk import SteadyWalk
 
 
 @pytest.fixture(scope="module")

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.experiments import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
-from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.odometry_walks import METHODS, SENSORS, follow, recorded, true_path
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.scenarios.truth import TruePath
 from stridetwin.streams.pose import Pose
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
+from stridetwin.studies.case import Case
+from stridetwin.studies.zhao2023 import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
+from stridetwin.studies.zhao2023.odometry_walks import METHODS, SENSORS, follow, recorded, true_path
 
 SHORT = """description: A few steps
 terrain:

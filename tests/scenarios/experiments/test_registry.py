@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.experiments import registry, studies
-from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.registry import Options, run_experiment
-from stridetwin.scenarios.experiments.studies import STUDIES, Experiment, experiment
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.studies import catalogue, registry
+from stridetwin.studies.case import Case
+from stridetwin.studies.catalogue import STUDIES, Experiment, experiment
+from stridetwin.studies.registry import Options, run_experiment
 
 
 def collected(results: list[dict]) -> dict:
@@ -34,7 +34,7 @@ def ran(monkeypatch) -> list[int]:
         return {"seed": case.seed, "physics": case.physics}
 
     small = Experiment(seeds=range(5, 9), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(studies._LOADED, "small", small)
+    monkeypatch.setitem(catalogue._LOADED, "small", small)
     return seeds
 
 
@@ -109,7 +109,7 @@ def test_a_recording_of_another_version_is_not_gone_on_with(tmp_path, monkeypatc
         return {"seed": case.seed}
 
     only = Experiment(seeds=range(1, 2), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(studies._LOADED, "small", only)
+    monkeypatch.setitem(catalogue._LOADED, "small", only)
     neighbour = tmp_path / "seed_10_head.mcap"
     neighbour.touch()
 
@@ -131,7 +131,7 @@ def test_a_damaged_row_is_made_anew(tmp_path, monkeypatch, damaged) -> None:
     small = Experiment(
         seeds=range(1, 3), run_case=lambda case: {"seed": case.seed}, collect=collected, table=lambda result: []
     )
-    monkeypatch.setitem(studies._LOADED, "small", small)
+    monkeypatch.setitem(catalogue._LOADED, "small", small)
     run(tmp_path)
     (tmp_path / "seed_1.json").write_bytes(damaged)
     assert [c["seed"] for c in run(tmp_path, resume=True)["cases"]] == [1, 2]
@@ -149,7 +149,7 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
         return {"seed": case.seed, "much": "x" * 100_000}
 
     slow = Experiment(seeds=range(count), run_case=run_case, collect=collected, table=lambda result: [])
-    monkeypatch.setitem(studies._LOADED, "small", slow)
+    monkeypatch.setitem(catalogue._LOADED, "small", slow)
     options = Options(folder=tmp_path / "rows", resume=True)
     run_experiment("small", replace(options, subset=1), lambda *_: None)  # caches
     killed, done = 0, 1

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from stridetwin.scenarios.exo_geometry import geometry
-from stridetwin.scenarios.experiments import shim_faults
-from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.shim_faults import FAULTS
-from stridetwin.scenarios.experiments.shim_table5 import SENSORS
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Ahrs, Encoder, Insole
+from stridetwin.studies.case import Case
+from stridetwin.studies.shim2019 import shim_faults
+from stridetwin.studies.shim2019.shim_faults import FAULTS
+from stridetwin.studies.shim2019.shim_table5 import SENSORS
 
 pytest.importorskip("mujoco")
 

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from stridetwin.estimators.contact_terrain import METHODS
-from stridetwin.scenarios.experiments import shim_figures, shim_table5
-from stridetwin.scenarios.steps import ScoredStep
+from stridetwin.evaluation.step_scores import ScoredStep
+from stridetwin.studies.shim2019 import shim_figures, shim_table5
 
 pytest.importorskip("mujoco")
 

@@ -14,24 +14,31 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.estimators.terrain_map import TerrainMap
-from stridetwin.scenarios.change_score import ScoredApproach
-from stridetwin.scenarios.experiments import mode_not_fooled, mode_report, mode_tables
-from stridetwin.scenarios.experiments.mode_walks import FORGETFUL, GROUPS, ForgetfulMap, SharedMap
-from stridetwin.scenarios.experiments.studies import experiment
-from stridetwin.scenarios.experiments.zhao_generality import condition
-from stridetwin.scenarios.experiments.zhao_trials import SEEDS, TRIALS, subject_and_turn, trial_config
-from stridetwin.scenarios.mode_figures import mode_figures, told_and_right
-from stridetwin.scenarios.mode_score import ModeScores, ScoredMode
-from stridetwin.scenarios.norms import reference
-from stridetwin.scenarios.walk_spread import EDGES, pitch_down, spread, together
+from stridetwin.evaluation.change_scores import ScoredApproach
+from stridetwin.evaluation.mode_scores import ModeScores, ScoredMode, mode_figures, told_and_right
+from stridetwin.evaluation.norms import reference
 from stridetwin.sim.config import Turn
-from stridetwin.sim.fitting import SensorConfig
-from stridetwin.sim.people import PEOPLE
-from stridetwin.sim.route import lay_out
-from stridetwin.sim.standard_rig import standard_rig
-from stridetwin.sim.surroundings import surroundings
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.sensors.standard_rig import standard_rig
+from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.world.obstacles import surroundings
+from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Odometry
+from stridetwin.studies.catalogue import experiment
+from stridetwin.studies.zhao2023 import mode_not_fooled, mode_report, mode_tables
+from stridetwin.studies.zhao2023.mode_walks import (
+    EDGES,
+    FORGETFUL,
+    GROUPS,
+    ForgetfulMap,
+    SharedMap,
+    pitch_down,
+    spread,
+    together,
+)
+from stridetwin.studies.zhao2023.zhao_generality import condition
+from stridetwin.studies.zhao2023.zhao_trials import SEEDS, TRIALS, subject_and_turn, trial_config
 
 
 def step(mode: str, told: str, p: float) -> ScoredMode:

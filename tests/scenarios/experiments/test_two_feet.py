@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.experiments.two_feet import figures
-from stridetwin.scenarios.truth import TruePath
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.trajectory import Trajectory
+from stridetwin.studies.jao2020.two_feet import figures
 
 
 def columns(n):

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from stridetwin.scenarios.experiments import versions
-from stridetwin.scenarios.experiments.versions import digest
+from stridetwin.scenarios import versions
+from stridetwin.scenarios.versions import digest
 
-GENERALITY = "stridetwin.scenarios.experiments.zhao_generality"
+GENERALITY = "stridetwin.studies.zhao2023.zhao_generality"
 
 
 @pytest.fixture
@@ -35,16 +35,16 @@ def test_what_makes_the_figure_changes_the_digest(copied) -> None:
     seen = {digest(GENERALITY)}
     for place in (
         "streams/samples.py",
-        "sim/gait/gaze.py",
+        "sim/gait/posture.py",
         "sim/parts/D455.yaml",
         "scenarios/catalogue/zhao_stair_15cm.yaml",
         "estimators/dvio/solver.py",
         "estimators/locomotion_mode/rollout.py",
-        "scenarios/mode_score.py",
-        "scenarios/change_score.py",
+        "evaluation/mode_scores.py",
+        "evaluation/change_scores.py",
         "scenarios/record.py",
-        "scenarios/experiments/mode_walks.py",
-        "scenarios/experiments/zhao_generality.py",
+        "studies/zhao2023/mode_walks.py",
+        "studies/zhao2023/zhao_generality.py",
     ):
         copied(place)
         seen.add(digest(GENERALITY))
@@ -54,14 +54,14 @@ def test_what_makes_the_figure_changes_the_digest(copied) -> None:
 def test_pages_tables_and_other_experiments_do_not(copied) -> None:
     before = digest(GENERALITY)
     for place in (
-        "scenarios/report.py",
-        "scenarios/cli.py",
-        "scenarios/experiments/registry.py",
-        "scenarios/mode_figures.py",
-        "scenarios/experiments/mode_tables.py",
-        "scenarios/experiments/mode_report.py",
-        "scenarios/experiments/zhao_trials.py",
-        "scenarios/experiments/shim_table5.py",
+        "report/run_report.py",
+        "cli/main.py",
+        "studies/registry.py",
+        "evaluation/mode_scores.py",
+        "studies/zhao2023/mode_tables.py",
+        "studies/zhao2023/mode_report.py",
+        "studies/zhao2023/zhao_trials.py",
+        "studies/shim2019/shim_table5.py",
         "estimators/foot_to_foot/filter.py",
     ):
         copied(place)

@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins import FootInsPath
-from stridetwin.scenarios.experiments import jao_faults, jao_walk
-from stridetwin.scenarios.experiments.case import Case
-from stridetwin.scenarios.experiments.two_feet import FEET, METHODS, figures
-from stridetwin.scenarios.experiments.walks import recorded_walk
-from stridetwin.scenarios.truth import TruePath
+from stridetwin.evaluation.truth import TruePath
 from stridetwin.streams.samples import Image, Imu
 from stridetwin.streams.trajectory import Trajectory
+from stridetwin.studies.case import Case
+from stridetwin.studies.jao2020 import jao_faults, jao_walk
+from stridetwin.studies.jao2020.two_feet import FEET, METHODS, figures
+from stridetwin.studies.walks import recorded_walk
 
 pytest.importorskip("mujoco")
 

@@ -1,6 +1,6 @@
 import pytest
 
-from stridetwin.scenarios.gate import bootstrap
+from stridetwin.evaluation.gate import bootstrap
 
 
 @pytest.fixture(autouse=True)

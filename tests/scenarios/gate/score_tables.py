@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from stridetwin.scenarios.evaluate import summary
-from stridetwin.scenarios.gate.score_table import document_of, table_of
+from stridetwin.evaluation.evaluate import summary
+from stridetwin.evaluation.gate.score_table import document_of, table_of
 
 SPREADS = {"ape_rmse_m": 0.4, "end_error_m": 0.9, "rpe_1m_pct": 0.2, "rpe_5m_pct": 0.3}
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from stridetwin.scenarios.gate import bootstrap
-from stridetwin.scenarios.gate.bootstrap import holm, paired, unpaired
+from stridetwin.evaluation.gate import bootstrap
+from stridetwin.evaluation.gate.bootstrap import holm, paired, unpaired
 
 RNG = np.random.default_rng(4)
 

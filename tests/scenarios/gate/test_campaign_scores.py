@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.gate.walk_scores import jobs_of
+from stridetwin.cli.main import main
+from stridetwin.evaluation.gate.walk_scores import jobs_of
 from stridetwin.streams.errors import StrideTwinError
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from score_tables import SPREADS, of_rows, table, walk
 
-from stridetwin.scenarios.gate.compare import (
+from stridetwin.evaluation.gate.compare import (  # fmt: skip
     BETTER,
     MISSING,
     NEW,
@@ -15,9 +15,9 @@ from stridetwin.scenarios.gate.compare import (
     WORSE,
     Rules,
     compare_scores,
-)  # fmt: skip
-from stridetwin.scenarios.gate.judged import OVERALL, scale_of
-from stridetwin.scenarios.gate.score_table import table_of
+)
+from stridetwin.evaluation.gate.metric_policy import OVERALL, scale_of
+from stridetwin.evaluation.gate.score_table import table_of
 from stridetwin.streams.errors import StrideTwinError
 
 RULES = Rules()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from stridetwin.scenarios.cli import parse
+from stridetwin.cli.main import parse
 
 FILE = Path(__file__).parents[3] / "docs" / "examples" / "gate.yml"
 

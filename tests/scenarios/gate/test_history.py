@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.gate.history import append_history, history_page
+from stridetwin.cli.main import main
+from stridetwin.report.history import append_history, history_page
 from stridetwin.streams.errors import StrideTwinError
 
 LONG = 10**399

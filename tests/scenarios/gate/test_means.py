@@ -2,9 +2,9 @@
 
 import pytest
 
-from stridetwin.scenarios.evaluate import summary
-from stridetwin.scenarios.gate.compare import Rules, compare_scores
-from stridetwin.scenarios.gate.score_table import table_of
+from stridetwin.evaluation.evaluate import summary
+from stridetwin.evaluation.gate.compare import Rules, compare_scores
+from stridetwin.evaluation.gate.score_table import table_of
 
 SAME = {"ape_rmse_m": 0.1, "nees_position_within_95_pct": 90.0, "distance_m": 20.0}
 

@@ -13,12 +13,12 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.evaluate import Estimate, evaluate
-from stridetwin.scenarios.gate.own_estimators import Program, PythonClass, lead
+from stridetwin.cli.main import main
+from stridetwin.evaluation.evaluate import Estimate, evaluate
+from stridetwin.evaluation.gate.own_estimators import Program, PythonClass, lead
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.tum import read_tum
+from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.recording.reader import Recording
 
 CLASSES = """
 from types import SimpleNamespace
@@ -91,8 +91,8 @@ nothing = 3
 PROGRAM = """
 import sys
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.streams.recording import Recording
-from stridetwin.streams.tum import write_tum
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.formats.tum import write_tum
 
 recording = Recording(sys.argv[1])
 path = FootIns(recording.rig.imu("/foot_l/imu")).run(recording.block("/foot_l/imu")).trajectory

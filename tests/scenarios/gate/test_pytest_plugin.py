@@ -7,14 +7,14 @@ from importlib.resources import files
 from pathlib import Path
 
 import stridetwin.estimators.foot_ins
-import stridetwin.scenarios.evaluate
-import stridetwin.scenarios.gate.own_estimators
+import stridetwin.evaluation.evaluate
+import stridetwin.evaluation.gate.own_estimators
+import stridetwin.report.runner
 import stridetwin.scenarios.record
-import stridetwin.scenarios.runner
 import stridetwin.scenarios.scenario_file  # noqa: F401
 from stridetwin.sim import parts
 
-PLUGIN = "stridetwin.scenarios.pytest_plugin"
+PLUGIN = "stridetwin.evaluation.gate.pytest_plugin"
 TEST = """
 from types import SimpleNamespace
 

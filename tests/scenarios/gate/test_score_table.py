@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.gate.score_table import read_table, table_of
+from stridetwin.cli.main import main
+from stridetwin.evaluation.gate.score_table import read_table, table_of
 from stridetwin.streams.errors import StrideTwinError
 
 GOOD = {"a": {"ape_rmse_m": 0.1}}

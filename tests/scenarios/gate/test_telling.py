@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 import pytest
 from score_tables import table
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.gate.compare import Line, Rules, compare_scores
-from stridetwin.scenarios.gate.history import append_history, history_line, history_page, read_history
-from stridetwin.scenarios.gate.telling import failures, junit, markdown, said, table_lines
+from stridetwin.cli.main import main
+from stridetwin.evaluation.gate.compare import Line, Rules, compare_scores
+from stridetwin.evaluation.gate.formatting import failures, junit, markdown, said, table_lines
+from stridetwin.report.history import append_history, history_line, history_page, read_history
 from stridetwin.streams.errors import StrideTwinError
 
 

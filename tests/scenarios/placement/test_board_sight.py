@@ -3,9 +3,8 @@ import numpy as np
 import pytest
 from seen_board import BOARD, EXPOSURE_S, FACING_BACK, OPTICAL, camera, walk
 
-from stridetwin.scenarios.placement.projection import project
-from stridetwin.scenarios.placement.sight import Seeing, look_ahead, see_board
 from stridetwin.streams.rig import Board, Mount
+from stridetwin.studies.placement.sight import Seeing, look_ahead, project, see_board
 
 
 @pytest.mark.parametrize(

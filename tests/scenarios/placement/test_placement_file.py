@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from stridetwin.cli.main import main
 from stridetwin.scenarios.campaign.own_scenario import FOLDER, lay_files
-from stridetwin.scenarios.cli import main
 from stridetwin.scenarios.fields import Where
-from stridetwin.scenarios.placement.free import Knob
-from stridetwin.scenarios.placement.places import Place, check_ends, scenario_at
-from stridetwin.scenarios.placement.problem_file import problems, read_problem
-from stridetwin.sim.standard_rig import sensor_rig
+from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.studies.placement.free import Knob
+from stridetwin.studies.placement.places import Place, check_ends, scenario_at
+from stridetwin.studies.placement.problem_file import problems, read_problem
 
 GOOD = {
     "placement": "An IMU on the shoe",

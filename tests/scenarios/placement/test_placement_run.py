@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from stridetwin.scenarios.cli import main
-from stridetwin.scenarios.placement import measure as measuring
-from stridetwin.scenarios.placement.problem_file import read_problem
-from stridetwin.scenarios.placement.rows import NAME, held
-from stridetwin.scenarios.placement.run import Options, run_placement
+from stridetwin.cli.main import main
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.studies.placement import measure as measuring
+from stridetwin.studies.placement.problem_file import read_problem
+from stridetwin.studies.placement.rows import NAME, held
+from stridetwin.studies.placement.run import Options, run_placement
 
 STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1.5}}], "gait": {"stand_s": 0.5}}
 PARTS = {

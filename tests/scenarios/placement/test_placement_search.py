@@ -3,10 +3,10 @@ import pytest
 from seen_board import BOARD, EXPOSURE_S, OPTICAL, camera, walk
 
 from stridetwin.scenarios.fields import Where
-from stridetwin.scenarios.placement.free import Knob
-from stridetwin.scenarios.placement.problem_file import Optimise
-from stridetwin.scenarios.placement.search import grid, optimise
-from stridetwin.scenarios.placement.sight import Seeing, see_board
+from stridetwin.studies.placement.free import Knob
+from stridetwin.studies.placement.problem_file import Optimise
+from stridetwin.studies.placement.search import grid, optimise
+from stridetwin.studies.placement.sight import Seeing, see_board
 
 AT = Where(source="test")
 KNOBS = [

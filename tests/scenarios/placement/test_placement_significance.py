@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stridetwin.scenarios.placement.significance import compared, front, in_words, intervals
+from stridetwin.studies.placement.significance import compared, front, in_words, intervals
 
 
 def test_common_walks_tell_small_differences_apart_and_leave_none_where_there_is_none():

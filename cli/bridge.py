@@ -1,0 +1,222 @@
+"""`send` and `live`: recordings out as hardware sends, and estimators on what comes."""
+
+from __future__ import annotations
+
+import ipaddress
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from stridetwin.cli.options import ImportableOptions, Options, one_of, positive, share
+from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.cli.recording import imported
+from stridetwin.estimators import registry
+from stridetwin.estimators.methods import current_name
+from stridetwin.streams.errors import RecordingError, StrideTwinError
+
+if TYPE_CHECKING:
+    from stridetwin.streams.live.wire import Message
+
+TRUTH = "/truth/"
+FIGURES = {
+    "received": "received", "late": "late", "lost": "dropped by the sender", "not_increasing": "stamps not increasing",
+    "not_finite": "not finite", "before_start": "before the start", "other_kind": "of another kind",
+    "other_size": "of another size", "skipped": "left out for having waited",
+}  # fmt: skip
+_OVER_BUDGET = 1
+_LEAD_NS = 500_000_000
+"""Within which a receiver has understood the hello, so that play begins in time."""
+_SWITCH_S = 0.0005
+"""After which a thread that computes lets those run that read: by default they wait ten times as long."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SendOptions(ImportableOptions):
+    """Play a recording to `live` in real time, as hardware would."""
+
+    to: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of `live` (default 127.0.0.1:7365).")] = ""
+    speed: Annotated[
+        float,
+        typer.Option(parser=share, metavar="N", help="Times real time; 0: as fast as the receiver takes it."),
+    ] = 1.0
+    topic: Annotated[list[str], typer.Option(metavar="TOPIC", help="A stream to send (default all but the truth).")] = (
+        field(default_factory=list)
+    )
+    patience: Annotated[
+        float, typer.Option(parser=positive, metavar="S", help="How long to wait for the receiver, s.")
+    ] = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions(Options):
+    """Run one estimator on samples as hardware sends them, record them, or both."""
+
+    estimator: Annotated[
+        str | None,
+        typer.Argument(metavar="ESTIMATOR", help="As in `estimate`.", **one_of(registry.names())),
+    ] = None
+    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address to listen at (default 127.0.0.1:7365).")] = (
+        ""
+    )
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Calibration (Kalibr YAML) in place of what the senders provide."),
+    ] = None
+    record: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording of all samples (.mcap).")] = None
+    foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: which foot (default l).")] = None
+    method: Annotated[str | None, typer.Option(parser=current_name, metavar="NAME", help="As in `estimate`.")] = None
+    exoskeleton: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="contact_terrain: geometry, where the sender provides none."),
+    ] = None
+    budget: Annotated[
+        float | None,
+        typer.Option(parser=positive, metavar="MS", help="Exit 1 if 1 % of a stream's samples take longer."),
+    ] = None
+    window: Annotated[
+        float | None,
+        typer.Option(
+            parser=share,
+            metavar="MS",
+            help="How long samples wait for older ones of other streams (default 10; maps 60).",
+        ),
+    ] = None
+    skip_pictures: Annotated[
+        float | None,
+        typer.Option(
+            parser=positive,
+            metavar="MS",
+            help="Skip images that have waited longer, so that a slow estimator keeps up (default: none).",
+        ),
+    ] = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="As in `estimate`; without it each estimate is a row on stdout."
+        ),
+    ] = None
+
+
+def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
+    """`send`."""
+    from stridetwin.streams.live.sender import Sender
+    from stridetwin.streams.live.stored_messages import stored_messages
+    from stridetwin.streams.live.wire import parse_address
+    from stridetwin.streams.rig import Rig
+
+    address = parse_address(arguments.to, "--to")
+    recording = imported(arguments)
+    topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH)]
+    if missing := [t for t in topics if t not in recording.topics]:
+        raise RecordingError(f"{recording.path}: no topic {missing[0]!r}; it has {', '.join(sorted(recording.topics))}")
+    if not topics:
+        raise RecordingError(f"{recording.path}: nothing to send")
+    rig = recording.rig if recording.has_rig else Rig()
+    first_ns = min(recording.topics[t].first_ns for t in topics)
+    span_ns = max(1, max(recording.topics[t].last_ns for t in topics) - first_ns)
+    speed = arguments.speed
+    messages = _peeked(stored_messages(recording, topics))  # reads the file's index before time begins
+    start_ns = time.time_ns() + (_LEAD_NS if speed else 0)
+    epoch_ns = start_ns - first_ns if speed == 1.0 else None  # as of a device whose clock began then
+    with Sender(
+        rig,
+        address,
+        metadata=recording.metadata,
+        epoch_ns=epoch_ns,
+        lossless=speed == 0.0,
+        patience_s=arguments.patience,
+    ) as sender:
+        for message in messages:
+            if speed:
+                due_ns = start_ns + (message.t_ns - first_ns) / speed
+                if (ahead_s := (due_ns - time.time_ns()) * 1e-9) > 0:
+                    time.sleep(ahead_s)
+            sender.send(message)
+            progress("send", (message.t_ns - first_ns) / span_ns)
+    counts = {t: {"sent": sender.sent[t], "dropped": sender.dropped[t]} for t in sorted(topics)}
+    data = {"to": f"{address[0]}:{address[1]}", "topics": counts, "duration_s": (time.time_ns() - start_ns) * 1e-9}
+    lines = [f"{data['to']}: {sum(sender.sent.values())} messages in {data['duration_s']:.1f} s"]
+    lines += [f"  {t:<34} {c['sent']:>8} sent {c['dropped']:>6} dropped" for t, c in counts.items()]
+    return Outcome(data=data, lines=lines)
+
+
+def _peeked(messages: Iterator[Message]) -> Iterator[Message]:
+    """The same messages, the first of them made already."""
+    first = next(messages, None)
+    return iter(()) if first is None else chain([first], messages)
+
+
+def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
+    """`live`."""
+    from stridetwin.cli.estimate import goes_with, options_of
+    from stridetwin.estimators import registry
+    from stridetwin.pipeline.live import Session, run_live
+    from stridetwin.pipeline.live_chain import Request
+    from stridetwin.streams.live.wire import parse_address
+
+    name = arguments.estimator
+    if name is None and arguments.record is None:
+        raise StrideTwinError("live: nothing to do; valid: an estimator, --record FILE, or both")
+    if name is None and arguments.output is not None:
+        raise StrideTwinError("-o goes with an estimator; a recording is made with --record FILE")
+    if name is None and arguments.foot:
+        raise StrideTwinError(f"--foot goes with {goes_with(lambda d: d.per_foot)}")
+    asked = None
+    if name is not None:
+        options = options_of(arguments, registry.estimator(name).declaration)
+        asked = Request(estimator=name, options=options, output=arguments.output)
+    address = parse_address(arguments.listen, "--listen")
+    if not _is_loopback(address[0]):
+        _say(f"warning: {address[0]} can be reached from other machines, and who reaches it is believed")
+    session = Session(
+        asked=asked, address=address, rig=arguments.rig, record=arguments.record,
+        budget_s=None if arguments.budget is None else arguments.budget * 1e-3,
+        window_s=None if arguments.window is None else arguments.window * 1e-3,
+        skip_pictures_s=None if arguments.skip_pictures is None else arguments.skip_pictures * 1e-3,
+    )  # fmt: skip
+    prints = asked is not None and asked.output is None and not arguments.json
+    sys.setswitchinterval(_SWITCH_S)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a service that is stopped writes its files, too
+    done = run_live(session, _say, _print if prints else lambda _: None)
+    code = _OVER_BUDGET if arguments.budget is not None and done.latency and not done.latency.within else 0
+    data = {
+        "estimator": name, "files": [str(f) for f in done.files], "rows": {str(f): n for f, n in done.files.items()},
+        "recording": str(arguments.record) if arguments.record else None, "recorded": done.recorded,
+        "duration_s": done.duration_s, "window_ms": 1e3 * done.window_s, "streams": done.streams,
+        "refused": done.refused, "refusals": done.refusals, "latency": done.latency.data() if done.latency else None,
+    }  # fmt: skip
+    lines = [f"{file}: {rows} rows" for file, rows in done.files.items()]
+    if arguments.record:
+        lines.append(f"{arguments.record}: {done.recorded} messages")
+    for topic, counts in done.streams.items():
+        told = ", ".join(f"{counts[n]} {words}" for n, words in FIGURES.items() if counts[n] or n == "received")
+        lines.append(f"  {topic:<34} {told}")
+    lines += done.latency.table() if done.latency else []
+    if prints:  # what was estimated has gone to stdout already
+        print("\n".join(lines), file=sys.stderr)
+        lines = []
+    return Outcome(data=data, lines=lines, code=code)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _say(words: str) -> None:
+    print(f"stridetwin: {words}", file=sys.stderr, flush=True)
+
+
+def _print(line: str) -> None:
+    print(line, flush=True)

@@ -1,0 +1,135 @@
+"""The command line `stridetwin`: arguments in; one line per result, or one JSON object, out."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, fields
+from inspect import Parameter, Signature, get_annotations
+from typing import Any, get_type_hints
+
+import typer
+
+from stridetwin.cli import COMMANDS, Command, Options, Outcome
+from stridetwin.cli.console import Console
+from stridetwin.cli.outcome import Progress
+from stridetwin.cli.outputs import check_outputs
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.files import asked_name
+
+_PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
+_NAME = "stridetwin"
+_HELP = "A person in an exoskeleton walks; every sensor is recorded, every estimator scored."
+_EXIT_CODES = "Exit codes: 0 done, 1 worse than the baseline or invalid, 2 usage error."
+
+
+@dataclass(frozen=True)
+class Call:
+    """A command line that has been parsed.
+
+    Attributes:
+        command: Name of the command.
+        options: Its options.
+    """
+
+    command: str
+    options: Options
+
+    def run(self, progress: Progress) -> Outcome:
+        """Does what the command does.
+
+        Raises:
+            StrideTwinError: What the command cannot do.
+        """
+        return COMMANDS[self.command].run(self.options, progress)
+
+
+def parse(argv: Sequence[str] | None = None) -> Call:
+    """Reads a command line, by default that of this process.
+
+    Raises:
+        SystemExit: After help, with code 0; a usage error, with code 2 and one line on stderr.
+    """
+    try:
+        made = typer.main.get_command(_app())(argv, _NAME, standalone_mode=False)
+    except typer.TyperException as error:
+        context = getattr(error, "ctx", None)
+        place = context.command_path if context else _NAME
+        words = error.format_message().replace("Value error, ", "").rstrip(".")  # of Pydantic
+        _say(f"{words} (see {place} --help)")
+        raise SystemExit(2) from error
+    if isinstance(made, Call):
+        return made
+    raise SystemExit(made)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs a command; returns the exit code."""
+    call = parse(argv)
+    console = Console()
+    try:
+        check_outputs(call.command, call.options)
+        outcome = call.run(console)
+    except StrideTwinError as error:
+        return _failed(console, str(error))
+    except OSError as error:
+        return _failed(
+            console, f"{asked_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
+        )
+    except KeyboardInterrupt:
+        return _failed(console, "stopped") + 128
+    console.close()
+    if call.options.json:
+        result = json.dumps(outcome.data, indent=2, sort_keys=True, allow_nan=False)
+    else:
+        result = "\n".join(outcome.lines)
+    try:
+        print(result, flush=True)
+    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter fails at its own flush
+        return _PIPE_CLOSED
+    return outcome.code
+
+
+def _app() -> typer.Typer:
+    app = typer.Typer(name=_NAME, help=_HELP, epilog=_EXIT_CODES)
+    app.callback()(lambda: None)
+    for name, command in COMMANDS.items():
+        app.command(name, help=command.options.__doc__)(_callback(name, command))
+    return app
+
+
+def _callback(name: str, command: Command) -> Callable[..., Call]:
+    """A function whose signature is the fields of the command's options, and which makes them."""
+
+    def call(**given: Any) -> Call:
+        return Call(name, command.options(**given))
+
+    setattr(call, "__signature__", Signature(_parameters(command.options)))  # noqa: B010 (no attribute of functions)
+    return call
+
+
+def _parameters(options: type[Options]) -> list[Parameter]:
+    """A parameter per field: a command's own before those that it shares, as the order of arguments counts."""
+    hints = get_type_hints(options, include_extras=True)
+    own = [name for base in options.__mro__ for name in get_annotations(base)]
+    made = []
+    for given in sorted(fields(options), key=lambda f: own.index(f.name)):
+        default = Parameter.empty if given.default is MISSING else given.default
+        if given.default_factory is not MISSING:
+            default = given.default_factory()
+        made.append(Parameter(given.name, Parameter.KEYWORD_ONLY, annotation=hints[given.name], default=default))
+    return made
+
+
+def _failed(console: Console, message: str) -> int:
+    console.close()
+    for line in message.splitlines():
+        _say(" ".join(line.split()))
+    return 2
+
+
+def _say(message: str) -> None:
+    print(f"{_NAME}: error: {message}", file=sys.stderr)

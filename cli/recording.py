@@ -1,0 +1,253 @@
+"""`check`, `import`, `export` and `view`: what one does with a recording.
+
+The recording that a command reads.
+
+A recording in another tool's format: a file, or a folder that appears whole or not at all.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from stridetwin.cli.options import ImportableOptions, SourceOptions, positive
+from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.evaluation.evaluate import true_path
+from stridetwin.scenarios.files import staged
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.euroc_export import write_euroc
+from stridetwin.streams.formats.imu_table import write_imu_table
+from stridetwin.streams.formats.opensim_export import write_opensim
+from stridetwin.streams.formats.ros2_export import write_rosbag2
+from stridetwin.streams.formats.tum import write_tum
+from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
+from stridetwin.streams.recording.reader import Recording
+
+if TYPE_CHECKING:
+    from stridetwin.streams.formats.opening import ImportOptions
+    from stridetwin.streams.recording.reader import Recording
+
+
+def opened(path: Path, lenient: bool, options: ImportOptions | None = None, *, tell: bool = True) -> Recording:
+    """A recording, or anything that can be imported; what had to be assumed is told on stderr."""
+    from stridetwin.streams.formats.opening import open_any
+
+    recording = open_any(path, lenient, options)
+    for words in (*recording.warnings, *map(str, recording.problems)) if tell else ():
+        print(f"stridetwin: warning: {path}: {words}", file=sys.stderr)
+    return recording
+
+
+def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
+    """`opened`, as the arguments of a command tell how."""
+    from stridetwin.streams.formats.opening import ImportOptions
+
+    options = ImportOptions(
+        kind=arguments.kind,
+        names=dict(_mapped(text) for text in arguments.map),
+        rig=arguments.rig,
+        depth_scale=arguments.depth_scale,
+    )
+    return opened(arguments.source, arguments.lenient, options, tell=tell)
+
+
+def _mapped(text: str) -> tuple[str, str]:
+    old, equals, new = text.partition("=")
+    if not (old and equals and new):
+        raise StrideTwinError(f"--map: {text!r} is not valid; valid: FROM=TO")
+    return old, new
+
+
+DEFAULT_FRAME = "foot_l/imu"
+TRAJECTORY_SUFFIXES = (".txt", ".tum")
+
+
+def export(
+    recording: Recording,
+    form: str,
+    output: Path,
+    *,
+    frame: str | None = None,
+    camera: str | None = None,
+    storage: str = "mcap",
+    stereo_baseline_m: float | None = None,
+    model: str = "rajagopal",
+) -> dict[str, int]:
+    """Writes a recording in another format.
+
+    Args:
+        recording: Any recording.
+        form: euroc, tum, rosbag2, opensim or table.
+        output: File (a trajectory, a table) or folder to make; a folder must be new or empty.
+        frame: For `tum`, the frame whose true path to write; for `table`, the IMU. With `tum`, a frame or a file
+            name that ends in .txt or .tum asks for a trajectory, anything else for an RGB-D folder.
+        camera: For `euroc` and `tum`, the topic of the camera; the first with depth by default.
+        storage: For `rosbag2`, `mcap` or `sqlite3`.
+        stereo_baseline_m: For `euroc`, makes a right camera at this distance from depth.
+        model: For `opensim`, `rajagopal` or `gait2392`.
+
+    Returns:
+        Rows written, by what they are.
+
+    Raises:
+        StrideTwinError: The recording lacks what the format needs, or the place is taken.
+    """
+    if form == "table":
+        return _table(recording, output, frame or DEFAULT_FRAME)
+    if form == "tum" and (frame is not None or output.suffix in TRAJECTORY_SUFFIXES):
+        frame = frame or DEFAULT_FRAME
+        truth = true_path(recording, frame).poses
+        write_tum(truth, output)
+        return {frame: len(truth)}
+    writers: dict[str, Callable[[Path], dict[str, int]]] = {
+        "euroc": lambda folder: write_euroc(recording, folder, camera, stereo_baseline_m),
+        "tum": lambda folder: write_tum_rgbd(recording, folder, camera),
+        "rosbag2": lambda folder: write_rosbag2(recording, folder, output.name, storage),
+        "opensim": lambda folder: write_opensim(recording, folder, model),
+    }
+    if output.exists() and not (output.is_dir() and not any(output.iterdir())):
+        raise ConfigError("export", "-o", str(output), "a folder that is new or empty")
+    with staged(output) as folder:
+        return writers[form](folder)
+
+
+def _table(recording: Recording, output: Path, frame: str) -> dict[str, int]:
+    imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
+    if frame not in imus:
+        raise StrideTwinError(f"{recording.path}: no IMU {frame!r}; it has {', '.join(imus) or 'none'}")
+    block = recording.block(f"/{frame}")
+    write_imu_table(output, block)
+    return {frame: len(block)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(SourceOptions):
+    """Write a recording in another tool's format."""
+
+    format: Annotated[
+        Literal["euroc", "tum", "rosbag2", "opensim", "table"],
+        typer.Option(help="Format; tum: path of a frame (FILE.txt) or RGB-D folder; table: IMU."),
+    ]
+    frame: Annotated[
+        str | None, typer.Option(help="tum, table: frame of the path or the IMU, such as pelvis (default foot_l/imu).")
+    ] = None
+    camera: Annotated[
+        str | None, typer.Option(metavar="TOPIC", help="euroc, tum: camera (default the first with depth).")
+    ] = None
+    stereo_baseline: Annotated[
+        float | None,
+        typer.Option(parser=positive, metavar="M", help="euroc: render a right camera at this distance from depth."),
+    ] = None
+    storage: Annotated[Literal["mcap", "sqlite3"], typer.Option(help="rosbag2: storage.")] = "mcap"
+    model: Annotated[Literal["rajagopal", "gait2392"], typer.Option(help="opensim: names and signs of this model.")] = (
+        "rajagopal"
+    )
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="PATH", help="File or folder to write.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportCommandOptions(ImportableOptions):
+    """Convert another tool's recording into one of ours."""
+
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="RECORDING", help="Recording to write (.mcap).")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(ImportableOptions):
+    """Validate a recording; exit 1 if a problem would invalidate estimates."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(SourceOptions):
+    """Open a recording in Rerun."""
+
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Rerun file to write (default beside the recording)."),
+    ] = None
+
+
+def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
+    """`export`."""
+    pass
+
+    recording = opened(arguments.source, arguments.lenient)
+    progress("export", 0.0)
+    rows = export(
+        recording,
+        arguments.format,
+        arguments.output,
+        frame=arguments.frame,
+        camera=arguments.camera,
+        storage=arguments.storage,
+        stereo_baseline_m=arguments.stereo_baseline,
+        model=arguments.model,
+    )
+    data = {"file": str(arguments.output), "format": arguments.format, "rows": sum(rows.values()), "parts": rows}
+    return Outcome(data=data, lines=[f"{arguments.output}: {n} rows of {name}" for name, n in rows.items()])
+
+
+def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:
+    """`import`."""
+    from stridetwin.streams.formats.rewrite import write_recording
+
+    recording = imported(arguments)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    write_recording(recording, arguments.output, lambda share: progress("import", share))
+    topics = {t: {"kind": i.kind.__name__, "samples": i.count} for t, i in sorted(recording.topics.items())}
+    data = {
+        "recording": str(arguments.output),
+        "kind": recording.metadata.get("imported_from", "stridetwin"),
+        "duration_s": recording.duration,
+        "topics": topics,
+        "unread": recording.unread,
+        "warnings": recording.warnings,
+        "problems": [str(p) for p in recording.problems],
+    }
+    lines = [f"{arguments.output}: {recording.duration:.1f} s of {data['kind']}"]
+    lines += [f"  {t:<34} {i['kind']:<14} {i['samples']:>8}" for t, i in topics.items()]
+    unread = {t: kind for t, kind in sorted(recording.unread.items()) if not t.endswith("/camera_info")}
+    lines += [f"  {t:<34} not read: {kind}" for t, kind in unread.items()]
+    lines += [f"  left out: {p}" for p in recording.problems]
+    return Outcome(data=data, lines=lines)
+
+
+def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
+    """`check`."""
+    from stridetwin.scenarios.check import check_recording, check_table
+
+    progress("check", 0.0)
+    recording = imported(replace(arguments, lenient=True), tell=False)  # a check reports every problem
+    found = check_recording(recording, lambda share: progress("check", share))
+    return Outcome(data=found.data, lines=check_table(found), code=1 if found.spoilt else 0)
+
+
+def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
+    """`view`."""
+    from stridetwin.evaluation.evaluate import evaluate, true_frames
+    from stridetwin.evaluation.terrain_ahead import all_estimates
+    from stridetwin.report.rerun_file import rerun_installed, write_rerun
+    from stridetwin.streams.files import whole_file
+
+    if not rerun_installed():
+        raise StrideTwinError("rerun is not installed; the viewer needs it: pip install 'stridetwin[view]'")
+    recording = opened(arguments.source, arguments.lenient)
+    progress("rerun", 0.0)
+    known = true_frames(recording.topics)
+    made, ahead = all_estimates(recording, progress)
+    results = evaluate(recording, [e for e in made if e.frame in known])
+    target = arguments.output or arguments.source.with_suffix(".rrd")
+    with whole_file(target) as file:
+        write_rerun(file, recording, results, ahead)
+    display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if display:
+        subprocess.Popen([sys.executable, "-m", "rerun", str(target)])
+    words = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"
+    return Outcome(data={"file": str(target), "opened": display}, lines=[f"{target}: {words}"])

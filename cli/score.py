@@ -1,0 +1,233 @@
+"""`score`: estimators against the truth, and against a baseline; `history`: how scores went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from stridetwin.cli.options import Options, count, positive, probability, share
+from stridetwin.cli.outcome import Outcome, Progress
+from stridetwin.streams.errors import StrideTwinError
+
+if TYPE_CHECKING:
+    from stridetwin.evaluation.gate.own_estimators import OwnEstimator
+    from stridetwin.evaluation.path_scores import Scores
+
+_SHOWN_STEPS = {
+    "slope_rmse_deg": "slope °",
+    "elevation_rmse_mm": "elevation mm",
+    "slope_in_95_pct": "slope in 95 %",
+    "elevation_in_95_pct": "elev. in 95 %",
+    "classification_accuracy_pct": "class %",
+    "unknown_pct": "unknown %",
+    "end_error_m": "end m",
+    "end_error_pct": "end %",
+}
+_SHOWN_MODES = {
+    "accuracy_pct": "right %",
+    "strict_accuracy_pct": "strict %",
+    "transition_accuracy_pct": "transitions %",
+    "lead_median_s": "lead s",
+    "lead_p5_s": "lead 5 % s",
+    "changes_found_pct": "changes found %",
+    "riser_rmse_mm": "riser mm",
+    "tread_rmse_mm": "tread mm",
+    "slope_rmse_deg": "slope °",
+}
+_SHOWN_MAP = {
+    "accuracy_rmse_mm": "accuracy mm",
+    "accuracy_p95_mm": "accuracy 95 % mm",
+    "completeness_pct": "complete %",
+    "edge_rmse_mm": "edges mm",
+    "found_pct": "changes found %",
+    "begin_rmse_mm": "begin mm",
+    "riser_rmse_mm": "riser mm",
+    "tread_rmse_mm": "tread mm",
+    "slope_rmse_deg": "slope °",
+}
+_SHOWN = {
+    "end_error_m": "end m",
+    "end_error_pct": "end %",
+    "end_height_error_m": "height m",
+    "ape_rmse_m": "APE RMSE m",
+    "rpe_5m_pct": "RPE 5 m %",
+    "armse_2d_m": "2-D ARMSE m",
+    "nees_position_within_95_pct": "in 95 % bound %",
+}
+_KINDS = (
+    ("elevation_rmse_mm", _SHOWN_STEPS), ("completeness_pct", _SHOWN_MAP), ("strict_accuracy_pct", _SHOWN_MODES),
+    ("", _SHOWN),
+)  # fmt: skip
+"""A score that tells an estimator's kind, and what is shown of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreOptions(Options):
+    """Score estimates against the truth of recordings, and against a baseline."""
+
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
+    ]
+    lenient: Annotated[bool, typer.Option("--lenient", help="Read a damaged recording as far as possible.")] = False
+    workers: Annotated[int, typer.Option(parser=count, metavar="N", help="Recordings at a time.")] = 1
+    estimate: Annotated[list[str], typer.Option(metavar="NAME=FILE", help="Score a TUM file made elsewhere.")] = field(
+        default_factory=list
+    )
+    estimator: Annotated[
+        list[str], typer.Option(metavar="NAME=MODULE:CLASS", help="Score a Python class with update(sample).")
+    ] = field(default_factory=list)
+    program: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME=COMMAND",
+            help="Score a program that reads {recording} and writes the TUM file {output}, both words of the command.",
+        ),
+    ] = field(default_factory=list)
+    timeout: Annotated[float, typer.Option(parser=positive, metavar="S", help="Time limit of a program, s.")] = 600.0
+    frame: Annotated[str, typer.Option(help="Frame that these three estimate.")] = "foot_l/imu"
+    align: Annotated[Literal["start", "yaw", "se3"], typer.Option(help="Alignment of paths with the truth.")] = "start"
+    baseline: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="An earlier `score --json`; exit 1 if a score is worse.")
+    ] = None
+    least: Annotated[
+        float,
+        typer.Option(parser=share, metavar="PCT", help="Ignore smaller changes: % of an error, points of a share."),
+    ] = 1.0
+    false_alarms: Annotated[
+        float,
+        typer.Option(
+            parser=probability,
+            metavar="PCT",
+            help="Percentage of comparisons in which a score may seem worse by chance.",
+        ),
+    ] = 1.0
+    tolerance: Annotated[
+        float, typer.Option(parser=share, metavar="PCT", help="How much worse means of few walks may be, %.")
+    ] = 10.0
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison as JUnit XML.")] = None
+    markdown: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the comparison for a pull request.")] = (
+        None
+    )
+    history: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Append a line with means and verdict (.jsonl).")
+    ] = None
+    label: Annotated[str | None, typer.Option(metavar="TEXT", help="--history: name of this version.")] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryOptions(Options):
+    """Draw how scores changed from version to version."""
+
+    history: Annotated[Path, typer.Argument(metavar="FILE", help="File that `score --history` has written (.jsonl).")]
+    title: Annotated[str, typer.Option(help="Title of the page.")] = "History"
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write (.html).")]
+
+
+def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
+    """`score`."""
+    from stridetwin.evaluation.evaluate import summary
+    from stridetwin.evaluation.gate.compare import Rules, check_level, compare_scores
+    from stridetwin.evaluation.gate.formatting import failures, junit, markdown, table_lines
+    from stridetwin.evaluation.gate.score_table import document_of, read_table, table_of
+    from stridetwin.evaluation.gate.walk_scores import jobs_of, score_walks
+    from stridetwin.report.history import append_history, history_line
+    from stridetwin.streams.files import whole_file
+
+    for option in ("junit", "markdown"):
+        if getattr(arguments, option) and not arguments.baseline:
+            raise StrideTwinError(f"--{option} tells of changes; valid: with --baseline")
+    if arguments.history and not arguments.label:
+        raise StrideTwinError("--history needs the --label of this version, such as a commit")
+    baseline = read_table(arguments.baseline) if arguments.baseline else None
+    rules = Rules(level=arguments.false_alarms / 100.0, least=arguments.least, tolerance=arguments.tolerance / 100.0)
+    if baseline is not None:
+        check_level(baseline, rules)
+    asked = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
+    jobs = jobs_of(arguments.recordings, **asked)
+    if arguments.estimate and len(jobs) > 1:
+        raise StrideTwinError("--estimate goes with one recording; valid: one RECORDING, or --program for many")
+    rows = list(score_walks(jobs, arguments.workers, progress))
+    means = summary(row["estimators"] for row in rows)
+    data = document_of(rows, means)
+    failed = failures(rows)
+    lines, code = score_table(means), int(bool(failed))
+    lines += [f"FAILED {x.walk}: {x.estimator}: {x.why}" for x in failed]
+    comparison = None
+    if baseline is not None:
+        comparison = compare_scores(table_of(data, "scores"), baseline, rules)
+        data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
+        data["regressions"] = [vars(line) for line in comparison.regressions]
+        lines += ["", *table_lines(comparison, failed)]
+        code = 1 if comparison.regressions else code
+        for path, tell in ((arguments.junit, junit), (arguments.markdown, markdown)):
+            if path is not None:
+                with whole_file(path) as file:
+                    file.write_text(tell(comparison, failed), encoding="utf-8")
+    if arguments.history and arguments.label:
+        append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
+    return Outcome(data=data, lines=lines, code=code)
+
+
+def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
+    """`history`."""
+    from stridetwin.report.history import history_page, read_history
+    from stridetwin.streams.files import whole_file
+
+    lines = read_history(arguments.history)
+    with whole_file(arguments.output) as file:
+        file.write_text(history_page(lines, arguments.title), encoding="utf-8")
+    data = {"file": str(arguments.output), "versions": len(lines), "last": lines[-1]["verdict"]}
+    return Outcome(data=data, lines=[f"{arguments.output}: {len(lines)} versions, the last: {lines[-1]['verdict']}"])
+
+
+def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
+    """Estimators in the place of the built-in ones; what is wrong with one is told before anything is scored."""
+    from stridetwin.evaluation.gate.own_estimators import Program, PythonClass, TumFile
+
+    frame = arguments.frame
+    own: list[OwnEstimator] = []
+    for text in arguments.estimate:
+        name, file = _named(text, "--estimate", "FILE")
+        own.append(TumFile(name=name, file=Path(file), frame=frame))
+    for text in arguments.estimator:
+        name, place = _named(text, "--estimator", "module:Class")
+        estimator = PythonClass(name=name, place=place, frame=frame)
+        estimator.load()
+        own.append(estimator)
+    for text in arguments.program:
+        name, words = _named(text, "--program", '"COMMAND {recording} {output}"')
+        program = Program(name=name, command=words, frame=frame, timeout_s=arguments.timeout)
+        program.words()
+        own.append(program)
+    names = [estimator.name for estimator in own]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise StrideTwinError(f"two estimators are called {twice[0]!r}; valid: a name for each")
+    return tuple(own)
+
+
+def score_table(scores: dict[str, Scores]) -> list[str]:
+    """The main scores as lines of text, one an estimator: those of paths, then of steps, of the map, of modes."""
+    parts: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
+    for name, values in scores.items():
+        parts[next(key for key, _ in _KINDS if not key or key in values)][name] = values
+    shown = dict(_KINDS)
+    blocks = [_score_lines(found, shown[key]) for key, found in parts.items() if found]
+    return [line for block in blocks for line in ("", *block)][1:] or _score_lines({}, _SHOWN)
+
+
+def _score_lines(scores: dict[str, Scores], shown: dict[str, str]) -> list[str]:
+    lines = [f"{'estimator':<16}" + "".join(f"{words:>17}" for words in shown.values())]
+    for name, values in scores.items():
+        cells = (f"{values[k]:>17.3f}" if k in values else f"{'-':>17}" for k in shown)
+        lines.append(f"{name:<16}" + "".join(cells))
+    return lines
+
+
+def _named(text: str, option: str, what: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise StrideTwinError(f"{option}: {text!r} is not valid; valid: NAME={what}")
+    return name, value

@@ -1,0 +1,346 @@
+"""The checkerboard on the other shoe in a shoe camera's picture: which corners are seen, where, and how surely.
+
+Which corner is which: either the whole board is seen, or nothing else can be where it was expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stridetwin.estimators.checkerboard import saddle_points
+from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
+from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.checkerboard.search import anywhere, around, guessed
+from stridetwin.streams.errors import StrideTwinError, check_numbers
+from stridetwin.streams.rig import Board, CameraCalibration
+from stridetwin.streams.samples import Array, Image
+
+_CLEAR = 0.15  # a cell this share of half a step from the middle is clearly bright or dark
+_SPOILT = 3  # cells of a whole board that dirt may spoil: fewer dark ones than any shift would miss
+
+
+def is_whole(picture: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
+    """Whether all squares and the margin around them have their colours: then the board lies no other way.
+
+    Args:
+        picture: (H, W) grey.
+        pattern: The board.
+        view: Where it is thought to be.
+        corners: (N, 2) squares, corners that were found.
+        levels: (N, 2) middle and half step of the brightness at each; both change slowly over a board.
+    """
+    plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
+    middle, step = (_plane(pattern.cells) @ plane).T
+    contrast = (sample(picture, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
+    right = contrast * pattern.bright.ravel() > _CLEAR  # false outside the picture
+    return int((~right).sum()) <= _SPOILT
+
+
+def is_alone(pattern: BoardPattern, view: View, which: NDArray[np.intp], near: Array, reach_px: float) -> bool:
+    """Whether the corners that were found can be no others of the same board, as far off as a guess may be.
+
+    What hides a part of the board may be as white as its margin (the edge of a stair is), so the margin proves nothing:
+    the squares around the corners may be any of the board's with the same colours.
+
+    Args:
+        pattern: The board.
+        view: Where it is thought to be.
+        which: (N,) numbers of the corners found.
+        near: (2,) pixels where the board's centre was expected.
+        reach_px: How far off that may be.
+    """
+    columns, rows = pattern.shape
+    v, u = np.divmod(which, columns)
+    j, i = np.mgrid[-v.min() : rows - v.max(), -u.min() : columns - u.max()]
+    others = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))  # the corners' numbers would be greater by (i, j)
+    if not others.any():
+        return True
+    centres = view.pixels(-np.column_stack([i[others], j[others]]).astype(float))
+    return not (np.linalg.norm(centres - near, axis=1) <= reach_px).any()
+
+
+def _plane(squares: Array) -> Array:
+    """(N, 3) design of a plane over (N, 2) points."""
+    return np.column_stack([np.ones(len(squares)), squares])
+
+
+_ROUNDS = 7
+_PASSES = 2
+_BOX = 12.0  # variance of a Gaussian that blurs as much as a box: its width squared over this
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Smear:
+    """What blurs a board.
+
+    Attributes:
+        blur: (2,) standard deviation of a Gaussian across the edges u = 0 and v = 0, squares.
+        motion: (2,) way along u and v during the exposure, squares, beside that; None = there is none that is known.
+    """
+
+    blur: Array
+    motion: Array | None
+
+    def ways(self, sharp: Array) -> Array:
+        """(2,) ways along u and v, squares, that blur as much a picture whose blur at rest is `sharp` (2,)."""
+        motion = np.zeros(2) if self.motion is None else self.motion
+        return np.sqrt(_BOX * np.maximum(self.blur**2 - sharp**2, 0.0) + motion**2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoardFit:
+    """What was fitted to a picture.
+
+    Attributes:
+        view: How the board is seen.
+        which: (N,) numbers of the corners that hold.
+        corners: (N, saddle.COLUMNS) their fits.
+        sd_px: (N,) their standard deviations, pixels.
+    """
+
+    view: View
+    which: NDArray[np.intp]
+    corners: Array
+    sd_px: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardDetectorParameters:
+    """What the detector takes for a board.
+
+    Lengths are in squares where nothing else is said.
+
+    Attributes:
+        blur_sd: Blur to begin with.
+        sharp_px: Blur of a picture at rest, pixels.
+        flatness: A corner may be this far from a plane board's; 5 standard deviations where that is more.
+        max_misfit: RMS residual of a corner over half its step in brightness.
+        min_contrast: Half a corner's step in brightness over the median of all.
+        min_step: Half the median corner's step in brightness, of 255.
+        max_corner_sd: A corner less certain than this does not count.
+        min_corners: Fewer corners are no sighting.
+        min_smear: A motion along both axes is told from other blur where it is at least this long.
+        max_sharp: A board is smeared where its blur is that of a longer way.
+        max_smear: A board smeared farther than this cannot be read: its squares blend into their neighbours.
+        max_streak: The same along both axes: along the diagonal squares have one colour, which hides the motion.
+        smeared_share: Share of all corners that a smeared board must show.
+        smeared_misfit: Largest misfit of its median corner.
+        corner_sd_px: Error of a corner beside that which its residuals show, pixels: what is left of lens and print.
+        smear_sd: The same, as a share of the way that blurs the board.
+    """
+
+    blur_sd: float = 0.12
+    sharp_px: float = 0.4
+    flatness: float = 0.06
+    max_misfit: float = 0.35
+    min_contrast: float = 0.35
+    min_step: float = 6.0
+    max_corner_sd: float = 0.05
+    min_corners: int = 8
+    min_smear: float = 0.4
+    max_sharp: float = 0.7
+    max_smear: float = 1.7
+    max_streak: float = 0.65
+    smeared_share: float = 0.65
+    smeared_misfit: float = 0.12
+    corner_sd_px: float = 0.02
+    smear_sd: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value is not a finite number > 0."""
+        check_numbers("BoardDetectorParameters", asdict(self))
+
+
+class BoardDetector:
+    """Finds one board in the pictures of one camera; keeps nothing from picture to picture.
+
+    Args:
+        board: The board that is looked for; its mount does not matter.
+        camera: The camera as calibrated; its mount does not matter.
+        parameters: What counts as a board.
+
+    Attributes:
+        points_in_board: (M, 3) all interior corners in the board's frame, m, y slowest: the order of a guess.
+
+    Raises:
+        ConfigError: A board that looks the same from two sides, or an unknown distortion model.
+    """
+
+    def __init__(
+        self, board: Board, camera: CameraCalibration, parameters: BoardDetectorParameters | None = None
+    ) -> None:  # fmt: skip
+        self._pattern, self._lens = BoardPattern(board), Lens(camera)
+        self._parameters = parameters or BoardDetectorParameters()
+        self._shift_ns = round(camera.timeshift_cam_imu_s * 1e9)
+        self.points_in_board = self._pattern.points_in_board
+
+    def predict(self, T_camera_board: ArrayLike) -> Array | None:
+        """(M, 2) pixels at which all corners would be seen, also outside the picture; None behind the camera or board.
+
+        Args:
+            T_camera_board: (4, 4) pose of the board in the camera's optical frame.
+        """
+        T = np.asarray(T_camera_board, dtype=float)
+        if T[:3, 3] @ T[:3, 2] >= 0:
+            return None
+        p = self.points_in_board @ T[:3, :3].T + T[:3, 3]
+        if p[:, 2].min() <= 0:
+            return None
+        pixels = self._lens.pixels(p[:, :2] / p[:, 2:])
+        return pixels if np.isfinite(pixels).all() else None
+
+    def detect(
+        self,
+        image: Image,
+        guess: Array | None = None,
+        guess_error_px: float = 40.0,
+        motion_px: Array | None = None,
+    ) -> BoardSighting | None:
+        """Corners of the board in one picture.
+
+        With a guess, that place alone is searched, in a few milliseconds, and a board half out of the picture, half
+        covered or blurred is found as well. Without one, the whole picture is searched for a whole board, in some ten.
+
+        Args:
+            image: Grey picture (H, W) of the camera.
+            guess: (M, 2) pixels where the corners are expected, in the order of `points_in_board` (`predict`); NaN
+                counts as no place to search, so nothing is found.
+            guess_error_px: How far off the guess may be, pixels. It may be large against a square where the whole board
+                is seen; a part of the board counts only where no other part could be so near to the guess.
+            motion_px: (2,) how far the board moves in the picture during the exposure, pixels; None = found
+                from the blur.
+
+        Returns:
+            None where no board is seen, or where it is not certain which corner is which.
+
+        Raises:
+            StrideTwinError: A picture of another shape than the camera's, or a guess of another shape than the board's.
+        """
+        picture = self._grey(image)
+        near = None if guess is None else np.mean(guess, axis=0)
+        for rough in self._candidates(picture, guess, guess_error_px):
+            fit = self._fitted(picture, rough, motion_px)
+            if fit is not None and self._unmistakable(picture, fit, near, guess_error_px):
+                return BoardSighting(
+                    topic=image.topic,
+                    t_ns=image.t_ns + self._shift_ns,
+                    points_in_board=self.points_in_board[fit.which],
+                    rays=self._lens.rays(fit.corners[:, :2]),
+                    ray_sd=fit.sd_px / self._lens.focal_px,
+                )
+        return None
+
+    def _grey(self, image: Image) -> NDArray[np.uint8]:
+        width, height = self._lens.size
+        if image.pixels.shape != (height, width) or image.pixels.dtype != np.uint8:
+            raise StrideTwinError(
+                f"{image.topic}: picture of shape {image.pixels.shape} and type {image.pixels.dtype}; "
+                f"the calibration says ({height}, {width}), uint8"
+            )
+        return np.ascontiguousarray(image.pixels)
+
+    def _candidates(self, picture: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
+        if guess is None:
+            yield from anywhere(picture, self._pattern, self._lens)
+            return
+        if np.shape(guess) != self._pattern.corners.shape:
+            raise StrideTwinError(f"guess of shape {np.shape(guess)}; the board has {self._pattern.corners.shape}")
+        if (view := guessed(self._pattern, self._lens, np.asarray(guess, dtype=float))) is not None:
+            yield from around(picture, self._pattern, view, error_px)
+
+    def _fitted(self, picture: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
+        """The exact view and those of its corners that hold; None if too few do."""
+        p, corners = self._parameters, self._pattern.corners
+        motion = None if motion_px is None else rough.squares_of(motion_px)
+        if motion is not None and not _readable(np.abs(motion), p):
+            return None
+        first = self._fit(picture, rough, Smear(blur=np.full(2, p.blur_sd), motion=motion), True)
+        good = first[:, saddle_points.OK] > 0
+        if good.sum() < p.min_corners:
+            return None
+        tolerance = p.flatness * np.median(rough.size_px(corners)) / self._lens.focal_px
+        view = View.through(self._lens, corners[good], self._lens.rays(first[good, :2]), tolerance)
+        if view is None:
+            return None
+        blur = np.median(first[good][:, (saddle_points.BLUR_U, saddle_points.BLUR_V)], axis=0)
+        sharp = p.sharp_px / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
+        smear, fits = min(
+            ((smear, self._fit(picture, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
+            key=lambda tried: _misfit(tried[1]),
+        )
+        ways = smear.ways(sharp)
+        fit = self._held(view, fits, ways)
+        for _ in range(_PASSES):  # a view from few corners is not yet good where the others are
+            if len(fit.which) in (len(corners), 0):
+                break
+            closer = View.through(self._lens, corners[fit.which], self._lens.rays(fit.corners[:, :2]))
+            if closer is None:
+                break
+            again = self._held(closer, self._fit(picture, closer, smear, False), ways)
+            if len(again.which) <= len(fit.which):
+                break
+            fit = again
+        return fit if self._enough(fit, ways) else None
+
+    def _held(self, view: View, fits: Array, ways: Array) -> BoardFit:
+        """The corners that are certain enough and lie where those of a plane board do."""
+        p, size = self._parameters, view.size_px(self._pattern.corners)
+        shown = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
+        sd = np.sqrt(shown**2 + p.corner_sd_px**2 + (p.smear_sd * np.linalg.norm(ways) * size) ** 2)
+        off = np.linalg.norm(fits[:, :2] - view.pixels(self._pattern.corners), axis=1)
+        even = (off < np.maximum(p.flatness * size, 5 * sd)) & (sd < p.max_corner_sd * size)
+        which = np.flatnonzero((fits[:, saddle_points.OK] > 0) & even)
+        return BoardFit(view=view, which=which, corners=fits[which], sd_px=sd[which])
+
+    def _enough(self, fit: BoardFit, ways: Array) -> bool:
+        """Whether the corners that hold are a sighting; a smeared board looks much like itself shifted: more must."""
+        p, count, length = self._parameters, len(fit.which), np.linalg.norm(ways)
+        if length <= p.max_sharp:
+            return count >= p.min_corners
+        many = count >= p.smeared_share * len(self._pattern.corners)
+        return bool(many and _readable(ways, p) and _misfit(fit.corners) < p.smeared_misfit)
+
+    def _smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
+        """What may have blurred the picture: a motion that smears both families of edges has one of two directions."""
+        yield Smear(blur=blur, motion=motion)
+        ways = Smear(blur=blur, motion=None).ways(sharp)
+        if motion is None and ways.min() > self._parameters.min_smear:
+            for sense in (1.0, -1.0):
+                yield Smear(blur=sharp, motion=ways * (1.0, sense))
+
+    def _fit(self, picture: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
+        """(M, COLUMNS) fits of all corners; OK are those with little misfit and the step that the others have."""
+        p, corners, colour = self._parameters, self._pattern.corners, self._pattern.corner_colour
+        motion = np.zeros(2) if smear.motion is None else smear.motion
+        fits = saddle_points.fit_corners(
+            picture, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, _ROUNDS
+        )
+        step = fits[:, saddle_points.STEP]
+        good = (fits[:, saddle_points.OK] > 0) & (fits[:, saddle_points.RMS] < p.max_misfit * step)
+        usual = np.median(step[good]) if good.any() else 0.0
+        fits[:, saddle_points.OK] = good & (step > p.min_contrast * usual) & (usual > p.min_step)
+        return fits
+
+    def _unmistakable(
+        self, picture: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
+    ) -> bool:  # fmt: skip
+        """Whether there is no doubt which corner is which."""
+        if near is not None and is_alone(self._pattern, fit.view, fit.which, near, reach_px):
+            return True
+        levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]
+        return is_whole(picture, self._pattern, fit.view, self._pattern.corners[fit.which], levels)
+
+
+def _readable(ways: Array, parameters: BoardDetectorParameters) -> bool:
+    """Whether a board that moves by (2,) squares along u and v during the exposure keeps its pattern."""
+    return bool(np.linalg.norm(ways) <= parameters.max_smear and ways.min() <= parameters.max_streak)
+
+
+def _misfit(fits: Array) -> float:
+    """Median RMS residual over the step in brightness; infinite without a corner."""
+    good = fits[:, saddle_points.OK] > 0
+    return float(np.median(fits[good, saddle_points.RMS] / fits[good, saddle_points.STEP])) if good.any() else np.inf

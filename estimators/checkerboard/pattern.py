@@ -1,0 +1,211 @@
+"""A checkerboard as the detector thinks of it, and one view of it: a homography behind a lens.
+
+A camera's lens: pixels to rays and back, for both distortion models of a calibration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import Board, CameraCalibration
+from stridetwin.streams.samples import Array
+
+MODELS = ("radtan", "equidistant")
+_FOLD_STEPS = 200  # how finely a distortion is searched for the angle where it folds back
+_TAN_MAX = 4.0  # no shoe camera sees farther off its axis than 76 degrees
+
+
+class Lens:
+    """Projects rays (x / z, y / z in the optical frame) to pixels and back.
+
+    Args:
+        camera: Intrinsics and distortion.
+
+    Attributes:
+        size: (width, height) in pixels.
+        focal_px: Mean focal length.
+        reach: Largest length of a ray that the distortion maps one to one.
+
+    Raises:
+        ConfigError: A distortion model that is not known.
+    """
+
+    def __init__(self, camera: CameraCalibration) -> None:
+        if camera.distortion_model not in MODELS:
+            raise ConfigError(camera.topic, "distortion_model", camera.distortion_model, ", ".join(MODELS))
+        self._fisheye = camera.distortion_model == "equidistant"
+        self._K, self._D = camera.K, np.asarray(camera.distortion, dtype=float)
+        self.size = (camera.width, camera.height)
+        self.focal_px = (camera.intrinsics[0] + camera.intrinsics[1]) / 2
+        r = np.linspace(0.0, _TAN_MAX, _FOLD_STEPS)
+        falls = np.diff(self._distort(np.column_stack([r, np.zeros_like(r)]))[:, 0]) <= 0
+        self.reach = float(r[falls.argmax()]) if falls.any() else _TAN_MAX
+
+    def pixels(self, rays: ArrayLike) -> Array:
+        """(N, 2) pixels of (N, 2) rays; NaN beyond `reach`, where the polynomial folds the world back."""
+        rays = np.asarray(rays, dtype=float)
+        fu, fv, pu, pv = self._K[0, 0], self._K[1, 1], self._K[0, 2], self._K[1, 2]
+        pixels = self._distort(rays) * (fu, fv) + (pu, pv)
+        pixels[~(np.einsum("ij,ij->i", rays, rays) <= self.reach**2)] = np.nan
+        return pixels
+
+    def rays(self, pixels: ArrayLike) -> Array:
+        """(N, 2) rays of (N, 2) pixels."""
+        pixels = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 1, 2)
+        undistort = cv2.fisheye.undistortPoints if self._fisheye else cv2.undistortPoints
+        return np.asarray(undistort(pixels, self._K, self._D), dtype=float).reshape(-1, 2)
+
+    def _distort(self, rays: Array) -> Array:
+        """(N, 2) distorted rays (Kannala & Brandt 2006 for `equidistant`, Brown 1966 for `radtan`)."""
+        x, y = rays[:, 0], rays[:, 1]
+        r2 = x * x + y * y
+        if self._fisheye:
+            r = np.sqrt(r2)
+            angle = np.arctan(r)
+            a2 = angle * angle
+            k1, k2, k3, k4 = self._D
+            bent = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+            return rays * np.divide(bent, r, out=np.ones_like(r), where=r > 1e-9)[:, None]
+        k1, k2, p1, p2 = self._D
+        radial = 1 + r2 * (k1 + r2 * k2)
+        return np.column_stack(
+            [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y]
+        )
+
+
+MARGIN = 1
+"""Squares of white around the printed ones: what tells a board from the same board shifted by two squares."""
+_AHEAD = 0.05  # a point counts as before the camera where the homography's scale is this share of that at the centre
+
+
+class BoardPattern:
+    """Corners and cells of a board, in squares from its centre, along its x (u) and y (v).
+
+    The square at the least u and v is dark, and a white margin of at least one square surrounds the print.
+
+    Args:
+        board: Squares and their size.
+
+    Attributes:
+        shape: (columns, rows) of interior corners.
+        square_m: Edge of a square.
+        corners: (M, 2), v slowest.
+        corner_colour: (M,) +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
+        cells: (C, 2) centres of the squares and of as many cells of the margin as surround them, v slowest.
+        bright: (rows + 2, columns + 2) +1 where a cell is bright, -1 where it is dark.
+
+    Raises:
+        ConfigError: Fewer than 3 squares along an edge, or an edge that looks the same from both ends.
+    """
+
+    def __init__(self, board: Board) -> None:
+        columns, rows = board.squares
+        if min(columns, rows) < 3 or (columns + rows) % 2 == 0:
+            raise ConfigError(
+                f"board {board.name}", "squares", board.squares, "3 or more each way, one even and one odd"
+            )
+        self.square_m = board.square_m
+        self.shape = (columns - 1, rows - 1)
+        self.corners = lattice(columns - 1, rows - 1)
+        self.corner_colour = -_checker(columns - 1, rows - 1).ravel()
+        self.cells = lattice(columns + 2 * MARGIN, rows + 2 * MARGIN)
+        self.bright = np.pad(-_checker(columns, rows), MARGIN, constant_values=1.0)
+
+    @property
+    def points_in_board(self) -> Array:
+        """(M, 3) corners in the board's frame, m."""
+        return np.column_stack([self.corners * self.square_m, np.zeros(len(self.corners))])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class View:
+    """How a board is seen.
+
+    Attributes:
+        lens: Camera's lens.
+        H: (3, 3) homography from squares to rays; the last coordinate is positive before the camera.
+    """
+
+    lens: Lens
+    H: Array
+
+    @classmethod
+    def through(cls, lens: Lens, squares: Array, rays: Array, tolerance: float = 0.0) -> View | None:
+        """The view that takes (N, 2) squares to (N, 2) rays.
+
+        Args:
+            lens: Camera's lens.
+            squares: Points of the board.
+            rays: Where they are seen.
+            tolerance: Points farther off than this do not count (RANSAC); 0 = all count.
+
+        Returns:
+            None where there is no such homography, or where it shows the board from behind.
+        """
+        if len(squares) < 4:
+            return None
+        method, limit = (cv2.RANSAC, tolerance) if tolerance else (0, 3.0)
+        H, _ = cv2.findHomography(squares, rays, method, limit)
+        if H is None or not np.isfinite(H).all():
+            return None
+        H = H * np.sign(H[2, 2])
+        return cls(lens=lens, H=H) if np.linalg.det(H) < 0 else None  # z of the board points at the camera
+
+    def shifted(self, u: float, v: float) -> View:
+        """The view of a board whose origin lies (u, v) squares from that of this one."""
+        return View(lens=self.lens, H=self.H @ np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]]))
+
+    def rays(self, squares: Array) -> Array:
+        """(N, 2) rays of (N, 2) points; NaN behind the camera."""
+        p = squares @ self.H[:, :2].T + self.H[:, 2]
+        ahead = p[:, 2] > _AHEAD * self.H[2, 2]
+        return np.where(ahead[:, None], p[:, :2], np.nan) / np.where(ahead, p[:, 2], 1.0)[:, None]
+
+    def pixels(self, squares: Array) -> Array:
+        """(N, 2) pixels of (N, 2) points; NaN where they cannot be seen."""
+        return self.lens.pixels(self.rays(squares))
+
+    def edges(self, squares: Array) -> Array:
+        """(N, 2, 2) one square along u (first row) and along v, pixels, at (N, 2) points."""
+        n, half = len(squares), 0.5
+        ends = np.concatenate([squares + d for d in ((half, 0), (-half, 0), (0, half), (0, -half))])
+        u1, u0, v1, v0 = self.pixels(ends).reshape(4, n, 2)
+        return np.stack([u1 - u0, v1 - v0], axis=1)
+
+    def squares_of(self, way_px: Array) -> Array:
+        """(2,) a short way (2,) in pixels at the board's centre, in squares along u and v."""
+        u, v = self.edges(np.zeros((1, 2)))[0]
+        area = u[0] * v[1] - u[1] * v[0]
+        along = [way_px[0] * v[1] - way_px[1] * v[0], u[0] * way_px[1] - u[1] * way_px[0]]
+        return np.array(along) / (area if abs(area) > 0 else np.nan)
+
+    def size_px(self, squares: Array) -> Array:
+        """(N,) geometric mean of a square's two edges at (N, 2) points, pixels."""
+        u, v = self.edges(squares).transpose(1, 2, 0)
+        return np.sqrt(np.abs(u[0] * v[1] - u[1] * v[0]))
+
+
+def sample(picture: NDArray[np.uint8], pixels: Array) -> NDArray[np.float32]:
+    """(N,) brightness at (N, 2) pixels, bilinear; NaN outside the picture."""
+    height, width = picture.shape
+    inside = np.all((pixels >= 0) & (pixels <= np.array([width - 1, height - 1])), axis=1)  # false for NaN as well
+    at = np.where(inside[:, None], pixels, 0.0).astype(np.float32).reshape(-1, 1, 2)
+    grey = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
+    return np.where(inside, grey, np.nan).astype(np.float32)
+
+
+def lattice(columns: int, rows: int) -> Array:
+    """(rows * columns, 2) points one square apart around the board's centre, u fastest."""
+    v, u = np.mgrid[:rows, :columns].astype(float)
+    return np.column_stack([u.ravel() - (columns - 1) / 2, v.ravel() - (rows - 1) / 2])
+
+
+def _checker(columns: int, rows: int) -> Array:
+    """(rows, columns) of +1 and -1 in turn, +1 first."""
+    v, u = np.mgrid[:rows, :columns]
+    return 1.0 - 2.0 * ((u + v) % 2)

@@ -1,0 +1,155 @@
+"""Where a sighted board is: its pose from one picture, with the second solution that a plane has, and how surely.
+
+A board in one picture: which corners are seen, in what directions, and how surely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.samples import Array
+
+MIN_POINTS, MAX_POINTS = 4, 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BoardSighting:
+    """Corners of one board in one picture; each corner's identity is certain, its place is not.
+
+    Attributes:
+        topic: Stream of the picture.
+        t_ns: Middle of the exposure on the clock of the IMUs (the picture's stamp and `timeshift_cam_imu_s`).
+        points_in_board: (M, 3) corners in the board's frame, m, 4 ≤ M ≤ 64.
+        rays: (M, 2) x / z and y / z of each in the camera's optical frame, lens undistorted.
+        ray_sd: (M,) standard deviation of each coordinate of a ray (root mean square of the two), blur included.
+    """
+
+    topic: str
+    t_ns: int
+    points_in_board: Array
+    rays: Array
+    ray_sd: Array
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where an array has another shape or is not finite."""
+        m = len(self.points_in_board)
+        if not MIN_POINTS <= m <= MAX_POINTS:
+            raise ConfigError("BoardSighting", "points_in_board", m, f"{MIN_POINTS} to {MAX_POINTS} points")
+        for name, shape in (("points_in_board", (m, 3)), ("rays", (m, 2)), ("ray_sd", (m,))):
+            value = getattr(self, name)
+            if np.shape(value) != shape or not np.all(np.isfinite(value)):
+                raise ConfigError("BoardSighting", name, value, f"finite numbers of shape {shape}")
+        if not np.all(self.ray_sd > 0.0):
+            raise ConfigError("BoardSighting", "ray_sd", self.ray_sd, "numbers > 0")
+
+
+CHI2_GATE = 9.0
+"""Solutions are told apart where their squared residuals differ by more than this: 3 standard deviations."""
+_ROUNDS = 12
+_SETTLED = 1e-9  # m and rad
+_LEAST_SPREAD = 1e-3  # least over greatest extent of the corners: fewer lie on a line and show no plane
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoardPose:
+    """One pose that explains a sighting.
+
+    Attributes:
+        T_camera_board: (4, 4) board frame to the camera's optical frame, m.
+        covariance: (6, 6) of (position in the camera's frame, m; rotation about the camera's axes, rad).
+        chi2: Sum of the squared residuals of the rays over their standard deviations.
+    """
+
+    T_camera_board: Array
+    covariance: Array
+    chi2: float
+
+
+def board_poses(sighting: BoardSighting) -> tuple[BoardPose, ...]:
+    """Every pose that is a local optimum for the corners of one picture, the likeliest first.
+
+    From far away a plane tilted one way looks nearly like the same plane tilted the other way: both solutions of
+    Collins & Bartoli 2014 (IPPE, IJCV 109:252) are refined on the corners, each weighted by its certainty.
+
+    Args:
+        sighting: Corners of one board.
+
+    Returns:
+        Two poses, or one where both solutions lead to the same; none where the corners lie on a line.
+    """
+    points, rays = sighting.points_in_board, sighting.rays
+    spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
+    if spread[1] < _LEAST_SPREAD * spread[0]:
+        return ()
+    count, turns, places, _ = cv2.solvePnPGeneric(
+        points, rays.reshape(-1, 1, 2), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    poses: list[BoardPose] = []
+    for i in range(count):
+        start = np.eye(4)
+        start[:3, :3], start[:3, 3] = cv2.Rodrigues(turns[i])[0], places[i].ravel()
+        pose = _refined(sighting, start) if np.isfinite(start).all() else None
+        if pose is not None and not any(_same(pose, other) for other in poses):
+            poses.append(pose)
+    return tuple(sorted(poses, key=lambda pose: pose.chi2))
+
+
+def admissible(
+    poses: Sequence[BoardPose], R_camera_board: ArrayLike | None = None, rotation_sd: float = np.inf
+) -> tuple[BoardPose, ...]:
+    """The poses that cannot be ruled out.
+
+    Args:
+        poses: As `board_poses` returns them.
+        R_camera_board: (3, 3) what is known of the board's orientation, such as from both feet's attitudes.
+        rotation_sd: Its standard deviation about each axis, rad; inf = it tells nothing.
+
+    Returns:
+        Those whose squared residuals, and departure from what is known, are within `CHI2_GATE` of the least.
+    """
+    costs = [pose.chi2 for pose in poses]
+    if R_camera_board is not None and np.isfinite(rotation_sd):
+        known = np.asarray(R_camera_board, dtype=float)
+        for i, pose in enumerate(poses):
+            turn = cv2.Rodrigues(pose.T_camera_board[:3, :3] @ known.T)[0].ravel()
+            costs[i] += float(turn @ np.linalg.solve(pose.covariance[3:, 3:] + rotation_sd**2 * np.eye(3), turn))
+    return tuple(pose for pose, cost in zip(poses, costs) if cost <= min(costs) + CHI2_GATE)
+
+
+def _refined(sighting: BoardSighting, T_camera_board: Array) -> BoardPose | None:
+    """Gauss-Newton from a start; None where it leaves the space before the camera."""
+    R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
+    sd = np.broadcast_to(sighting.ray_sd, len(sighting.rays))
+    for _ in range(_ROUNDS):
+        turned = sighting.points_in_board @ R.T
+        x, y, z = (turned + p).T
+        if z.min() <= 0:
+            return None
+        residual = (sighting.rays - np.column_stack([x, y]) / z[:, None]) / sd[:, None]
+        by_place = np.zeros((len(z), 2, 3))
+        by_place[:, 0, 0] = by_place[:, 1, 1] = 1 / z
+        by_place[:, 0, 2], by_place[:, 1, 2] = -x / z**2, -y / z**2
+        by_turn = np.cross(turned[:, None, :], by_place)  # P moves by turn x turned
+        J = np.concatenate([by_place, by_turn], axis=2) / sd[:, None, None]
+        J = J.reshape(-1, 6)
+        N = J.T @ J
+        if np.linalg.matrix_rank(N, hermitian=True) < 6:
+            return None
+        step = np.linalg.solve(N, J.T @ residual.ravel())
+        if np.abs(step).max() < _SETTLED:
+            break
+        p, R = p + step[:3], cv2.Rodrigues(step[3:])[0] @ R
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, p
+    return BoardPose(T_camera_board=T, covariance=np.asarray(np.linalg.inv(N), float), chi2=float((residual**2).sum()))
+
+
+def _same(a: BoardPose, b: BoardPose) -> bool:
+    """Whether two solutions are one."""
+    return bool(np.abs(a.T_camera_board - b.T_camera_board).max() < 1e-4)

@@ -1,0 +1,412 @@
+"""Vision and IMU aligned: what the IMU tells between pictures, laid over structure from motion.
+
+After Qin et al. 2018, _m_V-B, which Zhao et al. 2023 begin with: bias of the gyroscope from the rotations; velocities,
+gravity and, where no depth is told, scale from one linear problem; gravity then held to its size. The last step is
+here the least squares of all of them with the cameras' own uncertainty, the noise of the IMU and what is believed of
+biases and calibration, so that the covariance is that of the problem.
+
+A start in motion: pictures collected until structure from motion and IMU align.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio.algebra import exponentials, skews, turned
+from stridetwin.estimators.dvio.sliding_window import Core, Picture
+from stridetwin.estimators.dvio.state import Increment, blank_increment
+from stridetwin.estimators.dvio.structure_from_motion import (
+    Sightings,
+    Structure,
+    structure_of_bearings,
+    structure_with_depth,
+)
+from stridetwin.streams.samples import Array
+
+# Errors that one increment depends on: place and attitude of the two cameras, the two velocities, tilt, biases, scale,
+# the camera's place and attitude on the IMU, time offset.
+_CAMERA_A, _CAMERA_B, _V_A, _V_B, _TILT, _BIAS, _SCALE, _MOUNT, _OFFSET, _LOCAL = 0, 6, 12, 15, 18, 20, 26, 27, 33, 34
+_STEP = 1e-6  # of the differences that derivatives are taken by
+_STEPS, _LARGE, _ENOUGH = 4, 0.1, 1e-4  # a step below the second is the last, above the first asks for new derivatives
+_WRONG_GRAVITY = 0.3  # share by which the linear problem's gravity may be off
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Beliefs:
+    """What is known beforehand; standard deviations, of which 0 takes as told.
+
+    Attributes:
+        T_imu_camera: (4, 4) camera to IMU.
+        bias: (6,) at which the increments were taken.
+        bias_sd: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
+        mount_sd: (6,) of the camera's place (m) and attitude (rad) on the IMU.
+        offset_sd: Of the camera's clock, s.
+        scale_sd: Of told depths, as a share.
+        gravity: m/s².
+    """
+
+    T_imu_camera: Array
+    bias: Array
+    bias_sd: Array
+    mount_sd: Array
+    offset_sd: float
+    scale_sd: float
+    gravity: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Alignment:
+    """State at the newest picture, in the IMU's axes there.
+
+    Attributes:
+        up: (3,) away from gravity, of length 1.
+        v: (3,) m/s.
+        bias: (6,) rad/s, m/s².
+        scale: Of the structure's unit of length, m.
+        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), v, the biases and the
+            logarithm of the scale.
+        tilt_axes: (3, 2).
+        misfit: Mean squared residual, in variances.
+    """
+
+    up: Array
+    v: Array
+    bias: Array
+    scale: float
+    covariance: Array
+    tilt_axes: Array
+    misfit: float
+
+    def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
+        """(15, 15) of place, attitude (on its right), velocity and biases in a world whose z axis is up.
+
+        Args:
+            R_world_imu: (3, 3).
+            place: (3, 3) of the place, m².
+            heading_sd: rad.
+        """
+        J = np.zeros((15, 12))
+        by_turn = -R_world_imu @ skews(self.v)
+        J[3:6, :2], J[3:6, 11] = self.tilt_axes, self.up
+        J[6:9, :2], J[6:9, 11] = by_turn @ self.tilt_axes, by_turn @ self.up
+        J[6:9, 2:5] = R_world_imu
+        J[9:15, 5:11] = np.eye(6)
+        P = self.covariance.copy()
+        P[11], P[:, 11] = 0.0, 0.0
+        P[11, 11] = heading_sd**2
+        out: Array = J @ P @ J.T
+        out[:3, :3] = place
+        return 0.5 * (out + out.T)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _State:
+    """All that is sought, in the IMU's axes at the newest picture's told time; `up` as in `Alignment`."""
+
+    R: Array
+    p: Array
+    v: Array
+    up: Array
+    tilt_axes: Array
+    bias: Array
+    scale: float
+    mount_R: Array
+    mount_p: Array
+    offset: float
+
+
+def aligned(structure: Structure, increments: Increment, rates: Array, beliefs: Beliefs) -> Alignment | None:
+    """State at the newest picture; None where what vision and IMU tell does not fit together.
+
+    Args:
+        structure: K ≥ 3 cameras.
+        increments: K − 1 of them, from each picture to the next.
+        rates: (K, 3) angular rate at each, rad/s.
+        beliefs: About the rig.
+    """
+    bias = beliefs.bias.copy()
+    bias[:3] += gyro_bias(structure, increments, beliefs)
+    start = _linear(structure, increments, bias, beliefs)
+    if start is None:
+        return None
+    return _refined(start, structure, increments, rates, beliefs)
+
+
+def gyro_bias(structure: Structure, increments: Increment, beliefs: Beliefs) -> Array:
+    """(3,) rad/s to be added to the bias that the increments were taken at (Qin et al. 2018, (15))."""
+    R_ic = beliefs.T_imu_camera[:3, :3]
+    R = R_ic @ structure.R @ R_ic.T
+    over = np.swapaxes(increments.gamma, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
+    r = Rotation.from_matrix(over).as_rotvec()
+    J, W = increments.by_bias[:, 3:6, :3], np.linalg.inv(increments.covariance[:, 3:6, 3:6])
+    JtW = np.swapaxes(J, 1, 2) @ W
+    H = (JtW @ J).sum(axis=0) + np.diag(beliefs.bias_sd[:3] ** -2.0)
+    return np.asarray(np.linalg.solve(H, (JtW @ r[..., None])[..., 0].sum(axis=0)))
+
+
+def _linear(structure: Structure, z: Increment, bias: Array, beliefs: Beliefs) -> _State | None:
+    """Velocities, gravity and scale (Qin et al. 2018, (16)-(19)), these with gravity of any size."""
+    K = len(structure.R)
+    R_ic, p_ic = beliefs.T_imu_camera[:3, :3], beliefs.T_imu_camera[:3, 3]
+    R = R_ic @ structure.R @ R_ic.T
+    arm, cameras = p_ic - R @ p_ic, structure.p @ R_ic.T
+    by = (z.by_bias @ (bias - z.bias)[..., None])[..., 0]
+    alpha, beta = (R[:-1] @ (d + c)[..., None] for d, c in ((z.alpha, by[:, :3]), (z.beta, by[:, 6:])))
+    n = 3 * K + 4
+    A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
+    for k in range(K - 1):
+        dt, i, j = z.dt[k, 0], 6 * k, 3 * k
+        # rows of both kinds are speeds, m/s
+        A[i : i + 3, j : j + 3] = -np.eye(3)
+        A[i : i + 3, -4:-1] = -0.5 * dt * np.eye(3)
+        A[i : i + 3, -1] = (cameras[k + 1] - cameras[k]) / dt
+        b[i : i + 3] = (alpha[k, :, 0] - arm[k + 1] + arm[k]) / dt
+        A[i + 3 : i + 6, j : j + 3], A[i + 3 : i + 6, j + 3 : j + 6] = -np.eye(3), np.eye(3)
+        A[i + 3 : i + 6, -4:-1] = -dt * np.eye(3)
+        b[i + 3 : i + 6] = beta[k, :, 0]
+    if structure.scaled:
+        b, A = b - A[:, -1], A[:, :-1]
+    x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
+    scale, g = (1.0 if structure.scaled else float(x[-1])), x[3 * K : 3 * K + 3]
+    size = float(np.linalg.norm(g))
+    if not (scale > 0.0 and abs(size - beliefs.gravity) < _WRONG_GRAVITY * beliefs.gravity):
+        return None
+    up: Array = np.asarray(-g / size, float)
+    return _State(
+        R=structure.R, p=structure.p, v=x[: 3 * K].reshape(K, 3), up=up, tilt_axes=np.linalg.svd(up[None])[2][1:].T,
+        bias=bias, scale=scale, mount_R=R_ic, mount_p=p_ic, offset=0.0,
+    )  # fmt: skip
+
+
+def _refined(s: _State, structure: Structure, z: Increment, rates: Array, beliefs: Beliefs) -> Alignment | None:
+    """Gauss–Newton over all."""
+    K = len(structure.R)
+    V, TILT = 6 * K, 9 * K
+    n = TILT + 2 + 6 + 1 + 6 + 1
+    free, prior = np.ones(n, bool), np.zeros(n)
+    free[6 * K - 6 : 6 * K] = False  # the newest camera is where all is told from
+    told = np.concatenate(
+        [beliefs.bias_sd, [beliefs.scale_sd if structure.scaled else np.inf], beliefs.mount_sd, [beliefs.offset_sd]]
+    )
+    prior[TILT + 2 :] = np.where(told > 0, np.maximum(told, 1e-12), 1.0) ** -2.0
+    free[TILT + 2 :] = told > 0
+    moved, index = np.zeros(n), _columns(K)
+    moved[TILT + 2 : TILT + 8] = s.bias - beliefs.bias
+    large = True
+    for step in range(_STEPS):
+        if step == 0 or large:
+            r, J = _derived(s, z, rates, beliefs.gravity)
+        else:
+            r = _mismatch(s, z, rates, beliefs.gravity, np.zeros((1, 1, _LOCAL)))[0]
+        H, b = np.diag(prior), -prior * moved
+        H[:V, :V] += structure.information
+        b[:V] -= structure.information @ moved[:V]
+        JtW = np.swapaxes(J, 1, 2) @ z.weight
+        own, b_own = JtW @ J, -(JtW @ r[..., None])[..., 0]
+        for k in range(K - 1):
+            H[np.ix_(index[k], index[k])] += own[k]
+            b[index[k]] += b_own[k]
+        e = np.zeros(n)
+        try:
+            P = np.linalg.inv(H[np.ix_(free, free)])
+        except np.linalg.LinAlgError:
+            return None
+        e[free] = P @ b[free]
+        if not np.isfinite(e).all():
+            return None
+        s = _moved(s, e, K)
+        # Errors of the attitudes add up to the first order, as their information is of that order.
+        moved += e
+        size = np.abs(e[6 * K :]).max()
+        large = size > _LARGE
+        if size < _ENOUGH:
+            break
+    r = _mismatch(s, z, rates, beliefs.gravity, np.zeros((1, 1, _LOCAL)))[0]
+    cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + moved[:V] @ structure.information @ moved[:V])
+    whole = np.zeros((n, n))
+    whole[np.ix_(free, free)] = P
+    out = np.r_[TILT : TILT + 2, V + 3 * K - 3 : V + 3 * K, TILT + 2 : TILT + 9]
+    covariance = whole[np.ix_(out, out)]
+    if not (np.isfinite(covariance).all() and (np.diag(covariance) >= 0).all()):
+        return None
+    return Alignment(
+        up=s.up, v=s.v[-1], bias=s.bias, scale=s.scale, covariance=covariance, tilt_axes=s.tilt_axes,
+        misfit=cost / (9 * (K - 1) - 3 * K - 2),
+    )  # fmt: skip
+
+
+def _columns(K: int) -> Array:
+    """(K − 1, 34) which of all errors the increments' own are."""
+    rows = []
+    for k in range(K - 1):
+        a, v = 6 * k, 6 * K + 3 * k
+        rows.append(np.r_[a : a + 12, v : v + 6, 9 * K : 9 * K + 16])
+    return np.array(rows)
+
+
+def _derived(s: _State, z: Increment, rates: Array, gravity: float) -> tuple[Array, Array]:
+    """(K − 1, 9) residuals (7) and their (K − 1, 9, 34) derivatives."""
+    x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
+    r = _mismatch(s, z, rates, gravity, x)
+    return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
+
+
+def _mismatch(s: _State, z: Increment, rates: Array, gravity: float, x: Array) -> Array:
+    """(D, K − 1, 9) what the motion between pictures has over what the IMU told of it, for errors (D, 1, 34)."""
+    ic = s.mount_R @ exponentials(x[..., _MOUNT + 3 : _MOUNT + 6])
+    p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
+    scale = s.scale * np.exp(x[..., _SCALE, None])
+    up = turned(exponentials(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
+    bias = s.bias + x[..., _BIAS : _BIAS + 6]
+    # pose of the IMU at the told time of each picture, in its axes at that of the newest
+    back = exponentials(offset * (rates[-1] - bias[..., :3]))
+    poses = []
+    for k, column in ((slice(0, -1), _CAMERA_A), (slice(1, None), _CAMERA_B)):
+        M = ic @ s.R[k] @ exponentials(x[..., column + 3 : column + 6]) @ np.swapaxes(ic, -1, -2)
+        p = turned(ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - turned(M, p_ic)
+        poses.append((back @ M @ exponentials(-offset * (rates[k] - bias[..., :3])), turned(back, p)))
+    (R_a, p_a), (R_b, p_b) = poses
+    v_a, v_b = s.v[:-1] + x[..., _V_A : _V_A + 3], s.v[1:] + x[..., _V_B : _V_B + 3]
+    dv, dt = v_b - v_a, z.dt
+    by = turned(z.by_bias, bias - z.bias)
+    to_a = np.swapaxes(R_a, -1, -2)
+    turn = np.swapaxes(z.gamma, -1, -2) @ to_a @ R_b
+    r = np.empty((*dv.shape[:-1], 9))
+    r[..., :3] = turned(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.alpha - by[..., :3]
+    r[..., 3:6] = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(dv.shape) - by[..., 3:6]
+    r[..., 6:] = turned(to_a, dv + gravity * up * dt) - z.beta - by[..., 6:]
+    return r
+
+
+def _moved(s: _State, e: Array, K: int) -> _State:
+    cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
+    back = exponentials(-(s.tilt_axes @ globals_[:2]))
+    return replace(
+        s,
+        R=s.R @ exponentials(cameras[:, 3:]),
+        p=s.p + cameras[:, :3],
+        v=s.v + e[6 * K : 9 * K].reshape(K, 3),
+        up=back @ s.up,
+        tilt_axes=back @ s.tilt_axes,
+        bias=s.bias + globals_[2:8],
+        scale=s.scale * float(np.exp(globals_[8])),
+        mount_R=s.mount_R @ exponentials(globals_[12:15]),
+        mount_p=s.mount_p + globals_[9:12],
+        offset=s.offset + float(globals_[15]),
+    )
+
+
+class Starter:
+    """Follows points from picture to picture and keeps what every third or so of them saw: of constant memory.
+
+    Args:
+        core: Its tracker, lens, IMU and calibration serve, as no window needs them yet.
+    """
+
+    def __init__(self, core: Core) -> None:
+        self._core, self._parameters = core, core.parameters.start
+        views, slots = self._parameters.views, core.parameters.landmark_slots
+        self._t_ns: list[int] = []
+        self._before_ns = 0
+        self._seen = np.zeros((views, slots), bool)
+        self._at, self._told = np.zeros((views, slots, 2)), np.zeros((views, slots))
+        self._alive, self._pixels = np.zeros(slots, bool), np.zeros((slots, 2), np.float32)
+
+    def forget(self) -> None:
+        """Begins anew."""
+        self._t_ns.clear()
+        self._alive[:] = False
+
+    def take(self, picture: Picture) -> Alignment | None:
+        """Takes a picture whose time the IMU has reached; returns the state there once it is known well enough."""
+        core, t_ns, p = self._core, self._core.imu_time(picture.t_ns), self._parameters
+        heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
+        if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < p.gap_s * 1e9):
+            self.forget()
+        core.tracker.take(picture.grey)
+        self._follow(t_ns)
+        self._before_ns = t_ns
+        if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < p.apart_s:
+            return None
+        self._keep(picture, t_ns)
+        if len(self._t_ns) < p.views_min:
+            return None
+        found = self._align()
+        if found is None or found.misfit > p.misfit:
+            return None
+        variance = found.covariance.diagonal()
+        sure = variance[:2].max() < p.tilt_sd_rad**2 and variance[2:5].sum() < p.speed_sd_mps**2
+        return found if sure else None
+
+    def _follow(self, t_ns: int) -> None:
+        """Points of the picture before, from where the gyroscope has them."""
+        ids = np.flatnonzero(self._alive)
+        if not len(ids):
+            return
+        core, x, z = self._core, self._core.inertial, blank_increment()
+        kernel.integrate(z, x.t_ns, x.samples, x.doubt, x.count, self._before_ns, t_ns, core.live.bias, core.noise)
+        R_ic, was = core.window.calibration.R, self._pixels[ids]
+        rays = np.concatenate([core.lens.normalised(was), np.ones((len(ids), 1))], axis=1) @ (R_ic.T @ z.gamma @ R_ic)
+        there, good = core.tracker.follow(was, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
+        self._alive[ids] = good
+        self._pixels[ids] = there
+
+    def _keep(self, picture: Picture, t_ns: int) -> None:
+        """Writes down what is seen, and looks for new points."""
+        core, c = self._core, self._core.window.calibration
+        if len(self._t_ns) == self._parameters.views:
+            self._t_ns.pop(0)
+            for a in (self._seen, self._at, self._told):
+                a[:-1] = a[1:].copy()
+        k = len(self._t_ns)
+        self._t_ns.append(t_ns)
+        free = np.flatnonzero(~self._seen[:k].any(axis=0) & ~self._alive)
+        wanted = min(core.parameters.landmarks - int(self._alive.sum()), len(free))
+        points = core.tracker.find(self._pixels[self._alive], wanted)
+        new = free[: len(points)]
+        self._pixels[new], self._alive[new] = points, True
+        ids = np.flatnonzero(self._alive)
+        self._seen[k], self._told[k] = self._alive, 0.0
+        self._at[k, ids] = core.lens.normalised(self._pixels[ids]) * (1.0 + c.lens)
+        self._told[k, ids] = core.depth(picture, self._pixels[ids]) / c.scale[0]
+
+    def _align(self) -> Alignment | None:
+        found = self._structure()
+        if found is None:
+            return None
+        core, x, t_ns = self._core, self._core.inertial, self._t_ns[found.first :]
+        increments = blank_increment(len(t_ns) - 1)
+        for k in range(len(t_ns) - 1):
+            kernel.integrate_into(
+                increments, k, x.t_ns, x.samples, x.doubt, x.count, t_ns[k], t_ns[k + 1], core.live.bias, core.noise
+            )
+        return aligned(found, increments, np.array([x.rate_at(t) for t in t_ns]), self._beliefs())
+
+    def _structure(self) -> Structure | None:
+        """Of at least so many pictures as an alignment needs."""
+        p, K = self._core.parameters, len(self._t_ns)
+        often = self._seen[:K].sum(axis=0) > 1
+        s = Sightings(
+            seen=self._seen[:K, often], at=self._at[:K, often], told=self._told[:K, often],
+            sd=p.pixel_noise_px / self._core.lens.focal_px, told_sd=p.inverse_depth_again_sd_per_m,
+        )  # fmt: skip
+        found = structure_with_depth(s) if (s.told > 0).any() else structure_of_bearings(s)
+        return None if found is None or len(found.R) < self._parameters.views_min else found
+
+    def _beliefs(self) -> Beliefs:
+        core, p, c = self._core, self._core.parameters, self._core.window.calibration
+        T_imu_camera: Array = np.eye(4)
+        T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p
+        return Beliefs(
+            T_imu_camera=T_imu_camera,
+            bias=core.live.bias.copy(),
+            bias_sd=core.bias_sd,
+            mount_sd=np.repeat([p.extrinsic_position_sd_m, p.extrinsic_rotation_sd_rad], 3),
+            offset_sd=p.time_offset_sd_s,
+            scale_sd=p.depth_scale_sd,
+            gravity=p.gravity_mps2,
+        )

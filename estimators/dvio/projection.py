@@ -1,0 +1,217 @@
+"""What cameras see: where a landmark lies in a picture, its residuals and their Jacobians."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.dvio.algebra import exponential, mul, rotate
+from stridetwin.estimators.dvio.state import CALIBRATION, D_LENS, D_OFFSET, D_SCALE, Calibration, Frames, Terms, Window
+from stridetwin.streams.samples import Array
+
+# A sighting's Jacobian has columns of the calibration, then of the host's pose, then of the seer's; the residual comes
+# after them, and a column that fills the vector units' width.
+HOST, SEER, SIGHT = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
+RESIDUAL, COLUMNS = SIGHT, SIGHT + 2
+_LEAST_DEPTH = 1e-3  # of a point before the camera, over the host's depth
+
+
+class Views(NamedTuple):
+    """Cameras of the window's frames, now and where Jacobians are taken, and from each to every later one.
+
+    A host is older than who sees its landmarks.
+
+    Attributes:
+        turn: (F, F, 3, 3) seer's camera <- host's camera.
+        shift: (F, F, 3) host's camera in the seer's.
+        turn_first: As `turn`, where Jacobians are taken.
+        shift_first: As `shift`.
+        C: (F, 3, 3) camera <- world, where Jacobians are taken.
+        CR: (F, F, 3, 3) seer's camera <- host's IMU, likewise.
+    """
+
+    turn: Array
+    shift: Array
+    turn_first: Array
+    shift_first: Array
+    C: Array
+    CR: Array
+
+
+def blank_views(frames: int) -> Views:
+    """Views of F frames, to be filled."""
+    F = frames
+    pair, vector = (F, F, 3, 3), (F, F, 3)
+    return Views(
+        turn=np.zeros(pair), shift=np.zeros(vector), turn_first=np.zeros(pair), shift_first=np.zeros(vector),
+        C=np.zeros((F, 3, 3)), CR=np.zeros(pair),
+    )  # fmt: skip
+
+
+@njit(error_model="numpy", **INSIDE)
+def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
+    """Pose of a frame's IMU when its picture was taken, by what the time offset is believed to be now.
+
+    See docs/dvio.md (5).
+
+    Args:
+        frames: Of the window.
+        k: Slot.
+        offset: s.
+
+    Returns:
+        (3, 3) world <- IMU and (3,) m.
+    """
+    late = offset - frames.offset[k]
+    R = mul(frames.R[k], exponential(frames.rate[k] * late))
+    return R, frames.p[k] + frames.v[k] * late
+
+
+@njit(error_model="numpy", **INSIDE)
+def view(window: Window, terms: Terms, views: Views) -> None:
+    """Fills the views of all frames."""
+    frames, c = window.frames, window.calibration
+    n = frames.count[0]
+    R0, A, p = np.empty((n, 3, 3)), np.empty((2, n, 3, 3)), np.empty((2, n, 3))
+    for k in range(n):
+        R, at = at_exposure(frames, k, c.offset[0])
+        A[0, k], p[0, k] = mul(R, c.R), at + rotate(R, c.p)
+        if terms.first_estimates and frames.held[k]:
+            R, at = frames.R_first[k], frames.p_first[k]
+        R0[k], A[1, k], p[1, k] = R, mul(R, c.R), at + rotate(R, c.p)
+        views.C[k] = A[1, k].T
+    for j in range(1, n):
+        back = np.ascontiguousarray(A[0, j].T)
+        for i in range(j):
+            views.turn[i, j] = mul(back, A[0, i])
+            views.shift[i, j] = rotate(back, p[0, i] - p[0, j])
+            views.turn_first[i, j] = mul(views.C[j], A[1, i])
+            views.shift_first[i, j] = rotate(views.C[j], p[1, i] - p[1, j])
+            views.CR[i, j] = mul(views.C[j], R0[i])
+
+
+@njit(error_model="numpy", **INSIDE)
+def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
+    """Where a sighting (2,) lies on the plane at depth 1, by what the focal lengths are believed to be."""
+    return at[0] * (1.0 + calibration.lens[0]), at[1] * (1.0 + calibration.lens[1])
+
+
+@njit(error_model="numpy", **INSIDE)
+def seen_at(
+    views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float
+) -> tuple[float, float, float, bool]:
+    """Where a landmark is seen, as (8), with the division by the depth that (1) has.
+
+    See docs/dvio.md (6).
+
+    Args:
+        views: Of the frames.
+        host: Slot of the frame in whose camera the landmark lies along (x, y, 1).
+        seer: Slot of the frame that sees it.
+        x: On the plane at depth 1.
+        y: On it.
+        inverse_depth: In the host's camera, 1/m.
+
+    Returns:
+        x and y on the plane at depth 1 and inverse depth in the seer's camera, and whether it lies before it.
+    """
+    A, s = views.turn[host, seer], views.shift[host, seer]
+    q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
+    q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
+    q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
+    if q2 < _LEAST_DEPTH:
+        return q0, q1, q2, False
+    return q0 / q2, q1 / q2, inverse_depth / q2, True
+
+
+@njit(error_model="numpy", **INSIDE)
+def sight(
+    window: Window, views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float, J: Array, Jl: Array
+) -> bool:
+    """Jacobians of what `seen_at` gives. Written out: it runs a thousand times a picture, and room is slow to get.
+
+    Args:
+        window: Frames and calibration.
+        views: Of the frames.
+        host: Slot.
+        seer: Slot, another one.
+        x: As of `seen_at`.
+        y: As of `seen_at`.
+        inverse_depth: As of `seen_at`.
+        J: (3, ≥ 22) out: by calibration, host's pose and seer's pose.
+        Jl: (3,) out: by the inverse depth.
+
+    Returns:
+        False where the landmark is not before the camera; then nothing is written.
+    """
+    frames, c = window.frames, window.calibration
+    A, s = views.turn_first[host, seer], views.shift_first[host, seer]
+    q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
+    q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
+    q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
+    if q2 < _LEAST_DEPTH:
+        return False
+    C, CR, R, p, xi = views.C[seer], views.CR[host, seer], c.R, c.p, inverse_depth
+    # h: the point times its inverse depth, in the host's IMU axes
+    h0 = R[0, 0] * x + R[0, 1] * y + R[0, 2] + xi * p[0]
+    h1 = R[1, 0] * x + R[1, 1] * y + R[1, 2] + xi * p[1]
+    h2 = R[2, 0] * x + R[2, 1] * y + R[2, 2] + xi * p[2]
+    # In the seer's IMU: z = Rc q + ξ p; Rcᵀ [z]x = [u]x Rcᵀ with u = q + ξ Rcᵀ p
+    u0 = q0 + xi * (R[0, 0] * p[0] + R[1, 0] * p[1] + R[2, 0] * p[2])
+    u1 = q1 + xi * (R[0, 1] * p[0] + R[1, 1] * p[1] + R[2, 1] * p[2])
+    u2 = q2 + xi * (R[0, 2] * p[0] + R[1, 2] * p[1] + R[2, 2] * p[2])
+    a, b = HOST, SEER
+    for i in range(3):  # of the point times its inverse depth, in the seer's camera
+        for j in range(3):
+            J[i, j] = xi * (CR[i, j] - R[j, i])
+            J[i, a + j] = xi * C[i, j]
+            J[i, b + j] = -xi * C[i, j]
+        # -A [m]x, to which [q]x comes, and -CR [h]x
+        J[i, 3] = A[i, 2] * y - A[i, 1]
+        J[i, 4] = A[i, 0] - A[i, 2] * x
+        J[i, 5] = A[i, 1] * x - A[i, 0] * y
+        J[i, a + 3] = CR[i, 2] * h1 - CR[i, 1] * h2
+        J[i, a + 4] = CR[i, 0] * h2 - CR[i, 2] * h0
+        J[i, a + 5] = CR[i, 1] * h0 - CR[i, 0] * h1
+        J[i, D_LENS] = A[i, 0] * x / (1.0 + c.lens[0])
+        J[i, D_LENS + 1] = A[i, 1] * y / (1.0 + c.lens[1])
+    J[0, 4] -= q2
+    J[0, 5] += q1
+    J[1, 3] += q2
+    J[1, 5] -= q0
+    J[2, 3] -= q1
+    J[2, 4] += q0
+    for j in range(3):
+        J[0, b + 3 + j] = u1 * R[j, 2] - u2 * R[j, 1]
+        J[1, b + 3 + j] = u2 * R[j, 0] - u0 * R[j, 2]
+        J[2, b + 3 + j] = u0 * R[j, 1] - u1 * R[j, 0]
+    for i in range(3):
+        late = 0.0
+        for j in range(3):
+            late += J[i, a + j] * frames.v[host, j] + J[i, a + 3 + j] * frames.rate[host, j]
+            late += J[i, b + j] * frames.v[seer, j] + J[i, b + 3 + j] * frames.rate[seer, j]
+        J[i, D_OFFSET], J[i, D_SCALE] = late, 0.0
+    w = 1.0 / q2
+    px, py, pz = q0 * w, q1 * w, xi * w
+    for j in range(SIGHT):
+        g = J[2, j] * w
+        J[0, j] = J[0, j] * w - px * g
+        J[1, j] = J[1, j] * w - py * g
+        J[2, j] = -pz * g
+    Jl[0] = (s[0] - px * s[2]) * w
+    Jl[1] = (s[1] - py * s[2]) * w
+    Jl[2] = (1.0 - pz * s[2]) * w
+    return True
+
+
+@njit(error_model="numpy", **INSIDE)
+def huber(squared: float, limit: float) -> tuple[float, float]:
+    """Cost and weight of a residual of so many standard deviations, squared."""
+    if squared <= limit * limit:
+        return 0.5 * squared, 1.0
+    size = math.sqrt(squared)
+    return limit * (size - 0.5 * limit), limit / size

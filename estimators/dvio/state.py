@@ -1,0 +1,334 @@
+"""All that the odometry remembers, as arrays of fixed size that the compiled kernels change in place.
+
+What the factors believe, and which of them there are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.samples import Array
+
+
+class Terms(NamedTuple):
+    """What the factors believe, and which of them there are.
+
+    Attributes:
+        gravity: m/s².
+        sight_weight: 1 / variance of a sighting on the plane at depth 1.
+        sight_limit: Sightings further off than this many standard deviations count less (Huber).
+        depth_weight: 1 / variance of an inverse depth that the host is told, m².
+        again_weight: The same of one that another frame is told.
+        depth_limit: As `sight_limit`.
+        plane_limit: As `sight_limit`, of planes.
+        host_depth: (11) is there.
+        depth_fixed: A landmark keeps the depth that the host was told.
+        projection_depth: (12) is there.
+        host_depth_in_prior: (11) goes into the prior as well.
+        first_estimates: Jacobians of frames that the prior speaks of are taken at their first estimates.
+        rate_walk: Of the gyroscope's bias, rad/s²/√Hz.
+        force_walk: Of the accelerometer's bias, m/s³/√Hz.
+    """
+
+    gravity: float
+    sight_weight: float
+    sight_limit: float
+    depth_weight: float
+    again_weight: float
+    depth_limit: float
+    plane_limit: float
+    host_depth: bool
+    depth_fixed: bool
+    projection_depth: bool
+    host_depth_in_prior: bool
+    first_estimates: bool
+    rate_walk: float
+    force_walk: float
+
+
+# Error state: that of the calibration first, then of the planes, then of each frame from the oldest to the newest.
+# Rotations have their error on the right, R_true = R Exp(e).
+D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_LENS = 0, 3, 6, 7, 8
+CALIBRATION = 10
+D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
+FRAME = 15
+PLANE, PLANES = 3, 6  # states of a plane, and how many planes are known at most
+NO_HOST = -1
+
+
+class ImuNoise(NamedTuple):
+    """What an IMU's samples are off by.
+
+    Attributes:
+        rate: Density of the white noise, rad/s/√Hz.
+        force: m/s²/√Hz.
+        rate_share: Noise by the rate itself, for errors of scale and axes that last about a second, √s.
+        rate_walk: Density of the walk of the bias, rad/s²/√Hz.
+        force_walk: m/s³/√Hz.
+        doubtful_rate: Standard deviation of a value that stands for missing or saturated ones, rad/s.
+        doubtful_force: m/s².
+    """
+
+    rate: float
+    force: float
+    rate_share: float
+    rate_walk: float
+    force_walk: float
+    doubtful_rate: float
+    doubtful_force: float
+
+
+class Increment(NamedTuple):
+    """What the IMU says of the motion from one frame to another, in the first one's axes, without gravity.
+
+    Attributes:
+        dt: (1,) s.
+        alpha: (3,) position, m.
+        gamma: (3, 3) rotation, second to first frame.
+        beta: (3,) velocity, m/s.
+        by_bias: (9, 6) derivative of position, rotation and velocity by the biases of gyroscope and accelerometer.
+        covariance: (9, 9) of position, rotation and velocity.
+        weight: (9, 9) its inverse, where the increment is a factor of the window.
+        bias: (6,) at which it was taken, rad/s and m/s².
+    """
+
+    dt: Array
+    alpha: Array
+    gamma: Array
+    beta: Array
+    by_bias: Array
+    covariance: Array
+    weight: Array
+    bias: Array
+
+
+class Frames(NamedTuple):
+    """States of the window's frames: F slots, of which the first `count` are in use, the last of them the newest.
+
+    Attributes:
+        count: (1,) int64.
+        t_ns: (F,) time of the state on the IMU's clock.
+        R: (F, 3, 3) world <- IMU.
+        p: (F, 3) IMU in the world, m.
+        v: (F, 3) m/s.
+        bias: (F, 6) of gyroscope (rad/s) and accelerometer (m/s²).
+        held: (F,) 1 where the prior speaks of the frame, and Jacobians are taken at its first estimate.
+        R_first: (F, 3, 3) that estimate.
+        p_first: (F, 3).
+        v_first: (F, 3).
+        bias_first: (F, 6).
+        moved: (F, 15) how far the state is from its first estimate.
+        rate: (F, 3) angular rate at the frame, rad/s.
+        offset: (F,) time offset that `t_ns` of the frame was told with, s.
+        still_sd: (F,) standard deviation of the velocity about 0, m/s; inf where it is not known to stand.
+    """
+
+    count: NDArray[np.int64]  # type: ignore[assignment]
+    t_ns: NDArray[np.int64]
+    R: Array
+    p: Array
+    v: Array
+    bias: Array
+    held: NDArray[np.uint8]
+    R_first: Array
+    p_first: Array
+    v_first: Array
+    bias_first: Array
+    moved: Array
+    rate: Array
+    offset: Array
+    still_sd: Array
+
+
+class Landmarks(NamedTuple):
+    """Points that are followed: L slots.
+
+    Attributes:
+        host: (L,) slot of the frame that first saw it, NO_HOST where the slot is free.
+        inverse_depth: (L,) in the host's camera, 1/m.
+        slope: (L, 2) change of the inverse depth about it over the plane at depth 1 of the host, 1/m.
+        measured: (L,) 1 where a depth camera or parallax has told it.
+        seen: (L, F) 1 where the frame saw it.
+        at: (L, F, 2) where, on the plane at depth 1.
+        told: (L, F) 1 / depth as told there, 1/m; 0 where none.
+    """
+
+    host: NDArray[np.int64]
+    inverse_depth: Array
+    slope: Array
+    measured: NDArray[np.uint8]
+    seen: NDArray[np.uint8]
+    at: Array
+    told: Array
+
+
+class Planes(NamedTuple):
+    """Planes of the world, seen in depth pictures: K slots.
+
+    Attributes:
+        used: (K,) 1 where there is one.
+        normal: (K, 3) unit vector, away from those who see it.
+        distance: (K,) of the plane from the origin along it, m.
+        held: (K,) 1 where the prior speaks of it, and Jacobians are taken at its first estimate.
+        normal_first: (K, 3) that estimate.
+        distance_first: (K,).
+        moved: (K, 3) how far it is from its first estimate: along the normal's two tangents, and the distance.
+        seen: (K, F) 1 where the frame saw it.
+        told: (K, F, 3) as which inverse depths, 1/m: their value at (x, y) is the product with (x, y, 1).
+        weight: (K, F, 3, 3) inverse of the covariance of that.
+        seen_ns: (K,) when it was seen last.
+    """
+
+    used: NDArray[np.uint8]
+    normal: Array
+    distance: Array
+    held: NDArray[np.uint8]
+    normal_first: Array
+    distance_first: Array
+    moved: Array
+    seen: NDArray[np.uint8]
+    told: Array
+    weight: Array
+    seen_ns: NDArray[np.int64]
+
+
+class Calibration(NamedTuple):
+    """What the window estimates of the sensors.
+
+    Attributes:
+        R: (3, 3) IMU <- camera.
+        p: (3,) camera in the IMU's frame, m.
+        offset: (1,) t_imu = t_cam + offset, s.
+        scale: (1,) true over told depth.
+        lens: (2,) by which share a sighting's x and y are larger than the told focal lengths have them.
+        moved: (10,) how far they are from where the prior was first taken.
+    """
+
+    R: Array
+    p: Array
+    offset: Array
+    scale: Array
+    lens: Array
+    moved: Array
+
+
+class Prior(NamedTuple):
+    """What marginalised states told: ½ dᵀ H d − bᵀ d of the errors d from the first estimates (Zhao et al. 2023, (6)).
+
+    Attributes:
+        H: (N, N).
+        b: (N,).
+    """
+
+    H: Array
+    b: Array
+
+
+class Window(NamedTuple):
+    """The sliding window.
+
+    Attributes:
+        frames: States.
+        increments: Of the IMU from each frame to the next, each array with a leading axis F.
+        landmarks: Points.
+        planes: Floors and walls.
+        calibration: Of the sensors.
+        prior: Of calibration, planes and frames.
+        shared: States that are of no frame.
+    """
+
+    frames: Frames
+    increments: Increment
+    landmarks: Landmarks
+    planes: Planes
+    calibration: Calibration
+    prior: Prior
+    shared: int
+
+
+def blank_increment(slots: int | None = None) -> Increment:
+    """An increment of no time, or an array of them."""
+    lead = () if slots is None else (slots,)
+    gamma = np.zeros((*lead, 3, 3))
+    gamma[...] = np.eye(3)
+    return Increment(
+        dt=np.zeros((*lead, 1)),
+        alpha=np.zeros((*lead, 3)),
+        gamma=gamma,
+        beta=np.zeros((*lead, 3)),
+        by_bias=np.zeros((*lead, 9, 6)),
+        covariance=np.zeros((*lead, 9, 9)),
+        weight=np.zeros((*lead, 9, 9)),
+        bias=np.zeros((*lead, 6)),
+    )
+
+
+def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float, planes: int = 0) -> Window:
+    """An empty window.
+
+    Args:
+        frames: Slots of frames.
+        landmarks: Slots of landmarks.
+        T_imu_camera: (4, 4) camera to IMU.
+        offset_s: t_imu = t_cam + offset.
+        planes: How many it can know; each has states, known or not.
+    """
+    F, L, K = frames, landmarks, planes
+    shared = CALIBRATION + PLANE * K
+    eyes = np.zeros((F, 3, 3))
+    eyes[:] = np.eye(3)
+    return Window(
+        frames=Frames(
+            count=np.zeros(1, np.int64),
+            t_ns=np.zeros(F, np.int64),
+            R=eyes.copy(),
+            p=np.zeros((F, 3)),
+            v=np.zeros((F, 3)),
+            bias=np.zeros((F, 6)),
+            held=np.zeros(F, np.uint8),
+            R_first=eyes.copy(),
+            p_first=np.zeros((F, 3)),
+            v_first=np.zeros((F, 3)),
+            bias_first=np.zeros((F, 6)),
+            moved=np.zeros((F, FRAME)),
+            rate=np.zeros((F, 3)),
+            offset=np.zeros(F),
+            still_sd=np.full(F, np.inf),
+        ),
+        increments=blank_increment(F),
+        landmarks=Landmarks(
+            host=np.full(L, NO_HOST, np.int64),
+            inverse_depth=np.zeros(L),
+            slope=np.zeros((L, 2)),
+            measured=np.zeros(L, np.uint8),
+            seen=np.zeros((L, F), np.uint8),
+            at=np.zeros((L, F, 2)),
+            told=np.zeros((L, F)),
+        ),
+        planes=Planes(
+            used=np.zeros(K, np.uint8),
+            normal=np.zeros((K, 3)),
+            distance=np.zeros(K),
+            held=np.zeros(K, np.uint8),
+            normal_first=np.zeros((K, 3)),
+            distance_first=np.zeros(K),
+            moved=np.zeros((K, PLANE)),
+            seen=np.zeros((K, F), np.uint8),
+            told=np.zeros((K, F, 3)),
+            weight=np.zeros((K, F, 3, 3)),
+            seen_ns=np.zeros(K, np.int64),
+        ),
+        calibration=Calibration(
+            R=np.ascontiguousarray(T_imu_camera[:3, :3], dtype=float).copy(),
+            p=np.ascontiguousarray(T_imu_camera[:3, 3], dtype=float).copy(),
+            offset=np.array([float(offset_s)]),
+            scale=np.ones(1),
+            lens=np.zeros(2),
+            moved=np.zeros(CALIBRATION),
+        ),
+        prior=Prior(H=np.zeros((shared + FRAME * F,) * 2), b=np.zeros(shared + FRAME * F)),
+        shared=shared,
+    )

@@ -1,0 +1,325 @@
+"""Structure from motion over a few pictures, with depth or without (Zhao et al. 2023, (1)-(5)).
+
+All is told in the axes of the newest camera. Without depth, lengths are in units of the way from the oldest to the
+newest camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.dvio.algebra import exponentials, turned
+from stridetwin.streams.samples import Array
+
+FEW = 12  # points that two pictures must share
+_LIMIT = 1.5  # standard deviations beyond which a sighting counts less
+_CULL = 4.0  # beyond which it does not count
+_PARALLAX = 0.02  # rad; a point seen under less has no depth that counts, where none is told
+_SHARED_PARALLAX = 0.05  # rad; median of the points of the first two pictures, where no depth is told
+_NEAR = 0.02  # of a point before the camera; it is not taken as nearer
+_PINNED = 1e8  # information on the unit of length
+_SURE = 0.999
+_FAR = 1e3  # times the way between two cameras; no farther point counts for their pose
+_ENOUGH = 1e-2  # share of the cost; a step that gains less is the last
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sightings:
+    """What K pictures saw of N points.
+
+    Attributes:
+        seen: (K, N) whether.
+        at: (K, N, 2) where, on the plane at depth 1.
+        told: (K, N) inverse depth as told there, 1/m; 0 where none.
+        sd: Of `at`.
+        told_sd: Of `told`, 1/m.
+    """
+
+    seen: NDArray[np.bool_]
+    at: Array
+    told: Array
+    sd: float
+    told_sd: float
+
+    def since(self, k: int) -> Sightings:
+        """Those of the pictures from the k-th on."""
+        return replace(self, seen=self.seen[k:], at=self.at[k:], told=self.told[k:])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Structure:
+    """Cameras in the axes of the newest, the last one.
+
+    Attributes:
+        first: Which of the pictures the first one is.
+        R: (K, 3, 3) newest <- camera.
+        p: (K, 3) m, or in units of the first one's distance.
+        information: (6K, 6K) on the errors of place and attitude (on its right) of each; the newest has none.
+        misfit: Mean squared residual, in variances.
+        scaled: Whether lengths are in m.
+    """
+
+    first: int
+    R: Array
+    p: Array
+    information: Array
+    misfit: float
+    scaled: bool
+
+
+def structure_with_depth(s: Sightings) -> Structure | None:
+    """Cameras by the points of known depth: P3P from each picture to the next, then all of (5) at once.
+
+    None where the pictures share too few points; `first` > 0 where only the newer ones hang together.
+    """
+    k = len(s.seen) - 1
+    R, p = [np.eye(3)], [np.zeros(3)]
+    agree = s.seen.copy()
+    while k > 0:
+        shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.told[k - 1] > 0))
+        step = _step(_rays(s.at[k - 1, shared]) / s.told[k - 1, shared, None], s.at[k, shared], s.sd)
+        if step is None:
+            break
+        M, t, fits = step  # camera k <- camera k - 1
+        agree[k - 1, shared[~fits]] = False
+        p.append(R[-1] @ t + p[-1])
+        R.append(R[-1] @ M)
+        k -= 1
+    if len(R) < 2:
+        return None
+    s = s.since(k)
+    # The depths that the newest picture tells are left to the window that begins with it.
+    told = s.told.copy()
+    told[-1] = 0.0
+    seen = agree[k:] & ((agree[k:].sum(axis=0) > 1) & (told > 0).any(axis=0))
+    R_all, p_all = np.array(R[::-1]), np.array(p[::-1])
+    points = _placed(R_all, p_all, s.at, told)
+    return _bundled(replace(s, seen=seen, told=told), R_all, p_all, points, k, scaled=True)
+
+
+def structure_of_bearings(s: Sightings) -> Structure | None:
+    """Cameras by bearings alone: two pictures by their essential matrix, the others by P3P, then (2) of all.
+
+    None where no picture shares enough points with the newest, seen from far enough apart.
+    """
+    last = len(s.seen) - 1
+    for k in range(last - 1):
+        shared = np.flatnonzero(s.seen[k] & s.seen[last])
+        if len(shared) < 2 * FEW:
+            continue
+        a, b = s.at[k, shared], s.at[last, shared]
+        E, _ = cv2.findEssentialMat(a, b, np.eye(3), method=cv2.RANSAC, prob=_SURE, threshold=3.0 * s.sd)
+        if E is None or E.shape != (3, 3):
+            continue
+        found, turn, shift, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=_FAR)[:4]
+        fits = np.asarray(mask)[:, 0] > 0
+        if found < FEW or found < 0.6 * len(shared):
+            continue
+        M, t = np.asarray(turn, float), np.asarray(shift, float)[:, 0]
+        if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < _SHARED_PARALLAX:
+            return None  # older ones are not there, and newer ones see less
+        return _around(s.since(k), shared[fits], M, t, k)
+    return None
+
+
+def _around(s: Sightings, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
+    """The pictures between the oldest and the newest, whose pose to each other is known."""
+    K, N = s.seen.shape
+    ends = np.zeros((K, N), bool)
+    ends[0, shared] = ends[-1, shared] = True
+    points, sure = _crossing(np.array([M, np.eye(3)]), np.array([t, np.zeros(3)]), s.at[[0, -1]], ends[[0, -1]])
+    R, p = [M], [t]
+    for k in range(1, K - 1):
+        use = np.flatnonzero(sure & s.seen[k])
+        step = _step(points[use], s.at[k, use], s.sd)
+        if step is None:
+            return None
+        R.append(step[0].T)
+        p.append(-step[0].T @ step[1])
+    R_all, p_all = np.array([*R, np.eye(3)]), np.array([*p, np.zeros(3)])
+    seen = s.seen & (s.seen.sum(axis=0) > 1)
+    points, sure = _crossing(R_all, p_all, s.at, seen)
+    return _bundled(replace(s, seen=seen & sure, told=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
+
+
+def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """(3, 3) and (3,) camera <- points' axes by P3P, and which points agree; None where too few do.
+
+    Args:
+        points: (N, 3) m.
+        at: (N, 2) where they are seen, on the plane at depth 1.
+        error: Of the sighting of a point that agrees, on that plane.
+        fewest: Points that must be there, and agree.
+    """
+    if len(points) < fewest:
+        return None
+    found, turn, shift, inliers = cv2.solvePnPRansac(
+        points, at, np.eye(3), None, iterationsCount=60, reprojectionError=error, flags=cv2.SOLVEPNP_AP3P
+    )
+    if not found or inliers is None or len(inliers) < fewest:
+        return None
+    fits = np.zeros(len(points), bool)
+    fits[inliers[:, 0]] = True
+    return np.asarray(cv2.Rodrigues(turn)[0], float), np.asarray(shift, float)[:, 0], fits
+
+
+def _step(points: Array, at: Array, sd: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """`perspective`, with which half of the points must agree."""
+    return perspective(points, at, 8.0 * sd, max(FEW, 0.5 * len(points)))
+
+
+def _placed(R: Array, p: Array, at: Array, told: Array) -> Array:
+    """(N, 3) points by the first depth that is told of each."""
+    n = np.arange(at.shape[1])
+    k = (told > 0).argmax(axis=0)
+    depth = 1.0 / np.where(told[k, n] > 0, told[k, n], 1.0)
+    return turned(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
+
+
+def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """(N, 3) where the rays of each point come nearest to each other, and whether they cross before all cameras."""
+    ray = np.matmul(_rays(at), np.swapaxes(R, 1, 2))
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    across = (np.eye(3) - ray[..., :, None] * ray[..., None, :]) * seen[..., None, None]
+    # The least eigenvalue is about that of two rays, ½ angle², and that many of them.
+    A = across.sum(axis=0)
+    sure = np.linalg.eigvalsh(A)[:, 0] > 0.5 * _PARALLAX**2
+    b = np.einsum("knij,kj->ni", across, p)
+    points = np.linalg.solve(A + 1e-9 * np.eye(3), b[..., None])[..., 0]
+    before = np.matmul(points[None] - p[:, None], R)[..., 2] > _NEAR
+    return points, sure & (before | ~seen).all(axis=0)
+
+
+def _bundled(s: Sightings, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
+    """Least squares of (1) and (3) over cameras and points, twice: without what did not fit at first."""
+    use = s.seen.sum(axis=0) > 1
+    s = replace(s, seen=s.seen[:, use], at=s.at[:, use], told=s.told[:, use])
+    points = points[use]
+    for steps in (3, 2):
+        if (s.seen.sum(axis=1) < FEW).any() or not np.isfinite(points).all():
+            return None
+        R, p, points = _descended(s, R, p, points, scaled, steps)
+        r, _ = _residuals(s, R, p, points)
+        off = np.linalg.norm(r[..., :2], axis=-1)
+        seen = s.seen & (off < _CULL)
+        told = np.where(np.abs(r[..., 2]) < _CULL, s.told, 0.0)
+        seen &= (seen.sum(axis=0) > 1) & ((told > 0).any(axis=0) | (not scaled))
+        fits = float(seen.sum() / max(s.seen.sum(), 1))
+        s = replace(s, seen=seen, told=told)
+    if (s.seen.sum(axis=1) < FEW).any() or fits < 0.7:
+        return None
+    r, _ = _residuals(s, R, p, points)
+    H = _equations(s, R, p, points, scaled).H
+    if not np.isfinite(H).all():
+        return None
+    freedom = 2 * s.seen.sum() + (s.told > 0)[s.seen].sum() - 6 * len(R) - 3 * s.seen.any(axis=0).sum()
+    return Structure(first=first, R=R, p=p, information=H, misfit=float((r**2).sum() / max(freedom, 1)), scaled=scaled)
+
+
+def _descended(s: Sightings, R: Array, p: Array, points: Array, scaled: bool, steps: int) -> tuple[Array, Array, Array]:
+    """Levenberg–Marquardt."""
+    damping, cost = 1e-4, _cost(_residuals(s, R, p, points)[0])
+    for _ in range(steps):
+        m = _equations(s, R, p, points, scaled)
+        n = len(m.b) - 6  # the newest stays
+        e = np.zeros((len(R), 6))
+        e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
+        e_points = turned(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
+        R_new, p_new = R @ exponentials(e[:, 3:]), p + e[:, :3]
+        new = _cost(_residuals(s, R_new, p_new, points + e_points)[0])
+        if not new < cost:
+            damping *= 100.0
+            continue
+        R, p, points, enough = R_new, p_new, points + e_points, cost - new < _ENOUGH * cost
+        cost, damping = new, 0.1 * damping
+        if enough:
+            break
+    return R, p, points
+
+
+def _residuals(s: Sightings, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
+    """(K, N, 3) of (1) and, as inverse depths, of (3), in standard deviations, and (K, N, 3) m points in cameras."""
+    q = np.matmul(points[None] - p[:, None], R)
+    inverse = 1.0 / np.maximum(q[..., 2], _NEAR)
+    r = np.empty(q.shape)
+    r[..., :2] = (q[..., :2] * inverse[..., None] - s.at) / s.sd * s.seen[..., None]
+    r[..., 2] = (inverse - s.told) / s.told_sd * (s.seen & (s.told > 0))
+    return r, q
+
+
+def _sizes(r: Array) -> Array:
+    return np.stack([np.linalg.norm(r[..., :2], axis=-1), np.abs(r[..., 2])], axis=-1)
+
+
+def _cost(r: Array) -> float:
+    size = _sizes(r)
+    return float(np.where(size < _LIMIT, size**2, 2 * _LIMIT * size - _LIMIT**2).sum())
+
+
+class _Normal(NamedTuple):
+    """Normal equations, points eliminated.
+
+    Attributes:
+        H: (6K, 6K) of the cameras.
+        b: (6K,).
+        cross: (K, N, 6, 3) between cameras and points.
+        by_point: (N, 3, 3) inverse of each point's own.
+        b_points: (N, 3).
+    """
+
+    H: Array
+    b: Array
+    cross: Array
+    by_point: Array
+    b_points: Array
+
+
+def _equations(s: Sightings, R: Array, p: Array, points: Array, scaled: bool) -> _Normal:
+    r, q = _residuals(s, R, p, points)
+    K, N = s.seen.shape
+    inverse = 1.0 / np.maximum(q[..., 2], _NEAR)
+    w = np.sqrt(np.minimum(1.0, _LIMIT / np.maximum(_sizes(r), 1e-9)))[..., [0, 0, 1]]
+    A = np.zeros((K, N, 3, 3))  # by the point in the camera
+    A[..., 0, 0] = A[..., 1, 1] = inverse / s.sd
+    A[..., :2, 2] = -q[..., :2] * (inverse**2)[..., None] / s.sd
+    A[..., 2, 2] = -(inverse**2) / s.told_sd
+    w *= np.stack([s.seen, s.seen, s.seen & (s.told > 0)], axis=-1)
+    A *= w[..., None]
+    r = r * w
+    by_point = np.matmul(A.reshape(K, 3 * N, 3), np.swapaxes(R, 1, 2)).reshape(K, N, 3, 3)
+    by_camera = np.concatenate([-by_point, np.cross(A, q[:, :, None])], axis=-1)
+    own = _summed(by_point[..., :, None] * by_point[..., None, :]).sum(axis=0)
+    b_points = -_summed(by_point * r[..., None]).sum(axis=0)
+    loose = 1e-6 * np.trace(own, axis1=1, axis2=2)[:, None, None] + 1e-9
+    solved = np.linalg.inv(own + loose * np.eye(3))
+    cross = _summed(by_camera[..., :, None] * by_point[..., None, :])
+    rows = cross.transpose(1, 0, 2, 3).reshape(N, 6 * K, 3)
+    gain = (rows @ solved).transpose(1, 0, 2).reshape(6 * K, 3 * N)
+    H, b = -gain @ rows.transpose(1, 0, 2).reshape(6 * K, 3 * N).T, -gain @ b_points.reshape(-1)
+    for k in range(K):
+        J, at = by_camera[k].reshape(3 * N, 6), slice(6 * k, 6 * k + 6)
+        H[at, at] += J.T @ J
+        b[at] -= J.T @ r[k].reshape(-1)
+    if not scaled:
+        n = p[0] / np.linalg.norm(p[0])
+        H[:3, :3] += _PINNED * np.outer(n, n)
+    return _Normal(H, b, cross, solved, b_points)
+
+
+def _summed(a: Array) -> Array:
+    """(K, N, ...) of (K, N, 3, ...): sums over the three residuals of a sighting."""
+    return np.asarray(a[:, :, 0] + a[:, :, 1] + a[:, :, 2])
+
+
+def _rays(at: Array) -> Array:
+    return np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1)
+
+
+def _angles(a: Array, b: Array) -> Array:
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.asarray(np.arctan2(cross, (a * b).sum(axis=-1)))

@@ -1,0 +1,213 @@
+"""What a standing foot tells: a point of the sole has no velocity; at rest, the gyro shows its bias.
+
+How much the foot moves: one number over the last few hundredths of a second, and the recent peak of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix, skew
+from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.state import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    CONTACT,
+    D_ACCEL_BIAS,
+    D_ATTITUDE,
+    D_CONTACT,
+    D_FLOOR,
+    D_GYRO_BIAS,
+    D_POSITION,
+    D_VELOCITY,
+    FILL,
+    FLOOR,
+    GYRO_BIAS,
+    HEAD,
+    POSITION,
+    RING,
+    STATES,
+    VELOCITY,
+    Memory,
+)
+from stridetwin.estimators.foot_ins.strapdown import correct, shift
+from stridetwin.streams.samples import Array
+
+
+@njit(**INSIDE)
+def push(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
+    """Appends one sample (rad/s, m/s²) to the ring."""
+    head = (memory.clock[HEAD] + 1) % RING
+    memory.clock[HEAD] = head
+    memory.clock[FILL] = min(memory.clock[FILL] + 1, RING)
+    memory.ring_t_ns[head] = t_ns
+    memory.ring[head, :3] = rate
+    memory.ring[head, 3:] = force
+
+
+@njit(**INSIDE)
+def motion(memory: Memory, parameters: KernelParameters) -> float:
+    """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
+
+    See docs/foot_ins.md (6).
+
+    mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
+    """
+    newest = memory.ring_t_ns[memory.clock[HEAD]]
+    span = int(parameters.window_s * 1e9)
+    bx, by, bz = memory.nominal[GYRO_BIAS], memory.nominal[GYRO_BIAS + 1], memory.nominal[GYRO_BIAS + 2]
+    n = 0
+    rate2 = force2 = fx = fy = fz = 0.0
+    for back in range(memory.clock[FILL]):
+        i = (memory.clock[HEAD] - back) % RING
+        if newest - memory.ring_t_ns[i] >= span and back > 0:
+            break
+        s = memory.ring[i]
+        rate2 += (s[0] - bx) ** 2 + (s[1] - by) ** 2 + (s[2] - bz) ** 2
+        force2 += s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
+        fx, fy, fz = fx + s[3], fy + s[4], fz + s[5]
+        n += 1
+    g = parameters.gravity_mps2
+    spread2 = force2 / n - 2.0 * g * math.sqrt(fx * fx + fy * fy + fz * fz) / n + g * g
+    return max(spread2, 0.0) / parameters.accel_scale_mps2**2 + rate2 / n / parameters.gyro_scale_radps**2
+
+
+@njit(**INSIDE)
+def standing_speed(statistic: float, peak: float, parameters: KernelParameters) -> float:
+    """Standard deviation of the foot's speed, m/s, so far as the statistic tells it stands.
+
+    See docs/foot_ins.md (7).
+    """
+    level = max(parameters.still_level, parameters.still_share * peak)
+    return parameters.still_velocity_mps * math.sqrt(1.0 + (statistic / level) ** parameters.still_power)
+
+
+@njit(**INSIDE)
+def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
+    """Lets the point that stands still wander along the sole over `dt` (s).
+
+    See docs/foot_ins.md (13).
+
+    A first-order Gauss-Markov process of deviation `contact_sd` and time constant `contact_s`, across the lever arm: a
+    foot rolls over the same ball in every step.
+    """
+    x, P, o = memory.nominal, memory.covariance, memory.row + D_CONTACT
+    kept = math.exp(-dt / parameters.contact_s)
+    x[CONTACT : CONTACT + 3] *= kept
+    P[o : o + 3] *= kept
+    P[:, o : o + 3] *= kept
+    P[o : o + 3, o : o + 3] += (1.0 - kept * kept) * across_sole(memory, parameters.contact_sd_m**2)
+
+
+@njit(**INSIDE)
+def across_sole(memory: Memory, variance: float) -> Array:
+    """(3, 3) covariance of a point of the sole, sensor frame: `variance` in every direction across the lever arm."""
+    down = memory.lever / max(math.sqrt(memory.lever @ memory.lever), 1e-9)
+    return variance * (np.eye(3) - np.outer(down, down))
+
+
+@njit(**INSIDE)
+def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float) -> None:
+    """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
+
+    See docs/foot_ins.md (8)-(10).
+
+    It is a measurement in the axes of the sensor, where a turn of the whole world changes nothing; so the Jacobian on
+    the attitude is [v]x.
+
+    Which point of the sole stands still wanders from heel to ball as the foot rolls. An arm uncertain by
+    σ_r in every direction adds σ_r² (|w|² I - w wᵀ) to the noise, so a turning foot tells little about the
+    speed across its axis: taken at its word, it would pull the rise of the heel to zero in every step.
+
+    The foot's true speed in stance is no white noise: within `still_correlation_s` all updates share one
+    error, so each sample brings dt / still_correlation_s of an update, whatever the rate of the samples.
+
+    A swinging foot may look still for an instant: it glides without turning while its force passes g. Then the
+    innovation is a surprise of many standard deviations, and the update's own deviation grows in proportion to
+    what exceeds `max_surprise` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a filter that
+    has gone astray still finds back, within some samples of standing.
+    """
+    x = memory.nominal
+    R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
+    w = R @ (rate - x[GYRO_BIAS : GYRO_BIAS + 3])
+    r = R @ (memory.lever + x[CONTACT : CONTACT + 3])
+    u = skew(w) @ r
+    H = np.zeros((3, STATES))
+    H[:, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
+    H[:, D_ATTITUDE : D_ATTITUDE + 3] = skew(x[VELOCITY : VELOCITY + 3])
+    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = skew(r) @ R
+    H[:, D_CONTACT : D_CONTACT + 3] = skew(w) @ R
+    shared = math.sqrt(max(1.0, parameters.still_correlation_s / dt))
+    W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd_m)
+    H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
+    memory.nis[0] += surprise(_own(memory), shared * H, shared * z) ** 2 / 3.0
+    memory.nis[1] += 1.0
+    _update_in_doubt(memory, H, z, parameters.innovation_gate)
+
+
+@njit(**INSIDE)
+def _update_in_doubt(memory: Memory, H: Array, z: Array, max_surprise: float) -> None:
+    """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `max_surprise`.
+
+    See docs/foot_ins.md (11).
+    """
+    doubt = max(1.0, surprise(_own(memory), H, z) / max_surprise)
+    for i in range(len(z)):
+        correct(memory.covariance, memory.error, memory.row, H[i] / doubt, z[i] / doubt, 1.0)
+    inject(memory)
+
+
+@njit(**INSIDE)
+def _own(memory: Memory) -> Array:
+    """(19, 19) covariance of the foot alone."""
+    o = memory.row
+    return np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
+
+
+@njit(**INSIDE)
+def surprise(P: Array, H: Array, z: Array) -> float:
+    """Length of the innovation z (m,), of unit noise and Jacobian H (m, n), in standard deviations."""
+    return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(len(z)), z))
+
+
+@njit(**INSIDE)
+def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
+    """(3, 3) inverse square root of speed_sd² I + lever_sd² (|w|² I - w wᵀ)."""
+    w2 = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+    along, across = 1.0 / speed_sd, 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
+    return across * np.eye(3) + (along - across) / max(w2, 1e-12) * np.outer(w, w)
+
+
+@njit(**INSIDE)
+def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
+    """Update with ω = b_g: a foot that has long been quiet does not turn.
+
+    Someone who stands for long sways: a rate that would be a surprise as a bias is trusted less, as in `zero_velocity`.
+    """
+    sd = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt)
+    H = np.zeros((3, STATES))
+    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = np.eye(3) / sd
+    z = (rate - memory.nominal[GYRO_BIAS : GYRO_BIAS + 3]) / sd
+    _update_in_doubt(memory, H, z, parameters.innovation_gate)
+
+
+@njit(**INSIDE)
+def inject(memory: Memory) -> None:
+    """Moves the foot's own error into its nominal state, in place."""
+    x = memory.nominal
+    error = memory.error[memory.row : memory.row + STATES]
+    for i in range(3):
+        x[POSITION + i] += error[D_POSITION + i]
+        x[VELOCITY + i] += error[D_VELOCITY + i]
+        x[GYRO_BIAS + i] += error[D_GYRO_BIAS + i]
+        x[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
+        x[CONTACT + i] += error[D_CONTACT + i]
+    x[FLOOR] += error[D_FLOOR]
+    turn = exponential(error[D_ATTITUDE], error[D_ATTITUDE + 1], error[D_ATTITUDE + 2])
+    x[ATTITUDE : ATTITUDE + 4] = product(turn, x[ATTITUDE : ATTITUDE + 4])
+    shift(memory.covariance, memory.row, error[D_POSITION : D_POSITION + 3], error[D_VELOCITY : D_VELOCITY + 3])
+    error[:] = 0.0

@@ -1,0 +1,169 @@
+"""Pictures of the shoe cameras become sightings of boards, looked for where the filter expects them."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.checkerboard.detector import BoardDetector
+from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.foot_to_foot.events import RelativePosition
+from stridetwin.estimators.foot_to_foot.shoe_rig import Shoes
+from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array, Image
+
+_HELD = 8  # pictures that may wait for the IMUs to reach their time; the oldest goes first
+_SD = 3.0  # standard deviations within which the board is looked for
+_LEAST_ERROR_PX = 12.0  # a part of a board is read wrong where its place is taken to be surer than it is
+_LOST_PX = 60.0  # expected no better than this, the board is looked for in the whole picture ...
+_SEARCH_EVERY_NS = 100_000_000  # ... so often at most, because that takes longer
+# Where no board was found where it was expected for so long, what is expected may be wrong; then whole pictures are
+# searched now and then. (A stride is no whole number of these times.)
+_MISSED_NS, _DOUBT_EVERY_NS = 2_000_000_000, 300_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Expected:
+    """How the filter expects the other foot's board before a camera.
+
+    Attributes:
+        T_camera_board: (4, 4) at the picture's instant.
+        covariance: (6, 6) of position (m) and rotation vector (rad), camera axes.
+        T_before: (4, 4) pose an exposure's time earlier.
+    """
+
+    T_camera_board: Array
+    covariance: Array
+    T_before: Array
+
+    def error_px(self, points_in_board: Array, focal_px: float) -> float:
+        """Standard deviation of where the farthest of (M, 3) points before the camera is expected, pixels."""
+        arms = points_in_board @ self.T_camera_board[:3, :3].T
+        x, y, z = (arms + self.T_camera_board[:3, 3]).T
+        zero = np.zeros_like(z)
+        project = np.stack([np.stack([1 / z, zero, -x / z**2], 1), np.stack([zero, 1 / z, -y / z**2], 1)], 1)
+        J = np.concatenate([project, np.cross(arms[:, None, :], project)], axis=2)
+        variance = np.einsum("mij,jk,mik->m", J, self.covariance, J)
+        return focal_px * float(np.sqrt(variance.max()))
+
+
+class Eyes:
+    """The cameras of both shoes, each with a detector of the other shoe's board.
+
+    A picture waits until both IMUs have reached its time. Where the board shows its back or is out of view nothing is
+    searched; where the filter has lost the other shoe the whole picture is, ten times a second at most. So it is, less
+    often, where no expected board has been found for long: parts may sit otherwise than the filter is told.
+
+    Args:
+        shoes: Cameras and boards.
+        exposure_s: Of the cameras.
+    """
+
+    def __init__(self, shoes: Shoes, exposure_s: float) -> None:
+        self._detectors: dict[str, BoardDetector] = {}
+        self._cameras: dict[str, tuple[int, CameraCalibration]] = {}
+        for i, foot in enumerate(FEET):
+            board = shoes.boards.get(FEET[1 - i])
+            if foot in shoes.cameras and board is not None:
+                camera = shoes.cameras[foot]
+                self._cameras[camera.topic] = i, camera
+                self._detectors[camera.topic] = BoardDetector(board, camera)
+        self.exposure_ns = round(exposure_s * 1e9)
+        self._waiting: deque[Image] = deque(maxlen=_HELD)
+        self._searched_ns = dict.fromkeys(self._cameras, -_SEARCH_EVERY_NS)
+        self._newest_ns = dict.fromkeys(self._cameras, -(2**62))
+        self._found_ns: int | None = None  # when a board was where it was expected, at first: of the first picture
+
+    def take(self, picture: Image) -> bool:
+        """Keeps a picture until it can be looked at; False where no board can be in it, or it does not follow."""
+        if picture.topic not in self._cameras or picture.t_ns <= self._newest_ns[picture.topic]:
+            return False
+        self._newest_ns[picture.topic] = picture.t_ns
+        self._waiting.append(picture)
+        return True
+
+    def ready(self, reached_ns: int) -> list[tuple[Image, int, int]]:
+        """Pictures whose time both IMUs have reached, with the camera's foot and the instant on the IMUs' clock."""
+        found = []
+        for _ in range(len(self._waiting)):
+            picture = self._waiting.popleft()
+            foot, camera = self._cameras[picture.topic]
+            t_ns = picture.t_ns + round(camera.timeshift_cam_imu_s * 1e9)
+            if t_ns <= reached_ns:
+                found.append((picture, foot, t_ns))
+            else:
+                self._waiting.append(picture)
+        return sorted(found, key=lambda item: item[2])
+
+    def look(self, picture: Image, expected: Expected) -> BoardSighting | None:
+        """The board in a picture."""
+        if self._found_ns is None:
+            self._found_ns = picture.t_ns
+        if picture.t_ns - self._found_ns > _MISSED_NS:
+            found = self._search(picture, self._detectors[picture.topic], _DOUBT_EVERY_NS)
+            if found is not None:
+                return found
+        return self._look_where(picture, expected)
+
+    def _look_where(self, picture: Image, expected: Expected) -> BoardSighting | None:
+        """The board in a picture where it is expected, or anywhere where little is expected."""
+        detector, (_, camera) = self._detectors[picture.topic], self._cameras[picture.topic]
+        guess = detector.predict(expected.T_camera_board)
+        error_px = np.inf
+        if guess is not None:
+            error_px = _SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _LEAST_ERROR_PX
+        elif _SD**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and _near(expected):
+            return None  # it surely shows its back, or lies behind the camera
+        if guess is None or not error_px < _LOST_PX:
+            return self._search(picture, detector, _SEARCH_EVERY_NS)
+        inside = np.all((guess > -error_px) & (guess < np.array([camera.width, camera.height]) + error_px), axis=1)
+        if not inside.any():
+            return None
+        before = detector.predict(expected.T_before)
+        motion_px = None if before is None else (guess - before).mean(axis=0)
+        sighting = detector.detect(picture, guess, error_px, motion_px)
+        if sighting is not None:
+            self._found_ns = picture.t_ns
+        return sighting
+
+    def _search(self, picture: Image, detector: BoardDetector, every_ns: int) -> BoardSighting | None:
+        if picture.t_ns - self._searched_ns[picture.topic] < every_ns:
+            return None
+        self._searched_ns[picture.topic] = picture.t_ns
+        return detector.detect(picture)
+
+
+def _near(expected: Expected) -> bool:
+    """Whether the board's place is known well against its distance."""
+    distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
+    return _SD * float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1])) < distance
+
+
+def relative_position(sighting: BoardSighting, foot: int, mounts: Array, expected: Expected) -> RelativePosition | None:
+    """What the published filter makes of a sighting; the attitudes of the feet tell a plane's two poses apart.
+
+    Args:
+        sighting: Of either camera.
+        foot: Which carries the camera.
+        mounts: (4, 7) as in `memory.Pair`.
+        expected: How the board was expected.
+    """
+    rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
+    return RelativePosition.of_sighting(
+        sighting,
+        T_imu_camera=_matrix(mounts[CAMERA + foot]),
+        T_other_board=_matrix(mounts[BOARD + 1 - foot]),
+        R_camera_board=expected.T_camera_board[:3, :3],
+        rotation_sd=rotation_sd,
+    )
+
+
+def _matrix(mount: Array) -> Array:
+    """(4, 4) of a position and quaternion (7,)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_quat(mount[3:], scalar_first=True).as_matrix(), mount[:3]
+    return T

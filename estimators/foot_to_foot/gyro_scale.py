@@ -1,0 +1,48 @@
+"""A gyro that tells a share too much or too little of every turn.
+
+One foot alone cannot tell: it turns back in every step. Two that see each other can, as they turn at different times;
+and untold, the error is taken for a longer or shorter step (Titterton & Weston 2004, 12.3: a scale error is to the
+attitude what a bias of its own size times the rate is).
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.algebra import rotation_matrix
+from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, PHASE, T_LAST, TRACKING
+from stridetwin.estimators.foot_to_foot.state import SCALES, Pair
+from stridetwin.streams.samples import Array
+
+
+@njit(**INSIDE)
+def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
+    """Lets the scale's error act on the attitude's over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
+
+    See docs/foot_to_foot.md (8).
+
+    Args:
+        pair: Its covariance is changed in place.
+        foot: Whose gyro.
+        rate: (3,) rad/s, sensor frame.
+        t_ns: Of the sample.
+        max_gap_s: After a longer gap the foot is found anew, and nothing is done here.
+    """
+    memory = pair.feet[foot]
+    dt = (t_ns - memory.clock[T_LAST]) * 1e-9
+    s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
+    if memory.clock[PHASE] != TRACKING or not 0.0 < dt <= max_gap_s or pair.covariance[s, s] == 0.0:
+        return
+    D = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4]) * (rate * dt)
+    _turned(pair.covariance, a, s, D)
+    _turned(pair.covariance.T, a, s, D)
+
+
+@njit(**INSIDE)
+def _turned(M: Array, a: int, s: int, D: Array) -> None:
+    """Rows of the attitude from `a` on less D times those of the scale from `s` on, in place."""
+    for j in range(M.shape[1]):
+        s0, s1, s2 = M[s, j], M[s + 1, j], M[s + 2, j]
+        for i in range(3):
+            M[a + i, j] -= D[i, 0] * s0 + D[i, 1] * s1 + D[i, 2] * s2

@@ -1,0 +1,191 @@
+"""How the parts sit on the two shoes, read from the rig's calibration.
+
+Whether the parts sit on the shoes that the rig says: left and right are easily exchanged.
+
+A picture of the other shoe's board tells how the two shoes are turned to each other, given which shoe carries the
+camera. So do the attitudes of the IMUs, given which shoe carries which. Of the four ways in which left and right can
+have been told, the true one makes the two agree. Cameras that sit mirrored on the shoes show an exchange while the
+wearer still stands; exchanged IMUs show when the feet swing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
+from typing import Protocol, TypeVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.checkerboard.pose import BoardSighting, admissible, board_poses
+from stridetwin.estimators.foot_ins.filter import StartPose
+from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters
+from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET, NEVER
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.samples import Array
+
+_SD = 0.3  # rad: a plane's orientation in a picture, and the feet's headings while nobody knows them
+_MOST = 4.0  # standard deviations; a picture says no more than that against anything
+_APART_NS = 50_000_000  # pictures closer together say the same
+_DOUBT, _SURE, _CLEAR = 4.0, 20.0, 10.0  # differences of log-likelihoods: not used, decided, and between which two
+
+_WAYS = tuple(product((0, 1), (0, 1)))  # IMUs exchanged, cameras exchanged; the first is as the rig says
+_NAMES = {
+    (0, 1): "the cameras sit on each other's shoe",
+    (1, 0): "the IMUs sit on each other's shoe",
+    (1, 1): "IMUs and cameras sit on each other's shoe",
+}
+
+
+class Worn:
+    """Weighs what pictures say about left and right, until they have said enough.
+
+    Args:
+        mounts: (4, 7) of cameras and boards in their feet's IMUs, as in `memory.Pair`.
+    """
+
+    def __init__(self, mounts: Array) -> None:
+        self._R_imu_part = Rotation.from_quat(mounts[:, 3:], scalar_first=True).as_matrix()
+        self._against = np.zeros(len(_WAYS))
+        self._newest_ns = NEVER
+        self._settled = False
+
+    def agrees(self, sighting: BoardSighting, camera: int, R_world_imu: Array) -> bool:
+        """Whether a sighting may be used: False as long as it looks as if left and right were exchanged.
+
+        Args:
+            sighting: Of a foot's camera.
+            camera: That foot, as the rig says.
+            R_world_imu: (2, 3, 3) attitudes that the IMUs of the left and of the right foot give about that time.
+
+        Raises:
+            StrideTwinError: Left and right are exchanged; the message says of what.
+        """
+        if self._settled:
+            return True
+        if sighting.t_ns - self._newest_ns >= _APART_NS and (poses := admissible(board_poses(sighting))):
+            self._newest_ns = sighting.t_ns
+            seen = np.array([pose.T_camera_board[:3, :3] for pose in poses])
+            self._against += [self._misfit(seen, camera, R_world_imu, *way) for way in _WAYS]
+        behind = self._against[0] - self._against[1:].min()
+        self._settled = behind < -_SURE
+        if behind > _SURE and np.diff(np.sort(self._against))[0] > _CLEAR:
+            what = _NAMES[_WAYS[int(np.argmin(self._against))]]
+            raise StrideTwinError(
+                f"left and right are exchanged at {sighting.t_ns * 1e-9:.2f} s: {what}; "
+                "valid: every part on the shoe that the rig says"
+            )
+        return bool(behind < _DOUBT)
+
+    def _misfit(self, R_camera_board: Array, camera: int, R_world_imu: Array, imus: int, cameras: int) -> float:
+        """Log-likelihood against one way to wear the parts, of the (N, 3, 3) likeliest pose."""
+        foot = camera ^ cameras  # that the camera really sits on
+        by_picture = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
+        by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
+        cosine = (np.einsum("nij,ij->n", by_picture, by_imus).max() - 1.0) / 2.0
+        return 0.5 * min(math.acos(max(-1.0, min(1.0, cosine))) / _SD, _MOST) ** 2
+
+
+SEPARATION = 0.2  # m between the feet where nobody says how they stand
+TOE_OUT = 0.1  # rad, of each foot
+
+
+class _Mounted(Protocol):
+    @property
+    def mount(self) -> Mount: ...
+
+
+M = TypeVar("M", bound=_Mounted)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shoes:
+    """Both shoes; what one does not carry has no calibration, and its pose is the identity.
+
+    Attributes:
+        imus: Calibration of the IMU of each foot that has one, by `l` and `r`.
+        cameras: The same of the cameras.
+        boards: The same of the boards.
+        mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each in its
+            foot's IMU.
+        sonars: (2, 3) each foot's sonar in its IMU, m.
+        sonar_topics: Topic of each foot's sonar, "" where there is none.
+    """
+
+    imus: dict[str, ImuCalibration]
+    cameras: dict[str, CameraCalibration]
+    boards: dict[str, Board]
+    mounts: Array
+    sonars: Array
+    sonar_topics: tuple[str, str]
+
+
+def shoes_of(rig: Rig) -> Shoes:
+    """The two shoes of a rig: whatever is mounted on the bodies `foot_l` and `foot_r`.
+
+    Raises:
+        StrideTwinError: No foot carries an IMU, or one carries two.
+    """
+    imus: dict[str, ImuCalibration] = {}
+    cameras: dict[str, CameraCalibration] = {}
+    boards: dict[str, Board] = {}
+    sonars, topics = np.zeros((2, 3)), ["", ""]
+    mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
+    for i, foot in enumerate(FEET):
+        imu = _on_foot(rig.imus.values(), foot, "IMU")
+        if imu is None:
+            continue
+        imus[foot] = imu
+        T_imu_foot = np.linalg.inv(imu.mount.T_body_sensor)
+        if (camera := _on_foot(rig.cameras.values(), foot, "camera")) is not None:
+            cameras[foot], mounts[i] = camera, _pose(T_imu_foot @ camera.mount.T_body_sensor)
+        if (board := _on_foot(rig.boards.values(), foot, "board")) is not None:
+            boards[foot], mounts[2 + i] = board, _pose(T_imu_foot @ board.mount.T_body_sensor)
+        sonar = _on_foot((s for s in rig.others.values() if s.kind == "range"), foot, "sonar")
+        if sonar is not None:
+            sonars[i], topics[i] = (T_imu_foot @ sonar.mount.T_body_sensor)[:3, 3], sonar.topic
+    if not imus:
+        raise StrideTwinError("the rig has no IMU on foot_l or foot_r")
+    return Shoes(
+        imus=imus, cameras=cameras, boards=boards, mounts=mounts, sonars=sonars, sonar_topics=(topics[0], topics[1])
+    )
+
+
+def side_by_side(shoes: Shoes, parameters: FootToFootParameters | PublishedParameters) -> dict[str, StartPose]:
+    """How a wearer probably stands at the start: both feet flat, side by side, the toes a little out.
+
+    The world's origin is on the ground between the heels, its x axis points forward. The left foot's place and heading
+    are this by definition; the right foot's are a guess.
+
+    Args:
+        shoes: For the IMUs' mounts.
+        parameters: How good the guess is.
+    """
+    start = {}
+    for foot, imu in shoes.imus.items():
+        side = 1.0 if foot == "l" else -1.0
+        T_world_foot = np.eye(4)
+        T_world_foot[:3, :3] = Rotation.from_euler("z", side * TOE_OUT).as_matrix()
+        T_world_foot[1, 3] = side * SEPARATION / 2
+        T = T_world_foot @ imu.mount.T_body_sensor
+        q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        guess = {} if foot == "l" else {
+            "position_sd": parameters.start_position_sd_m, "heading_sd": parameters.start_heading_sd_rad
+        }  # fmt: skip
+        start[foot] = StartPose(p_imu_in_world=T[:3, 3], q_world_imu=q, **guess)
+    return start
+
+
+def _on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
+    found = [p for p in parts if p.mount.body == f"foot_{foot}"]
+    if len(found) > 1:
+        raise StrideTwinError(f"foot_{foot} carries {len(found)} {kind}s; one is what the filter of two feet takes")
+    return found[0] if found else None
+
+
+def _pose(T: Array) -> Array:
+    """(7,) position and quaternion of a (4, 4) pose."""
+    return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)])

@@ -1,0 +1,156 @@
+"""What the filter of two feet remembers: two one-foot memories over one covariance, and how cameras and boards sit."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.algebra import exponential, product
+from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
+from stridetwin.estimators.foot_ins.zero_velocity import inject
+from stridetwin.streams.samples import Array
+
+LEFT, RIGHT = 0, 1
+FEET = ("l", "r")
+
+# Error state (70,): 19 of the left foot, 19 of the right, then 6 of each mount: camera left, camera right, board
+# left, board right, then the clocks of camera left and right, then 3 of each
+# gyro's scale. A mount's error is position (m) and rotation vector
+# (rad), both in the axes of its foot's IMU: R_true = exp([e]x) R. A clock's is what its pictures' times lack, s; a
+# scale's, by which share of itself a gyro's axis tells too much.
+MOUNTS = 2 * STATES
+CAMERA, BOARD = 0, 2  # first mount of a kind; the right foot's follows
+CLOCKS = MOUNTS + 4 * 6
+SCALES = CLOCKS + 2
+ALL_STATES = SCALES + 2 * 3
+
+NEVER = -(2**62)  # ns
+SIGHTINGS, ECHOES = 0, 1  # rows of what is known of their innovations
+
+
+class Pair(NamedTuple):
+    """Everything the filter remembers of both feet.
+
+    Attributes:
+        feet: Left and right; their covariance and error are views of the two below.
+        covariance: (70, 70).
+        error: (70,) see `foot_ins.memory.Memory`.
+        mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each
+            in its foot's IMU.
+        late: (2,) what is to be added to the times of each camera's pictures, s.
+        scales: (2, 3) share by which each axis of a foot's gyro tells too much.
+        sonars: (2, 3) each foot's sonar, in its IMU, m.
+        echoes: (2, 3) the point of each foot that answers the other's sonar, in its IMU, m.
+        earth: (3,) turning of the Earth in world axes, rad/s.
+        seen: (2,) int64, time of the newest sighting used of each camera, ns.
+        heard: (2,) int64, time of the newest echo used of each sonar, ns.
+        nis: (2, 2) as `foot_ins.memory.Memory.nis`, of sightings and of echoes.
+    """
+
+    feet: tuple[Memory, Memory]
+    covariance: Array
+    error: Array
+    mounts: Array
+    late: Array
+    scales: Array
+    sonars: Array
+    echoes: Array
+    earth: Array
+    seen: NDArray[np.int64]
+    heard: NDArray[np.int64]
+    nis: Array
+
+
+def blank_pair(
+    mounts: Array,
+    mount_variance: Array,
+    clock_variance: float,
+    scale_variance: float,
+    sonars: Array,
+    echoes: Array,
+    earth: Array,
+) -> Pair:
+    """Memory of two feet that have seen no sample.
+
+    Args:
+        mounts: (4, 7) as in `Pair`.
+        mount_variance: (4, 6) of the mounts' errors, m² and rad².
+        clock_variance: Of each camera's clock, s².
+        scale_variance: Of each axis of a gyro.
+        sonars: (2, 3) m.
+        echoes: (2, 3) m.
+        earth: (3,) rad/s.
+    """
+    covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
+    i = np.arange(MOUNTS, ALL_STATES)
+    covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
+    return Pair(
+        feet=(blank(covariance, error, 0), blank(covariance, error, STATES)),
+        covariance=covariance,
+        error=error,
+        mounts=np.array(mounts, dtype=float),
+        late=np.zeros(2),
+        scales=np.zeros((2, 3)),
+        sonars=np.array(sonars, dtype=float),
+        echoes=np.array(echoes, dtype=float),
+        earth=np.array(earth, dtype=float),
+        seen=np.full(2, NEVER),
+        heard=np.full(2, NEVER),
+        nis=np.zeros((2, 2)),
+    )
+
+
+@njit(**INSIDE)
+def inject_all(pair: Pair) -> None:
+    """Moves the error found so far into the nominal state of feet, mounts, clocks and scales, in place."""
+    for foot in range(2):
+        inject(pair.feet[foot])
+    for i in range(4):
+        error, mount = pair.error[MOUNTS + 6 * i : MOUNTS + 6 * i + 6], pair.mounts[i]
+        mount[:3] += error[:3]
+        mount[3:] = product(exponential(error[3], error[4], error[5]), mount[3:])
+    pair.late[:] += pair.error[CLOCKS:SCALES]
+    for foot in range(2):
+        pair.scales[foot] += pair.error[SCALES + 3 * foot : SCALES + 3 * foot + 3]
+    pair.error[:] = 0.0
+
+
+class Events(NamedTuple):
+    """Samples of every kind in the order in which the filter takes them.
+
+    Attributes:
+        kind: (N,) int8, IMU, SIGHTING, RELATIVE or RANGE.
+        t_ns: (N,) int64.
+        foot: (N,) int8; of an aid, the foot that carries the camera or the sonar.
+        row: (N,) int64 of the event in the arrays of its kind.
+        rate: (I, 3) rad/s.
+        force: (I, 3) m/s².
+        points: (S, M, 3) board points of each sighting, board frame, m; only the first `numbers` are valid.
+        rays: (S, M, 2) their normalised image coordinates.
+        numbers: (S,) int64, how many points each has.
+        ray_sd: (S, M) their standard deviation.
+        relative: (L, 3) position of the other foot's IMU in this foot's, m.
+        relative_sd: (L,) m.
+        distance: (D,) m.
+    """
+
+    kind: NDArray[np.int8]
+    t_ns: NDArray[np.int64]
+    foot: NDArray[np.int8]
+    row: NDArray[np.int64]
+    rate: Array
+    force: Array
+    points: Array
+    rays: Array
+    numbers: NDArray[np.int64]
+    ray_sd: Array
+    relative: Array
+    relative_sd: Array
+    distance: Array
+
+
+IMU, SIGHTING, RELATIVE, RANGE = range(4)

@@ -1,0 +1,260 @@
+"""Where the foot on the ground stands, and how long the walker's steps are: found from where the body is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.estimators.locomotion_mode.footsteps import CLIMB, SIDE, StepFilter
+from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
+from stridetwin.estimators.locomotion_mode.proprioception import Felt, felt, suits
+from stridetwin.estimators.locomotion_mode.rhythm import Landing
+from stridetwin.estimators.locomotion_mode.rollout import Chain, moments, roll_out
+from stridetwin.estimators.locomotion_mode.segments import Piece, under
+from stridetwin.streams.samples import Array
+
+_TOP_FLOOR = 1e-3
+"""Of how well a place suits: people duck."""
+
+
+class Line(NamedTuple):
+    """The way ahead, straight on.
+
+    Attributes:
+        origin: (2,) m, where it begins, `behind_m` behind the body.
+        forward: (2,) unit vector.
+    """
+
+    origin: Array
+    forward: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stance:
+    """Where the foot on the ground stands: a density along a line in the world; beside it as far as feet do."""
+
+    line: Line
+    s: Array
+    density: Array
+
+    def along(self, line: Line, s: Array, p: LocomotionModeParameters) -> Array:
+        """The density over the cells of another line."""
+        turn = _turn(self.line.forward, line.forward)
+        if abs(turn) > p.turned_rad:
+            mean, sd = moments(self.density, self.s)
+            at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
+            return _normed(_normal(s - at, math.hypot(math.cos(turn) * sd, math.sin(turn) * p.beside_sd_m)))
+        old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
+        density = np.interp(old, self.s, self.density, left=0.0, right=0.0)
+        return _normed(density)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Landed:
+    """The last touch-down as camera and insoles know it: what the legs tell of it later is added to this.
+
+    Attributes:
+        stance: Where the foot stands.
+        before: (S,) density of the foot behind over the same cells.
+        ground: Pieces along the line.
+        mode: Of the ground under both feet; "" where it is not the same.
+        even: How likely no edge lay between them, and no turn.
+        length, ramps: Filters of step lengths before they learnt of this step.
+    """
+
+    stance: _Stance
+    before: Array
+    ground: Sequence[Piece]
+    mode: str
+    even: float
+    length: StepFilter
+    ramps: StepFilter
+
+
+class Footing:
+    """The standing foot and the lengths of steps.
+
+    Args:
+        parameters: One set serves everyone.
+    """
+
+    def __init__(self, parameters: LocomotionModeParameters) -> None:
+        self._p = p = parameters
+        self.s: Array = np.asarray(p.grid_m * (np.arange(round((p.behind_m + p.reach_m) / p.grid_m)) + 0.5), float)
+        self.begin(p.standing_sd_m)
+
+    def begin(self, sd_m: float | None = None) -> None:
+        """Nothing is known of the walker; where the foot stands only by the body."""
+        p = self._p
+        shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
+        self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares))
+        self._tall = StepFilter(p.usual_height_m, p.usual_height_m, 1e-3, 0.005, 0.01)  # top of the body over a foot, m
+        self._ramps = StepFilter(p.ramp_step, p.ramp_step_sd, p.climb_sd, p.step_drift, p.step_noise)
+        self._stance: _Stance | None = None
+        self._sd_m = p.walking_sd_m if sd_m is None else sd_m
+        self._alike = 0  # steps in a row on ground of one mode
+        self._landed: _Landed | None = None
+        self.felt: Felt | None = None  # the last step as the legs felt it
+        self._told_of: list[StepEstimate] = []  # the last steps that the legs told of
+
+    def lose(self) -> None:
+        """A foot has landed where nobody knows."""
+        self._stance, self._sd_m, self._alike = None, self._p.walking_sd_m, 0
+
+    @property
+    def step_m(self) -> float:
+        """Expected length of a step on even ground, m."""
+        return self._length.mean
+
+    @property
+    def step_sd_m(self) -> float:
+        """Its deviation, m."""
+        return self._length.sd
+
+    def standing(self, line: Line) -> Array:
+        """(S,) density of the standing foot over the cells of a line."""
+        if self._stance is None:
+            density = np.exp(-0.5 * ((self.s - self._p.behind_m) / self._sd_m) ** 2)
+            return np.asarray(density / density.sum())
+        return self._stance.along(line, self.s, self._p)
+
+    def stood(self, stance: Array, height: Array | None, top: float) -> Array:
+        """(S,) density of the standing foot, once the body has passed over it: it is a leg's length below its top.
+
+        Args:
+            stance: (S,) density before.
+            height: (S,) m, of the ground along the way; None: unknown.
+            top: Greatest height of the body over the foot, m.
+        """
+        sd = math.hypot(self._p.top_sd_m, self._tall.sd)
+        if height is None or sd > self._p.height_sd_m:
+            return stance
+        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean) / sd) ** 2) + _TOP_FLOOR)
+        return np.asarray(density / density.sum())
+
+    def rolled(
+        self, stance: Array, ground: Sequence[Piece], feet: Sequence[str],
+        landing: tuple[Array, Array] | None = None,
+    ) -> Chain:  # fmt: skip
+        """The next footprints of feet, from where the standing one is; see `roll_out`."""
+        lengths = [self._length.of(SIDE[foot]) for foot in feet]
+        shared = math.hypot(self._length.sd, self._p.adapt_sd * self._length.mean)
+        ratios = {mode: (self._ramps.of(kind), self._ramps.sd_of(kind)) for mode, kind in CLIMB.items()}
+        return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, landing)
+
+    def land(
+        self, landing: Landing, line: Line, ground: Sequence[Piece], height: Array | None, body: float, top: float,
+        floor: float, went_m: float | None,
+    ) -> None:  # fmt: skip
+        """Finds where a foot has landed, and what the step says of the next ones.
+
+        See docs/locomotion_mode.md (10).
+
+        Args:
+            landing: The touch-down.
+            line: The way.
+            ground: Pieces along it.
+            height: (S,) m, of the ground along it; None: unknown.
+            body: Of the body over the ground, m.
+            top: Greatest height of the body since the touch-down before, m.
+            floor: Height of the ground that was seen where the foot behind stands, m; NaN where none was.
+            went_m: How far the body went since the touch-down before; None: it is not known.
+        """
+        p, stance = self._p, self.stood(self.standing(line), height, top)
+        came = None if self._stance is None else self._stance.line.forward
+        before, _ = moments(stance, self.s)
+        between = sum(self._length.of(SIDE[foot]) for foot in landing.feet[:-1])
+        ahead = self.s - p.behind_m  # of the body
+        even = ahead + self._leaning(ground, body) - 0.5 * (self.s - before - between)
+        suited = _normal(even, p.body_sd_m), _normal(ahead - p.edge_ahead_m, p.edge_ahead_sd_m)
+        chain = self.rolled(stance, ground, landing.feet, suited)
+        self._stance = _Stance(line=line, s=self.s, density=chain.density[-1])
+        self._landed = None
+        if landing.after:
+            straight = 1.0 if came is None else math.exp(-0.5 * (_turn(came, line.forward) / self._p.turn_sd_rad) ** 2)
+            self._learn(landing.feet[-1], self._stance, stance, chain, ground, straight, went_m)
+            if self._alike > 1 and math.isfinite(floor):
+                self._tall.update(0.0, top - floor)
+
+    def _learn(
+        self, foot: str, now: _Stance, stance: Array, chain: Chain, ground: Sequence[Piece], straight: float,
+        went_m: float | None,
+    ) -> None:  # fmt: skip
+        """What a step that was made says of the next ones: on the level of all, on a ramp of those on ramps."""
+        before, before_sd = moments(stance, self.s)
+        made, made_sd = moments(chain.density[0], self.s)
+        sd = math.hypot(made_sd, before_sd)
+        even = straight * (1.0 - min(1.0, 2.0 * float(chain.modes[0, 1] + chain.modes[0, 2])))
+        here, there = (ground[under(ground, s, self._p)] for s in (before, made))
+        mode = here.mode if here.mode == there.mode else ""
+        self._landed = _Landed(
+            stance=now, before=stance, ground=ground, mode=mode, even=even,
+            length=copy(self._length), ramps=copy(self._ramps),
+        )  # fmt: skip
+        self._alike = self._alike + 1 if mode and even > 0.5 else 0
+        length = made - before
+        if self._alike > 1 and went_m is not None:  # the body goes as far as the feet, and is known better than they
+            length, sd = went_m, 0.5 * self._p.body_sd_m
+        self._lengthen(foot, mode, length, sd, even)
+
+    def _lengthen(self, foot: str, mode: str, length: float, sd: float, even: float) -> None:
+        """A step of a length, in m, on ground of a mode; none where that was not the same under both feet."""
+        if mode == "LG":
+            self._length.update(SIDE[foot], length, sd, even)
+        elif mode:
+            level = self._length.of(SIDE[foot])
+            self._ramps.update(CLIMB[mode], length / level, sd / level, even)
+
+    def feel(self, told: StepEstimate, foot: str, down_ns: int) -> bool:
+        """The legs tell of the step that ended with a touch-down; returns whether for the first time.
+
+        Args:
+            told: The step.
+            foot: The one that touched down last.
+            down_ns: When.
+        """
+        if not self._told_of or self._told_of[-1].step != told.step:
+            self._told_of = [*self._told_of[-2:], told]
+        self._told_of[-1] = told
+        step, landed = felt(self._told_of), self._landed
+        if step is None or step.foot != foot or told.t_ns < down_ns:
+            return False
+        first, self.felt = self.felt is None or self.felt.step != step.step, step
+        if landed is None:
+            return first
+        stance = landed.stance
+        density = stance.density * suits(step, self.s, landed.ground, landed.before, self._p)
+        self._stance = replace(stance, density=density / density.sum())
+        self._length, self._ramps = copy(landed.length), copy(landed.ramps)
+        self._lengthen(step.foot, landed.mode, step.length, step.length_sd, landed.even)
+        return first
+
+    def _leaning(self, ground: Sequence[Piece], height_m: float) -> Array:
+        """(S,) m the body is ahead of the middle between the feet at touch-down, by where the foot lands."""
+        p, lean = self._p, np.full(len(self.s), self._p.lean_rad)
+        for piece in ground:
+            if piece.mode == "RA":
+                lean[(self.s >= piece.start) & (self.s < piece.end)] += p.climb_lean * piece.slope
+        return np.asarray(height_m * lean)
+
+
+def _turn(one: Array, other: Array) -> float:
+    """Angle from a (2,) direction to another one, rad."""
+    return math.atan2(one[0] * other[1] - one[1] * other[0], one @ other)
+
+
+def _normed(density: Array) -> Array:
+    """The same with the sum 1; even where there is nothing."""
+    total = density.sum()
+    return density / total if total > 1e-9 else np.full(len(density), 1.0 / len(density))
+
+
+def _normal(off: Array, sd: float) -> Array:
+    """A normal density, up to a factor that all share."""
+    return np.asarray(np.exp(-0.5 * (off / sd) ** 2) / sd, float)

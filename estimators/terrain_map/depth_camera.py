@@ -1,0 +1,164 @@
+"""The depth camera: which it is, and its picture as a pinhole would see it, without what is no depth.
+
+A depth picture without what is no depth: out of range, or beside an outline.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
+from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
+
+
+@cached(_HERE)
+def in_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) -> tuple[NDArray[np.float32], int]:
+    """(H, W) m, 0 for what is not from `least` to `most` or not finite; and how many pixels are."""
+    found = np.empty(depth.shape, np.float32)
+    nothing, count = np.float32(0.0), 0
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            inside = (depth[v, u] >= least) & (depth[v, u] <= most)
+            found[v, u] = depth[v, u] if inside else nothing
+            count += inside
+    return found, count
+
+
+@cached(_HERE, error_model="numpy")
+def without_outlines(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
+    """The depth without the pixels beside an outline, which lie on one of two surfaces or between them.
+
+    Taking as much away on either side leaves the middle of the gap where the outline is.
+
+    Args:
+        depth: (H, W) m, 0 = none.
+        share: Difference of the depths, over the larger one, that makes an outline.
+        reach: Pixels.
+    """
+    height, width = depth.shape
+    keeps, nothing, never = np.float32(1.0 - share), np.float32(0.0), np.float32(math.inf)
+    found = np.empty(depth.shape, np.float32)
+    # Of each column over the rows around, then of its neighbours too; beyond the picture there is none.
+    far, near = np.zeros(width + 2 * reach, np.float32), np.full(width + 2 * reach, never)
+    farthest, nearest = np.empty(width, np.float32), np.empty(width, np.float32)
+    for v in range(height):
+        own_far, own_near = far[reach : reach + width], near[reach : reach + width]
+        own_far[:], own_near[:] = nothing, never
+        for row in range(max(v - reach, 0), min(v + reach + 1, height)):
+            line = depth[row]
+            for u in range(width):
+                d = line[u]
+                own_far[u] = d if d > own_far[u] else own_far[u]
+                d = d if d > nothing else never
+                own_near[u] = d if d < own_near[u] else own_near[u]
+        farthest[:], nearest[:] = far[:width], near[:width]
+        for shift in range(1, 2 * reach + 1):
+            beside_far, beside_near = far[shift : shift + width], near[shift : shift + width]
+            for u in range(width):
+                farthest[u] = beside_far[u] if beside_far[u] > farthest[u] else farthest[u]
+                nearest[u] = beside_near[u] if beside_near[u] < nearest[u] else nearest[u]
+        line, out = depth[v], found[v]
+        for u in range(width):
+            out[u] = line[u] if nearest[u] >= keeps * farthest[u] else nothing
+    return found
+
+
+_WIDTH = 640.0
+
+
+class DepthCamera:
+    """A depth stream and the pinhole that it is seen through.
+
+    Args:
+        calibration: Of the camera that the depth is registered to.
+
+    Attributes:
+        topic: Of the depth.
+        shape: (H, W).
+        intrinsics: (4,) fu, fv, pu, pv.
+    """
+
+    def __init__(self, calibration: CameraCalibration) -> None:
+        self.topic = calibration.depth_topic
+        self.shape = (calibration.height, calibration.width)
+        self.intrinsics: Array = np.array(calibration.intrinsics)
+        self._maps = None
+        if any(calibration.distortion):
+            fisheye = calibration.distortion_model == "equidistant"
+            undistort = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
+            K, bent = calibration.K, np.array(calibration.distortion)
+            self._maps = undistort(K, bent, np.eye(3), K, self.shape[::-1], cv2.CV_32FC1)
+
+    @classmethod
+    def of(cls, rig: Rig, topic: str | None) -> DepthCamera:
+        """The camera with this depth stream, or the first that has one.
+
+        Raises:
+            StrideTwinError: There is none; the message lists those there are.
+        """
+        return cls(depth_calibration(rig, topic))
+
+    def pixels(self, of_640: float) -> int:
+        """So many pixels of a 640-pixel picture in this one, at least one."""
+        return max(1, round(of_640 * self.shape[1] / _WIDTH))
+
+    def rectified(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> tuple[NDArray[np.float32], int]:
+        """(H, W) m, 0 = none: what lies within range, as a pinhole would see it; and how many pixels have depth.
+
+        Args:
+            depth: (H, W) m; 0, NaN, infinity and what is negative are none.
+            p: The range.
+
+        Raises:
+            StrideTwinError: The picture has another size than the rig tells.
+        """
+        if depth.shape != self.shape:
+            raise StrideTwinError(f"{self.topic}: picture of {depth.shape}; valid: {self.shape}, as the rig tells")
+        clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.range_min_m), np.float32(p.range_max_m))
+        if self._maps is None:
+            return clean, count
+        straight = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
+        return straight, int(np.count_nonzero(straight))
+
+
+def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
+    """The camera with this depth stream, or the first that has one.
+
+    Raises:
+        StrideTwinError: There is none; the message lists those there are.
+    """
+    there = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
+    if not there or (topic is not None and topic not in there):
+        raise StrideTwinError(f"the rig has no depth {topic or 'camera'}; it has {', '.join(sorted(there)) or 'none'}")
+    return there[topic] if topic is not None else next(iter(there.values()))
+
+
+def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
+    """(4, 4) optical frame of a camera to another sensor's frame on the same body, such as `head/imu`; m.
+
+    Args:
+        rig: Says where both are mounted.
+        camera: Whose optical frame.
+        frame: The other sensor's; "" is the camera's own.
+
+    Raises:
+        StrideTwinError: The rig has no such sensor, or it is on another body.
+    """
+    if not frame:
+        return np.eye(4)
+    sensors: dict[str, ImuCalibration | CameraCalibration] = {**rig.imus, **rig.cameras}
+    there = [topic for topic, sensor in sensors.items() if sensor.mount.body == camera.mount.body]
+    if f"/{frame}" not in there:
+        valid = ", ".join(topic.removeprefix("/") for topic in there)
+        raise StrideTwinError(f"the rig has no frame {frame!r} on the body of {camera.topic}; it has {valid}")
+    return np.asarray(np.linalg.inv(sensors[f"/{frame}"].mount.T_body_sensor) @ camera.mount.T_body_sensor, float)

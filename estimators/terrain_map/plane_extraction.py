@@ -1,0 +1,318 @@
+"""Planes of an organised grid of points by agglomerative hierarchical clustering of cells (Feng et al., ICRA 2014).
+
+The grid is divided into cells; a cell without a jump, whose points fit a plane, is a node; neighbouring nodes whose
+planes agree are merged, best pair first, as long as their common plane fits. Pairs that are each other's best are
+merged together, so that a round costs one pass over the edges.
+
+From a height image to pieces of ground: long planes first, then the strips that are left between them.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit, off_plane
+from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
+
+_FULL = 0.7
+"""Share of a cell's points that must be there."""
+_DOUBT = 2.0
+"""Standard deviations of their tilts that two planes may differ by."""
+_SIGMAS = 3.0
+"""No point of a cell lies farther off."""
+
+
+@cached(_HERE, error_model="numpy")
+def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
+    """Sums over the points of each cell that is a node.
+
+    Args:
+        places: (n, 2) m, x of a row of points and y of a column.
+        height: (n, n) m, NaN where there is no point.
+        noise: (n, n) m, standard deviation of a point.
+        cell: Edge of a cell, points.
+
+    Returns:
+        (n // cell, n // cell, 11) sums; 0 where the cell is no node.
+    """
+    rows, columns = height.shape[0] // cell, height.shape[1] // cell
+    found = np.zeros((rows, columns, SUMS))
+    for r in range(rows):
+        for c in range(columns):
+            sums = found[r, c]
+            for i in range(r * cell, (r + 1) * cell):
+                for j in range(c * cell, (c + 1) * cell):
+                    if not math.isnan(height[i, j]):
+                        add_point(sums, places[i, 0], places[j, 1], height[i, j], noise[i, j])
+            if sums[0] < _FULL * cell * cell:
+                sums[:] = 0.0
+                continue
+            x, y, z, a, b, d, error = fit(sums)
+            variance = sums[10] / sums[0]
+            fits, limit = error <= variance, _SIGMAS * math.sqrt(variance)
+            for i in range(r * cell, (r + 1) * cell):
+                for j in range(c * cell, (c + 1) * cell):
+                    off = a * (places[i, 0] - x) + b * (places[j, 1] - y) + d * (height[i, j] - z)
+                    fits = fits and not abs(off) > limit
+            if not fits:
+                sums[:] = 0.0
+    return found
+
+
+@njit(error_model="numpy", **INSIDE)
+def _tilt_variance(s: Array) -> float:
+    """Variance of a plane's tilt, rad², about the axis along which its points reach least."""
+    n = s[0]
+    a, b, d = s[4] / n - (s[1] / n) ** 2, s[7] / n - (s[2] / n) ** 2, s[9] / n - (s[3] / n) ** 2
+    e, f, g = s[5] / n - s[1] * s[2] / n**2, s[6] / n - s[1] * s[3] / n**2, s[8] / n - s[2] * s[3] / n**2
+    # Of three eigenvalues, the least near 0: the middle one from their sum and the sum of their products.
+    total, products = a + b + d, a * b + a * d + b * d - e * e - f * f - g * g
+    middle = 0.5 * (total - math.sqrt(max(total * total - 4.0 * products, 0.0)))
+    return s[10] / n / n / max(middle, 1e-9)
+
+
+@cached(_HERE, error_model="numpy")
+def cluster(found: Array, angle: float) -> NDArray[np.int32]:
+    """Merges cells into planes.
+
+    See docs/terrain_map.md (6).
+
+    Args:
+        found: (R, C, 11) sums of the cells; changed: a plane's sums stand at its root.
+        angle: Largest angle between two planes that are merged, rad, beside what their noise explains.
+
+    Returns:
+        (R, C) root cell of each cell's plane, as index r * C + c; -1 where there is none.
+    """
+    rows, columns = found.shape[:2]
+    sums = found.reshape(rows * columns, SUMS)
+    root = np.full(rows * columns, -1, np.int32)
+    normals, doubt = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
+    for n in range(len(root)):
+        if sums[n, 0] > 0:
+            root[n] = n
+            _, _, _, normals[n, 0], normals[n, 1], normals[n, 2], _ = fit(sums[n])
+            doubt[n] = _tilt_variance(sums[n])
+    edges = np.empty((2 * len(root), 2), np.int32)
+    count = 0
+    for r in range(rows):
+        for c in range(columns):
+            n = r * columns + c
+            if root[n] < 0:
+                continue
+            if c + 1 < columns and root[n + 1] >= 0:
+                edges[count, 0], edges[count, 1] = n, n + 1
+                count += 1
+            if r + 1 < rows and root[n + columns] >= 0:
+                edges[count, 0], edges[count, 1] = n, n + columns
+                count += 1
+    costs = np.full(count, -1.0)  # of merging an edge's planes; -1 not known, inf not allowed
+    best, met = np.empty(len(root), np.int64), np.empty(len(root), np.int64)
+    common = np.empty(SUMS)
+    while True:
+        best[:] = -1
+        for e in range(count):
+            a, b = edges[e]
+            if costs[e] < 0.0:
+                costs[e] = np.inf
+                dot = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1] + normals[a, 2] * normals[b, 2]
+                if 1.0 - dot * dot <= angle**2 + _DOUBT**2 * (doubt[a] + doubt[b]):
+                    for s in range(SUMS):
+                        common[s] = sums[a, s] + sums[b, s]
+                    error = off_plane(common)
+                    if error <= common[10] / common[0]:
+                        costs[e] = error
+            if costs[e] < np.inf:
+                if best[a] < 0 or costs[e] < costs[best[a]]:
+                    best[a] = e
+                if best[b] < 0 or costs[e] < costs[best[b]]:
+                    best[b] = e
+        merged = False
+        for e in range(count):
+            a, b = edges[e]
+            if best[a] == e and best[b] == e:
+                for s in range(SUMS):
+                    sums[a, s] += sums[b, s]
+                    sums[b, s] = 0.0
+                root[b] = a
+                _, _, _, normals[a, 0], normals[a, 1], normals[a, 2], _ = fit(sums[a])
+                doubt[a] = _tilt_variance(sums[a])
+                best[a] = best[b] = -2 - a  # both are the new plane a
+                merged = True
+        if not merged:
+            break
+        kept = 0
+        met[:] = -1
+        for e in range(count):
+            a, b = edges[e]
+            new = best[a] < -1 or best[b] < -1
+            a = -2 - best[a] if best[a] < -1 else a
+            b = -2 - best[b] if best[b] < -1 else b
+            low, high = min(a, b), max(a, b)
+            if a != b and met[low] != high:  # long borders are edges many times over
+                met[low] = high
+                edges[kept, 0], edges[kept, 1] = a, b
+                costs[kept] = -1.0 if new else costs[e]
+                kept += 1
+        count = kept
+    for n in range(len(root)):
+        if root[n] >= 0:
+            while root[n] != root[root[n]]:
+                root[n] = root[root[n]]
+    return root.reshape(rows, columns)
+
+
+CELL = 4
+"""Columns along the edge of a cell: 8 cm, a third of the shortest tread."""
+_CELLS = 4
+"""Fewest cells of a long plane."""
+"""How far a column may lie off its plane, or off its neighbour in a strip."""
+
+Labels = NDArray[np.int32]
+Heights = NDArray[np.float32]
+
+
+def patches(
+    height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int, angle: float
+) -> tuple[Labels, Array]:
+    """Planes of the ground seen from above.
+
+    Args:
+        height: (n, n) m, NaN where nothing is seen; n a multiple of `CELL`.
+        noise: (n, n) m, standard deviation of the heights.
+        corner: (2,) m, grid axes, where column (0, 0) begins.
+        voxel_m: Edge of a column.
+        steepest: Steeper planes are no ground, rad.
+        fewest: Columns of the smallest strip.
+        angle: Neighbouring cells of one plane differ by less in direction, rad.
+
+    Returns:
+        (n, n) number of each column's plane, -1 where there is none; and (P, 11) sums over each plane's columns.
+    """
+    along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
+    places = (along[:, None] + corner).astype(np.float32)
+    found = cell_sums(places, height, noise, CELL)
+    roots = cluster(found, angle)
+    return _label(places, height, noise, roots, found.reshape(-1, SUMS), math.cos(steepest), fewest)
+
+
+@cached(_HERE)
+def _label(
+    places: Heights, height: Heights, noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int
+) -> tuple[Labels, Array]:
+    """Gives each column to the nearest of the planes around it, and what is left to strips."""
+    rows, columns = roots.shape
+    number = np.full(rows * columns, -1, np.int32)
+    planes = np.empty((rows * columns, 4))
+    count = 0
+    for n in range(rows * columns):
+        if found[n, 0] >= 0.7 * _CELLS * CELL * CELL:
+            x, y, z, a, b, d, _ = fit(found[n])
+            if d >= least_up:
+                number[n] = count
+                planes[count, 0], planes[count, 1], planes[count, 2] = a, b, d
+                planes[count, 3] = a * x + b * y + d * z
+                count += 1
+    cells = np.full((rows, columns), -1, np.int32)
+    for r in range(rows):
+        for c in range(columns):
+            if roots[r, c] >= 0:
+                cells[r, c] = number[roots[r, c]]
+    labels = np.full(height.shape, -1, np.int32)
+    around = np.empty(9, np.int32)
+    for r in range(rows):
+        for c in range(columns):
+            there, last = 0, -1
+            for p in range(max(r - 1, 0), min(r + 2, rows)):
+                for q in range(max(c - 1, 0), min(c + 2, columns)):
+                    if cells[p, q] >= 0 and cells[p, q] != last:
+                        last = cells[p, q]
+                        around[there] = last
+                        there += 1
+            if there == 0:
+                continue
+            for i in range(r * CELL, (r + 1) * CELL):
+                for j in range(c * CELL, (c + 1) * CELL):
+                    x, y, z = places[i, 0], places[j, 1], height[i, j]
+                    if math.isnan(z):
+                        continue
+                    nearest = _SIGMAS * noise[i, j]
+                    for k in around[:there]:
+                        off = abs(planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3])
+                        if off < nearest:
+                            nearest = off
+                            labels[i, j] = k
+    sums = np.zeros((_strips(places, height, noise, labels, planes, count, least_up, fewest), SUMS))
+    for i in range(height.shape[0]):
+        for j in range(height.shape[1]):
+            if labels[i, j] >= 0:
+                add_point(sums[labels[i, j]], places[i, 0], places[j, 1], height[i, j], noise[i, j])
+    return labels, sums
+
+
+@njit(**INSIDE)
+def _strips(
+    places: Heights, height: Heights, noise: Heights, labels: Labels, planes: Array, count: int, least_up: float,
+    fewest: int,
+) -> int:  # fmt: skip
+    """Labels connected columns of one height that belong to no long plane, or go on one that they touch.
+
+    Returns:
+        How many planes there are now.
+    """
+    n, m = labels.shape
+    visited, long = labels >= 0, count
+    stack = np.empty((n * m, 2), np.int32)
+    sums = np.empty(SUMS)
+    for i in range(n):
+        for j in range(m):
+            if visited[i, j] or math.isnan(height[i, j]):
+                continue
+            size, head, beside = 1, 0, -1
+            stack[0, 0], stack[0, 1] = i, j
+            visited[i, j] = True
+            while head < size:
+                a, b = stack[head]
+                head += 1
+                for p in range(max(a - 2, 0), min(a + 3, n)):
+                    for q in range(max(b - 2, 0), min(b + 3, m)):
+                        if labels[p, q] >= 0:
+                            beside = labels[p, q]
+                        elif not visited[p, q] and abs(height[p, q] - height[a, b]) < _SIGMAS * noise[p, q]:
+                            visited[p, q] = True
+                            stack[size, 0], stack[size, 1] = p, q
+                            size += 1
+            if size < fewest and not 0 <= beside < long:
+                continue
+            sums[:] = 0.0
+            for s in range(size):
+                p, q = stack[s]
+                add_point(sums, places[p, 0], places[q, 1], height[p, q], noise[p, q])
+            plane = fit(sums)
+            limit = 4.0 * sums[10] / size
+            if 0 <= beside < long:
+                q = planes[beside]
+                off = 0.0
+                for s in range(size):
+                    a, b = stack[s]
+                    off += (q[0] * places[a, 0] + q[1] * places[b, 1] + q[2] * height[a, b] - q[3]) ** 2
+                if off / size < limit:
+                    for s in range(size):
+                        labels[stack[s, 0], stack[s, 1]] = beside
+                    continue
+            if size < fewest:
+                continue
+            level = sums[9] / size - (sums[3] / size) ** 2 < limit  # too narrow to have a slope
+            if level or (plane[5] >= least_up and plane[6] < limit):
+                for s in range(size):
+                    labels[stack[s, 0], stack[s, 1]] = count
+                count += 1
+    return count

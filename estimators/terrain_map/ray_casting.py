@@ -1,0 +1,232 @@
+"""Ray casting: the map as the camera would see it, and as seen from straight above."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import cached
+from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, Blocks, slot_of
+from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
+
+_SEEN = 0.1
+"""Weight from which on a voxel counts."""
+_NEAR = 0.5
+"""Beyond this λ does not say how far the surface is: between two such places it lies in the middle."""
+_SHARE = 0.5
+"""Of the weight beside it that a column needs."""
+_BESIDE = np.ones((5, 5), np.uint8)
+_FEWEST = 0.05
+"""Weight below which a column is known no worse."""
+
+
+@cached(_HERE)
+def from_above(
+    blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What a camera over the ground sees that looks straight down, a ray to each column of voxels.
+
+    Args:
+        blocks: The map.
+        first_i: Column of the corner; a multiple of 8.
+        first_j: As `first_i`.
+        size: Columns along an edge of the view; a multiple of 8.
+        top_k: Rays start at this layer.
+        voxel_m: Edge of a voxel.
+
+    Returns:
+        (size, size) height of the surface, m, NaN where none is seen, and the weight of the voxel above it.
+    """
+    height = np.full((size, size), np.nan, np.float32)
+    trust = np.zeros((size, size), np.float32)
+    # Of the voxel above, by column of a block: its λ, its weight, 0 where it was not seen; and which columns are done.
+    above, known = np.zeros(EDGE * EDGE, np.float32), np.zeros(EDGE * EDGE, np.float32)
+    met = np.zeros(EDGE * EDGE, np.bool_)
+    slots, origin = blocks.slots, blocks.origin
+    start = min(top_k, (origin[2] + SHAPE[2]) * EDGE - 1)
+    nothing, least = np.float32(0.0), np.float32(_SEEN)
+    for bi in range(size // EDGE):
+        for bj in range(size // EDGE):
+            known[:], met[:] = nothing, False
+            left = EDGE * EDGE
+            for bk in range(start >> 3, origin[2] - 1, -1):
+                row = slot_of(slots, origin, (first_i >> 3) + bi, (first_j >> 3) + bj, bk)
+                if row < 0:
+                    known[:] = nothing
+                    continue
+                distance, weight = blocks.distance[row], blocks.weight[row]
+                top = min(EDGE - 1, start - bk * EDGE)
+                for column in range(EDGE * EDGE):
+                    if met[column]:
+                        continue
+                    first, solid = column << 3, False
+                    for k in range(EDGE):
+                        solid |= (weight[first | k] >= least) & (distance[first | k] >= nothing)
+                    if not solid:
+                        above[column] = distance[first]
+                        known[column] = weight[first] if weight[first] >= least else nothing
+                        continue
+                    before, trusted = above[column], known[column]
+                    for k in range(top, -1, -1):
+                        at = first | k
+                        own, value = weight[at], distance[at]
+                        if own < least:
+                            trusted = nothing
+                            continue
+                        if value >= nothing and trusted > nothing and before < nothing:
+                            i, j = bi * EDGE + (column >> 3), bj * EDGE + (column & 7)
+                            height[i, j] = (bk * EDGE + k + 0.5 + value / (value - before)) * voxel_m
+                            trust[i, j] = min(own, trusted)
+                            met[column] = True
+                            left -= 1
+                            break
+                        trusted, before = own, value
+                    above[column], known[column] = before, trusted
+                if left == 0:
+                    break
+    return height, trust
+
+
+@cached(_HERE, error_model="numpy")
+def from_camera(
+    blocks: Blocks, intrinsics: Array, shape: tuple[int, int], T_grid_camera: Array, voxel_m: float, range_m: float
+) -> NDArray[np.float32]:
+    """The smoothed depth image I_D^s: the depth at which each pixel's ray meets the surface.
+
+    Args:
+        blocks: The map.
+        intrinsics: (4,) fu, fv, pu, pv of the picture to make.
+        shape: (H, W).
+        T_grid_camera: (4, 4) optical frame to grid axes, m.
+        voxel_m: Edge of a voxel.
+        range_m: Rays end at this depth.
+
+    Returns:
+        (H, W) m, 0 = none.
+    """
+    picture = np.zeros(shape, np.float32)
+    R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3] / voxel_m
+    for v in range(shape[0]):
+        for u in range(shape[1]):
+            x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
+            length = math.sqrt(x * x + y * y + 1.0)
+            dx = (R[0, 0] * x + R[0, 1] * y + R[0, 2]) / length
+            dy = (R[1, 0] * x + R[1, 1] * y + R[1, 2]) / length
+            dz = (R[2, 0] * x + R[2, 1] * y + R[2, 2]) / length
+            at, end = 4.0, range_m / voxel_m * length
+            before, before_at, free = 0.0, 0.0, False
+            while at < end:
+                i, j, k = math.floor(c[0] + dx * at), math.floor(c[1] + dy * at), math.floor(c[2] + dz * at)
+                row = slot_of(blocks.slots, blocks.origin, i >> 3, j >> 3, k >> 3)
+                if row < 0:
+                    free = False
+                    at += 0.5 * EDGE
+                    continue
+                here = ((i & 7) << 6) | ((j & 7) << 3) | (k & 7)
+                value = blocks.distance[row, here]
+                if blocks.weight[row, here] < _SEEN:
+                    free = False
+                elif value < 0.0:
+                    before, before_at, free = value, at, True
+                elif free:
+                    met = before_at + (at - before_at) * before / (before - value)
+                    picture[v, u] = met * voxel_m / length
+                    break
+                at += 0.7
+    return picture
+
+
+@cached(_HERE, error_model="numpy")
+def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
+    """How far solid ground reaches along lines just under a surface.
+
+    Args:
+        blocks: The map.
+        starts: (N, 3) in voxels, grid axes, just under the surface.
+        direction: (2,) horizontal unit vector along which it ends.
+        slope: Rise of the surface along it.
+        reach: How far to look, voxels.
+        gap: Longest stretch not seen between the last solid place and the first free one, voxels.
+
+    Returns:
+        (N,) voxels from each start to where λ changes its sign for the first time; NaN where that is not seen.
+    """
+    found = np.full(len(starts), np.nan)
+    step = 1.0
+    slots, origin, distance, weight = blocks.slots, blocks.origin, blocks.distance, blocks.weight
+    for n in range(len(starts)):
+        at, last_at, last = 0.0, -1.0, 0.0
+        while at < reach:
+            # λ between voxel centres (trilinear), where all eight were seen
+            x, y = starts[n, 0] + direction[0] * at - 0.5, starts[n, 1] + direction[1] * at - 0.5
+            z = starts[n, 2] + slope * at - 0.5
+            i, j, k = math.floor(x), math.floor(y), math.floor(z)
+            a, b, c = x - i, y - j, z - k
+            value = 0.0
+            for corner in range(8):
+                di, dj, dk = corner >> 2, (corner >> 1) & 1, corner & 1
+                share = (a if di else 1 - a) * (b if dj else 1 - b) * (c if dk else 1 - c)
+                if share < 1e-6:
+                    continue
+                p, q, r = i + di, j + dj, k + dk
+                row = slot_of(slots, origin, p >> 3, q >> 3, r >> 3)
+                here = ((p & 7) << 6) | ((q & 7) << 3) | (r & 7)
+                if row < 0 or weight[row, here] < _SEEN:
+                    value = math.nan
+                    break
+                value += share * distance[row, here]
+            if not math.isnan(value):
+                if value < 0.0:
+                    if last_at >= 0.0 and at - last_at <= gap:
+                        inside, outside = min(last, _NEAR), max(value, -_NEAR)
+                        found[n] = last_at + (at - last_at) * inside / (inside - outside)
+                    break
+                last_at, last = at, value
+            at += step
+    return found
+
+
+def well_seen(
+    height: NDArray[np.float32], weight: NDArray[np.float32], eye_z: float, least_m: float, most_m: float,
+    noise_per_m: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    """How well the columns are known.
+
+    Those that are seen far less than those beside them go: they lie at an outline, half in the air.
+
+    Args:
+        height: (n, n) m; changed, NaN where nothing is seen.
+        weight: (n, n) of the columns.
+        eye_z: Height of the camera, m.
+        least_m: Standard deviation of any column.
+        most_m: No column has more.
+        noise_per_m: Standard deviation of the depth over its square, 1/m.
+
+    Returns:
+        (n, n) m, standard deviation of the heights.
+    """
+    beside = np.asarray(cv2.dilate(weight, _BESIDE), np.float32)
+    return _well_seen(height, weight, beside, eye_z, least_m, most_m, noise_per_m)
+
+
+@cached(_HERE, error_model="numpy")
+def _well_seen(
+    height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
+    most_m: float, noise_per_m: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    noise = np.empty(height.shape, np.float32)
+    share, unseen, fewest = np.float32(_SHARE), np.float32(math.nan), np.float32(_FEWEST)
+    for i in range(height.shape[0]):
+        for j in range(height.shape[1]):
+            own = weight[i, j]
+            z = unseen if own < share * beside[i, j] else height[i, j]
+            off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)
+            sd = math.sqrt(least_m * least_m + off * off / (own if own > fewest else fewest))
+            height[i, j], noise[i, j] = z, min(sd, most_m)
+    return noise

@@ -1,0 +1,317 @@
+"""A depth picture goes into the voxels: eqs. (19)-(22) of Zhao et al. 2023."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stridetwin.estimators.compiled import INSIDE, cached
+from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, VOXELS, Blocks, add_block, slot_of
+from stridetwin.streams.samples import Array
+
+_HERE = Path(__file__).parent
+
+_STRIDE = 8
+_f32 = np.float32
+_STEEPEST = _f32(0.3)
+"""Height over depth along the shallowest line of sight whose distances still count as heights."""
+_NEAREST = _f32(0.05)
+_AIR = _f32(-0.5)
+"""λ of what is free for certain."""
+_NONE, _LEAST = _f32(1e9), _f32(1e-20)
+_ZERO, _ONE, _ORIGIN = _f32(0.0), _f32(1.0), np.int32(0)
+_Corner = tuple[np.float32, np.float32, np.float32]
+_RADIUS = math.sqrt(3.0) / 2.0 * EDGE
+_SLAB = EDGE * EDGE
+"""Voxels of a block that are passed over together where a picture tells nothing of them."""
+
+
+@cached(_HERE)
+def touch(
+    blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
+    top_m: float, t_ns: int,
+) -> None:  # fmt: skip
+    """Makes the blocks that a picture's surfaces run through.
+
+    Args:
+        blocks: Changed in place.
+        depth: (H, W) m, 0 = none.
+        intrinsics: (4,) fu, fv, pu, pv.
+        T_grid_camera: (4, 4) optical frame to grid axes, m.
+        voxel_m: Edge of a voxel.
+        band_m: Truncation, as a height.
+        top_m: Nothing above this height is mapped, grid axes.
+        t_ns: Time of the picture.
+    """
+    R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3]
+    per_block = 1.0 / (voxel_m * EDGE)
+    ray = np.zeros(3)
+    last_i, last_j, last_k = 0, 0, blocks.origin[2] - 1  # a block outside of the window
+    for v in range(_STRIDE // 2, depth.shape[0], _STRIDE):
+        for u in range(_STRIDE // 2, depth.shape[1], _STRIDE):
+            d = depth[v, u]
+            if d == 0.0:
+                continue
+            x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
+            for a in range(3):
+                ray[a] = R[a, 0] * x + R[a, 1] * y + R[a, 2]
+            if c[2] + ray[2] * d > top_m:
+                continue
+            band = band_m / max(abs(ray[2]), float(_STEEPEST))
+            for step in range(-2, 3):
+                at = d + 0.5 * step * band
+                i = math.floor((c[0] + ray[0] * at) * per_block)
+                j = math.floor((c[1] + ray[1] * at) * per_block)
+                k = math.floor((c[2] + ray[2] * at) * per_block)
+                if i == last_i and j == last_j and k == last_k:
+                    continue
+                last_i, last_j, last_k = i, j, k
+                if (
+                    i < blocks.origin[0] or i >= blocks.origin[0] + SHAPE[0] or j < blocks.origin[1]
+                    or j >= blocks.origin[1] + SHAPE[1] or k < blocks.origin[2] or k >= blocks.origin[2] + SHAPE[2]
+                ):  # fmt: skip
+                    continue
+                row = slot_of(blocks.slots, blocks.origin, i, j, k)
+                if row < 0:
+                    row = add_block(blocks, i, j, k)
+                if row >= 0:
+                    blocks.seen_ns[row] = t_ns
+
+
+@cached(_HERE, error_model="numpy", fastmath=True)
+def integrate(
+    blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_camera_grid: Array, voxel_m: float, band_m: float,
+    weight_max: float, noise_per_m: float,
+) -> None:  # fmt: skip
+    """Updates every voxel in view by eqs. (19)-(22).
+
+    See docs/terrain_map.md (1)-(4).
+
+    The truncation t_δ of a line of sight is such that λ is a height: band_m over how steeply the line falls. A voxel
+    behind a surface is only counted so where that surface reaches to straight above it; else a line of sight that
+    passes just over a tread's edge would lengthen the tread by as much as it runs on below it.
+
+    Args:
+        blocks: Changed in place.
+        depth: (H, W) m, 0 = none.
+        intrinsics: (4,) fu, fv, pu, pv.
+        T_camera_grid: (4, 4) grid axes to optical frame, m.
+        voxel_m: Edge of a voxel.
+        band_m: Truncation, as a height.
+        weight_max: W_max.
+        noise_per_m: Standard deviation of the depth over its square, 1/m.
+    """
+    height, width = depth.shape
+    fu, fv, pu, pv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    R, t = T_camera_grid[:3, :3], T_camera_grid[:3, 3]
+    eye_z = -(R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2])
+    radius, half = _RADIUS * voxel_m, 0.5 * (EDGE - 1) * voxel_m
+    slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
+    eye = _Eye(
+        _f32(fu), _f32(fv), _f32(pu + 0.5), _f32(pv + 0.5), np.int32(width), np.int32(height), _f32(R[0, 2]),
+        _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(weight_max), _f32(3.0 * noise_per_m),
+    )  # fmt: skip
+    lattice, sight = _lattice(R * voxel_m, voxel_m), _sight()
+    picture = depth.ravel()
+    for row in range(len(blocks.used)):
+        if not blocks.used[row]:
+            continue
+        bx = (blocks.places[row, 0] * EDGE + 0.5) * voxel_m
+        by = (blocks.places[row, 1] * EDGE + 0.5) * voxel_m
+        bz = (blocks.places[row, 2] * EDGE + 0.5) * voxel_m
+        x0 = R[0, 0] * bx + R[0, 1] * by + R[0, 2] * bz + t[0]
+        y0 = R[1, 0] * bx + R[1, 1] * by + R[1, 2] * bz + t[1]
+        z0 = R[2, 0] * bx + R[2, 1] * by + R[2, 2] * bz + t[2]
+        xc = x0 + half * (R[0, 0] + R[0, 1] + R[0, 2])
+        yc = y0 + half * (R[1, 0] + R[1, 1] + R[1, 2])
+        zc = z0 + half * (R[2, 0] + R[2, 1] + R[2, 2])
+        if (
+            zc < radius
+            or abs(fu * xc + (pu - width / 2) * zc) > width / 2 * zc + fu * radius * slope_u
+            or abs(fv * yc + (pv - height / 2) * zc) > height / 2 * zc + fv * radius * slope_v
+        ):
+            continue
+        corner = _f32(x0), _f32(y0), _f32(z0)
+        if _look(picture, eye, lattice, corner, _f32(eye_z - bz), sight):
+            _reach_above(picture, eye, lattice, corner, sight)
+            _blend(blocks.distance[row], blocks.weight[row], eye, sight)
+            blocks.solid[row] = False  # it may be so no more
+
+
+class _Eye(NamedTuple):
+    """A pinhole: pixels, the vertical in its axes, and what its depth is worth; 32 bit numbers throughout."""
+
+    fu: np.float32
+    fv: np.float32
+    pu: np.float32
+    pv: np.float32
+    width: np.int32
+    height: np.int32
+    up_x: np.float32
+    up_y: np.float32
+    up_z: np.float32
+    band: np.float32
+    per_band: np.float32
+    weight_max: np.float32
+    noise: np.float32
+
+
+class _Lattice(NamedTuple):
+    """(512,) m each: from a block's first voxel to the others along the camera's axes, and upwards."""
+
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    z: NDArray[np.float32]
+    up: NDArray[np.float32]
+
+
+class _Sight(NamedTuple):
+    """(512,) each, of a block's voxels, and (8,) of its slabs.
+
+    Attributes:
+        z: m along the optical axis.
+        falls: How far the line of sight falls on one metre of it.
+        scale: λ over metres of depth.
+        pixel: Where the voxel is seen; 0 where it is not.
+        sdf: (19), m; `_NONE` where nothing is told.
+        second: Depth in the picture at a second look, m.
+        told: How many voxels of a slab the picture tells of.
+        behind: And how many of them lie behind a surface that is seen from above.
+    """
+
+    z: NDArray[np.float32]
+    falls: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    pixel: NDArray[np.int32]
+    sdf: NDArray[np.float32]
+    second: NDArray[np.float32]
+    told: NDArray[np.int32]
+    behind: NDArray[np.int32]
+
+
+@njit(**INSIDE)
+def _lattice(steps: Array, voxel_m: float) -> _Lattice:
+    """From the (3, 3) steps from voxel to voxel in the camera's axes, m."""
+    x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
+    up = np.empty(VOXELS, np.float32)
+    for at in range(VOXELS):
+        i, j, k = at >> 6, (at >> 3) & 7, at & 7
+        x[at] = i * steps[0, 0] + j * steps[0, 1] + k * steps[0, 2]
+        y[at] = i * steps[1, 0] + j * steps[1, 1] + k * steps[1, 2]
+        z[at] = i * steps[2, 0] + j * steps[2, 1] + k * steps[2, 2]
+        up[at] = k * voxel_m
+    return _Lattice(x, y, z, up)
+
+
+@njit(**INSIDE)
+def _sight() -> _Sight:
+    return _Sight(
+        np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
+        np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
+        np.empty(EDGE, np.int32), np.empty(EDGE, np.int32),
+    )  # fmt: skip
+
+
+@njit(error_model="numpy", fastmath=True, **INSIDE)
+def _look(
+    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, above: np.float32, sight: _Sight
+) -> bool:
+    """What a picture tells of each voxel of a block; returns whether it tells anything.
+
+    Args:
+        picture: (H * W) m, 0 = none.
+        eye: What took it.
+        lattice: The voxels.
+        corner: (3) m, the block's first voxel in the camera's axes.
+        above: m by which the eye is higher.
+        sight: Changed.
+    """
+    x0, y0, z0 = corner
+    # Loops without a branch or a look-up among the sums: they run several voxels at a time.
+    for at in range(VOXELS):
+        z = z0 + lattice.z[at]
+        per_z = _ONE / z
+        u = np.int32(eye.fu * (x0 + lattice.x[at]) * per_z + eye.pu)
+        v = np.int32(eye.fv * (y0 + lattice.y[at]) * per_z + eye.pv)
+        falls = (above - lattice.up[at]) * per_z
+        steep = abs(falls)
+        inside = (z >= _NEAREST) & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
+        sight.z[at], sight.falls[at] = z, falls
+        sight.scale[at] = (steep if steep > _STEEPEST else _STEEPEST) * eye.per_band
+        sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+    for at in range(VOXELS):
+        sight.sdf[at] = picture[np.uint64(sight.pixel[at])]
+    told = False
+    for slab in range(EDGE):
+        tellers, behind = _ORIGIN, _ORIGIN
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            d = sight.sdf[at]
+            sdf = sight.z[at] - d  # (19)
+            tells = (sight.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * sight.scale[at] <= _ONE)
+            sight.sdf[at] = sdf if tells else _NONE
+            tellers += np.int32(1) if tells else _ORIGIN
+            behind += np.int32(1) if tells & (sdf > _ZERO) & (sight.falls[at] > _ZERO) else _ORIGIN
+        sight.told[slab], sight.behind[slab] = tellers, behind
+        told = told or bool(tellers > _ORIGIN)
+    return told
+
+
+@njit(error_model="numpy", fastmath=True, **INSIDE)
+def _reach_above(
+    picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, sight: _Sight
+) -> None:  # fmt: skip
+    """Voxels behind a surface stay so only where it reaches to straight above them: a second look into the picture.
+
+    Args:
+        picture: As of `_look`.
+        eye: As of `_look`.
+        lattice: As of `_look`.
+        corner: As of `_look`.
+        sight: Changed; its pixels are those of the second look.
+    """
+    x0, y0 = corner[0], corner[1]
+    for slab in range(EDGE):
+        if sight.behind[slab] == _ORIGIN:
+            continue
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            sdf, falls = sight.sdf[at], sight.falls[at]
+            behind = (sdf > _ZERO) & (sdf < _NONE) & (falls > _ZERO)
+            up = sdf * falls if behind else _ZERO  # to where the line of sight met the surface
+            zf = sight.z[at] + eye.up_z * up
+            per_z = _ONE / zf
+            u = np.int32(eye.fu * (x0 + lattice.x[at] + eye.up_x * up) * per_z + eye.pu)
+            v = np.int32(eye.fv * (y0 + lattice.y[at] + eye.up_y * up) * per_z + eye.pv)
+            inside = behind & (u >= _ORIGIN) & (u < eye.width) & (v >= _ORIGIN) & (v < eye.height)
+            sight.falls[at] = zf
+            sight.pixel[at] = v * eye.width + u if inside else _ORIGIN
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            sight.second[at] = picture[np.uint64(sight.pixel[at])]
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            d, z, sdf, zf = sight.second[at], sight.z[at], sight.sdf[at], sight.falls[at]
+            ends = (zf - d + eye.noise * z * z) * sight.scale[at] < _AIR
+            other = _NONE if d == _ZERO else zf - d if ends else sdf
+            sight.sdf[at] = other if sight.pixel[at] != _ORIGIN else sdf
+
+
+@njit(error_model="numpy", fastmath=True, **INSIDE)
+def _blend(distance: NDArray[np.float32], weight: NDArray[np.float32], eye: _Eye, sight: _Sight) -> None:
+    """Eqs. (20)-(22) for a block's (512,) voxels."""
+    for slab in range(EDGE):
+        if sight.told[slab] == _ORIGIN:
+            continue
+        for at in range(slab * _SLAB, (slab + 1) * _SLAB):
+            sdf, z = sight.sdf[at], sight.z[at]
+            value = sdf * sight.scale[at]
+            value = value if value > -_ONE else -_ONE  # (20)
+            new = sight.scale[at] * eye.band / (z if z > _ONE else _ONE)
+            new = new * new if sdf < _NONE else _ZERO
+            old = weight[at]
+            total = old + new
+            mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
+            distance[at] = mixed if sdf < _NONE else distance[at]
+            weight[at] = total if total < eye.weight_max else eye.weight_max  # (22)

@@ -1,0 +1,142 @@
+"""Rigid transforms that lay an estimated path over the true one.
+
+How an estimator's world lies over the true one at an instant: a drift that was made is no error of what is seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.streams.samples import Array
+from stridetwin.streams.trajectory import Trajectory
+
+ALIGNMENTS = ("start", "yaw", "se3")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rigid:
+    """p ↦ R p + t, from the estimate's world to the truth's.
+
+    Attributes:
+        R: (3, 3) rotation.
+        t: (3,) m.
+    """
+
+    R: Array
+    t: Array
+
+    def apply(self, path: Trajectory) -> Trajectory:
+        """The path as seen in the truth's world; the covariance of the position turns with it."""
+        turned = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
+        covariance = path.covariance
+        if covariance is not None:
+            G = np.kron(np.eye(covariance.shape[-1] // 3), self.R)
+            covariance = G @ covariance @ G.T
+        return replace(
+            path,
+            p_frame_in_world=path.p_frame_in_world @ self.R.T + self.t,
+            q_world_frame=turned.as_quat(scalar_first=True),
+            covariance=covariance,
+        )
+
+
+def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
+    """The transform from the estimate's world to the truth's.
+
+    Args:
+        estimate: N poses.
+        truth: The N true poses at the same stamps.
+        how: `start`: position and yaw agree at the first pose (which inertia cannot tell); `yaw`: the
+            least-squares shift and turn about the vertical; `se3`: the least-squares shift and rotation
+            (Umeyama 1991, IEEE TPAMI 13(4):376-380, without scale).
+    """
+    if how == "start":
+        R = vertical_turn(_rotation(truth.q_world_frame[0]) @ _rotation(estimate.q_world_frame[0]).T)
+        return Rigid(R=R, t=truth.p_frame_in_world[0] - R @ estimate.p_frame_in_world[0])
+    mean_e, mean_t = estimate.p_frame_in_world.mean(axis=0), truth.p_frame_in_world.mean(axis=0)
+    H = (truth.p_frame_in_world - mean_t).T @ (estimate.p_frame_in_world - mean_e)
+    if how == "yaw":
+        R = vertical_turn(H)
+    elif how == "se3":
+        U, _, Vt = np.linalg.svd(H)
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    else:
+        raise ValueError(f"alignment {how!r}; valid: {', '.join(ALIGNMENTS)}")
+    return Rigid(R=R, t=mean_t - R @ mean_e)
+
+
+def vertical_turn(M: Array) -> Array:
+    """The rotations (..., 3, 3) about z that maximise tr(Rᵀ M) for matrices (..., 3, 3)."""
+    a = np.arctan2(M[..., 1, 0] - M[..., 0, 1], M[..., 0, 0] + M[..., 1, 1])
+    return np.asarray(Rotation.from_rotvec(a[..., None] * np.array([0.0, 0.0, 1.0])).as_matrix())
+
+
+def _rotation(q: Array) -> Array:
+    return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Laying:
+    """A shift, and a turn about the vertical, between two worlds.
+
+    Attributes:
+        told: (3,) m, where the estimator believes its frame.
+        true: (3,) m, where that is.
+        turn: rad, of the true world against the estimator's.
+    """
+
+    told: Array
+    true: Array
+    turn: float = 0.0
+
+    @property
+    def rotation(self) -> Array:
+        """(2, 2) in plan, from the estimator's world to the true one."""
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        return np.array([[c, -s], [s, c]])
+
+    def to_true(self, points: Array) -> Array:
+        """(..., 2 or 3) m in the true world, of as many in the estimator's."""
+        return self._moved(points, self.told, self.true, self.rotation)
+
+    def to_told(self, points: Array) -> Array:
+        """(..., 2 or 3) m in the estimator's world, of as many in the true one."""
+        return self._moved(points, self.true, self.told, self.rotation.T)
+
+    @staticmethod
+    def _moved(points: Array, before: Array, after: Array, rotation: Array) -> Array:
+        offset = np.asarray(points, float) - before[: np.shape(points)[-1]]
+        offset[..., :2] = offset[..., :2] @ rotation.T
+        return np.asarray(offset + after[: offset.shape[-1]])
+
+
+class Laid:
+    """Lays an estimator's world over the true one as it was at each instant: a drift that was made is no error here.
+
+    Args:
+        told: Poses as the estimator was given them.
+        truth: True poses of the same frame at the same stamps.
+    """
+
+    def __init__(self, told: Trajectory, truth: Trajectory) -> None:
+        self._t_ns = told.t_ns
+        self._told, self._true = told.p_frame_in_world, truth.p_frame_in_world
+        self._turn = _yaw(truth.q_world_frame) - _yaw(told.q_world_frame)
+
+    def at(self, t_ns: int) -> Laying:
+        """As it is laid at a time."""
+        i = max(0, int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1)
+        return Laying(told=self._told[i], true=self._true[i], turn=float(self._turn[i]))
+
+    def point(self, t_ns: int, p: Array) -> Array:
+        """(2,) or (3,) m in the true world, of as many in the estimator's at a time."""
+        return self.at(t_ns).to_true(p)
+
+
+def _yaw(q: Array) -> Array:
+    w, x, y, z = q.T
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -1,0 +1,165 @@
+"""A comparison in words: a table for a terminal, Markdown for a pull request, JUnit XML for a build server."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+from stridetwin.evaluation.gate.compare import BETTER, MISSING, NEW, SAME, WALKS, Comparison, Line
+
+HEAD = ("estimator", "score", "baseline", "now", "change", "95 % interval", "p", "verdict")
+_WIDTHS = (44, 11, 11, 11, 24, 9)
+_NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """An estimator that gave nothing to score, which closes the gate whatever the comparison says.
+
+    Attributes:
+        walk: On which.
+        estimator: Its name, or `score_table.EVERY`.
+        why: In words.
+    """
+
+    walk: str
+    estimator: str
+    why: str
+
+
+def failures(rows: Sequence[Mapping[str, Any]]) -> list[Failure]:
+    """What failed on walks.
+
+    Args:
+        rows: As `score_walk` gives them.
+    """
+    return [
+        Failure(walk=str(row["name"]), estimator=name, why=why)
+        for row in rows
+        for name, why in row.get("failed", {}).items()
+    ]
+
+
+def cells(line: Line) -> list[str]:
+    """A line's cells, by `HEAD`."""
+    values = [f"{value:.4g}" if value is not None else "-" for value in (line.baseline, line.now)]
+    unit = "pp" if line.in_points else "%"
+    change = "-" if line.change is None else f"{line.change:+.1f} {unit}"
+    interval = "-" if line.low is None or line.high is None else f"{line.low:+.1f} to {line.high:+.1f} {unit}"
+    if line.limit is not None:
+        interval = f"limit {line.limit:.4g}"
+    p = "-" if line.p is None else f"{line.p:.4f}"
+    return [line.estimator, line.metric, *values, change, interval, p, line.verdict]
+
+
+def table_lines(comparison: Comparison, failed: Sequence[Failure] = ()) -> list[str]:
+    """What has changed, what closes the gate first; that nothing has in one line."""
+    told = [line for line in comparison.lines if line.verdict != SAME]
+    lines = [f"against the baseline: {comparison.words}"]
+    if told:
+        lines.append(_row(HEAD))
+    lines += [_row(cells(line)) for line in sorted(told, key=lambda line: not line.regressed)]
+    count, judged = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
+    verdict = f"{count} of {judged} scores worse than the baseline" if count else f"none of {judged} scores is worse"
+    broke = f"{' and' if count else ', but'} {len(failed)} failed" if failed else ""
+    return [*lines, verdict + broke]
+
+
+def _row(words: Sequence[str]) -> str:
+    named = [" ".join(words[:2]), *words[2:7]]
+    return f"{named[0]:<{_WIDTHS[0]}}{''.join(f'{x:>{n}}' for x, n in zip(named[1:], _WIDTHS[1:]))}  {words[7]}"
+
+
+def markdown(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
+    """The comparison as a page of Markdown: what has changed open to see, all else folded."""
+    count = len(comparison.regressions)
+    verdict = f"**{count} worse**" if count else "**nothing worse**"
+    verdict += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
+    out = ["### Estimators against the baseline", "", f"{verdict} ({comparison.words})", ""]
+    told = sorted((x for x in comparison.lines if x.verdict != SAME), key=lambda line: not line.regressed)
+    same = [line for line in comparison.lines if line.verdict == SAME]
+    if failed:
+        rows = [(_escaped(x.walk), _escaped(x.estimator), _escaped(x.why)) for x in failed]
+        out += [_markdown_row(row) for row in (("walk", "estimator", "failed"), ("---",) * 3, *rows)] + [""]
+    if told:
+        out += [*_markdown_table(told), ""]
+    if same:
+        out += ["<details><summary>", f"{len(same)} scores unchanged", "</summary>", "", *_markdown_table(same), ""]
+        out += ["</details>", ""]
+    return "\n".join(out)
+
+
+def _markdown_table(lines: Sequence[Line]) -> list[str]:
+    rows = [_markdown_row(HEAD), _markdown_row(["---"] * 2 + ["---:"] * 5 + ["---"])]
+    for line in lines:
+        words = [_escaped(cell) for cell in cells(line)]
+        words[-1] = f"**{words[-1]}**" if line.regressed else words[-1]
+        rows.append(_markdown_row(words))
+    return rows
+
+
+def _markdown_row(words: Sequence[str]) -> str:
+    return "| " + " | ".join(word.replace("|", "\\|").replace("\n", " ") for word in words) + " |"
+
+
+def _escaped(word: str) -> str:
+    return word.replace("_", "\\_")
+
+
+def junit(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
+    """The comparison as JUnit XML: a suite an estimator, a test case a score; an error a walk that it failed on."""
+    top = ElementTree.Element("testsuites", name="stridetwin score")
+    _count(top, comparison.lines, len(failed))
+    for name in dict.fromkeys([*(line.estimator for line in comparison.lines), *(x.estimator for x in failed)]):
+        own = [line for line in comparison.lines if line.estimator == name]
+        fell = [failure for failure in failed if failure.estimator == name]
+        suite = ElementTree.SubElement(top, "testsuite", name=_xml(name))
+        _count(suite, own, len(fell))
+        for failure in fell:
+            case = ElementTree.SubElement(
+                suite, "testcase", classname=_xml(f"stridetwin.{name}"), name=_xml(failure.walk), time="0"
+            )
+            ElementTree.SubElement(case, "error", type="failed", message=_xml(failure.why))
+        for line in own:
+            case = ElementTree.SubElement(
+                suite, "testcase", classname=_xml(f"stridetwin.{name}"), name=_xml(line.metric)
+            )
+            case.set("time", "0")
+            words = ", ".join(f"{head} {cell}" for head, cell in zip(HEAD[2:-1], cells(line)[2:-1]) if cell != "-")
+            if line.regressed:
+                worse = ElementTree.SubElement(case, "failure", type=line.verdict, message=_xml(said(line)))
+                worse.text = _xml(f"{words}\n{comparison.words}")
+            elif line.verdict == NEW:
+                ElementTree.SubElement(case, "skipped", message="not in the baseline")
+            elif words:
+                ElementTree.SubElement(case, "system-out").text = _xml(words)
+    ElementTree.indent(top)
+    return ElementTree.tostring(top, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _count(element: Any, lines: Sequence[Line], failed: int) -> None:
+    element.set("tests", str(len(lines) + failed))
+    element.set("failures", str(sum(line.regressed for line in lines)))
+    element.set("errors", str(failed))
+    element.set("skipped", str(sum(line.verdict == NEW for line in lines)))
+    element.set("time", "0")
+
+
+def said(line: Line) -> str:
+    """A verdict in one sentence."""
+    name = f"{line.estimator} {line.metric}"
+    if line.verdict == MISSING:
+        if line.metric == WALKS:
+            return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
+        return f"{name}: missing"
+    _, _, baseline, now, change, interval, _, verdict = cells(line)
+    words = {BETTER: "better", SAME: "unchanged"}.get(verdict, verdict)
+    return f"{name}: {words}, {baseline} to {now} ({change}, {interval})"
+
+
+def _xml(text: str) -> str:
+    """Without the characters that XML cannot hold."""
+    return _NOT_XML.sub("?", text)

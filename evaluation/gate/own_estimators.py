@@ -1,0 +1,249 @@
+"""Estimators that are none of the project's: a Python class, a program that writes a TUM file, a TUM file.
+
+A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in order of
+time and returns None, or a `streams.pose.Pose` of a later time than the one before, or an object whose `pose` is one.
+An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. It may say `topics`, those that it wants
+(all but the truth's by default), and `frame`, whose pose it estimates.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from stridetwin.evaluation.evaluate import Estimate
+from stridetwin.pipeline.run import pose_of
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.tum import read_tum
+from stridetwin.streams.pose import trajectory_of
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.trajectory import Trajectory
+
+TRUTH = "/truth/"
+_TAIL = 600  # characters of what a program said last, or of what a class raised
+_WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
+"""Of a shell whose stdin ends when this process does, whatever ends it."""
+
+
+class OwnEstimator(Protocol):
+    """One that a recording is led through, or that makes a path of it otherwise."""
+
+    @property
+    def name(self) -> str:
+        """In the scores."""
+
+    def path(self, recording: Recording) -> Estimate:
+        """Its path on a recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TumFile:
+    """A path that was made elsewhere.
+
+    Attributes:
+        name: In the scores.
+        file: TUM trajectory.
+        frame: Whose path it is.
+    """
+
+    name: str
+    file: Path
+    frame: str
+
+    def path(self, recording: Recording) -> Estimate:
+        """The path in the file."""
+        return Estimate(name=self.name, frame=self.frame, path=read_tum(self.file))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PythonClass:
+    """A class with `update(sample)`.
+
+    Attributes:
+        name: In the scores.
+        place: `module:Class`, of what is installed, else from the working folder on.
+        frame: Whose pose it tells, unless the class says so.
+    """
+
+    name: str
+    place: str
+    frame: str
+
+    def load(self) -> type[Any]:
+        """The class.
+
+        Raises:
+            StrideTwinError: There is no such class, or it has no `update`.
+        """
+        module, colon, attribute = self.place.partition(":")
+        if not (module and colon and attribute):
+            raise StrideTwinError(f"--estimator {self.name}: {self.place!r} is not valid; valid: module:Class")
+        here = str(Path.cwd())
+        if here not in sys.path:
+            sys.path.append(here)  # what is installed is what was asked for, wherever this is run
+        with _code_of_others(f"--estimator {self.name}: {self.place}: cannot be imported"):
+            found: Any = importlib.import_module(module)
+            for part in attribute.split("."):
+                found = getattr(found, part)
+            fits, frame = isinstance(found, type), getattr(found, "frame", None)
+            fits = fits and callable(getattr(found, "update", None))
+        if not fits:
+            raise StrideTwinError(f"--estimator {self.name}: {self.place} is no class with update(sample)")
+        if not (frame is None or isinstance(frame, str)):
+            raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
+        return found
+
+    def path(self, recording: Recording) -> Estimate:
+        """What the class tells of a recording.
+
+        Raises:
+            StrideTwinError: As `load` and `lead`, and for whatever the class raises; also where it calls `sys.exit`.
+        """
+        kind = self.load()
+        with _code_of_others(self.place):
+            frame = getattr(kind, "frame", None) or self.frame
+            return Estimate(name=self.name, frame=frame, path=lead(kind(recording.rig), recording))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Program:
+    """A program that reads a recording and writes a TUM trajectory.
+
+    Attributes:
+        name: In the scores.
+        command: With `{recording}` and `{output}`; split as a shell does, but run without one.
+        frame: Whose path it writes.
+        timeout_s: It is stopped after this.
+    """
+
+    name: str
+    command: str
+    frame: str
+    timeout_s: float
+
+    def words(self) -> list[str]:
+        """Program and arguments.
+
+        Raises:
+            StrideTwinError: There is no such program, or a place for recording or output is missing.
+        """
+        try:
+            words = shlex.split(self.command)
+        except ValueError as error:
+            raise StrideTwinError(f"--program {self.name}: {self.command!r}: {error}") from None
+        if not all(any(place in word for word in words) for place in ("{recording}", "{output}")):
+            raise StrideTwinError(f"--program {self.name}: {self.command!r}: valid: COMMAND {{recording}} {{output}}")
+        if shutil.which(words[0]) is None:
+            raise StrideTwinError(f"--program {self.name}: {words[0]}: there is no such program")
+        return words
+
+    def path(self, recording: Recording) -> Estimate:
+        """What the program writes.
+
+        Raises:
+            StrideTwinError: It fails, takes too long or writes no trajectory; with the end of what it said.
+        """
+        with tempfile.TemporaryDirectory(prefix="stridetwin-") as folder:
+            output, said = Path(folder) / "estimate.txt", Path(folder) / "said.txt"
+            places = {"{recording}": str(recording.path.absolute()), "{output}": str(output)}
+            words = self.words()
+            for place, file_name in places.items():
+                words = [word.replace(place, file_name) for word in words]
+            with said.open("wb") as file:
+                code = _finished(words, self.timeout_s, file.fileno(), Path(folder))
+            last = " ".join(said.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
+            told = f"; it said: {last}" if last else "; it said nothing on stderr"
+            if code is None:
+                raise StrideTwinError(f"{words[0]}: not done after {self.timeout_s:g} s{told}")
+            if code != 0:
+                raise StrideTwinError(f"{words[0]}: exit code {code}{told}")
+            if not output.is_file():
+                raise StrideTwinError(f"{words[0]}: has not written {{output}}{told}")
+            try:
+                path = read_tum(output)
+            except StrideTwinError as error:
+                raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
+        return Estimate(name=self.name, frame=self.frame, path=path)
+
+
+def lead(estimator: Any, recording: Recording) -> Trajectory:
+    """The path that an estimator tells as it is led through a recording.
+
+    Args:
+        estimator: An object with `update(sample)`, see this module.
+        recording: Its truth is kept from the estimator.
+
+    Raises:
+        StrideTwinError: It tells nothing, or stamps that do not increase.
+    """
+    wanted = getattr(estimator, "topics", None)
+    if wanted is None:
+        wanted = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
+    truths = [topic for topic in wanted if topic.startswith(TRUTH)]
+    if truths:
+        raise StrideTwinError(f"{type(estimator).__name__}.topics: {truths[0]} is the truth; valid: what sensors say")
+    name, poses = type(estimator).__name__, []
+    for sample in recording.samples(wanted):
+        if (pose := pose_of(estimator.update(sample), name)) is not None:
+            poses.append(pose)
+    if not poses:
+        raise StrideTwinError(f"{name}.update has returned no estimate")
+    return trajectory_of(poses)
+
+
+@contextmanager
+def _code_of_others(where: str) -> Iterator[None]:
+    """What it prints goes to stderr, as stdout is for scores; whatever ends it, but for Ctrl-C, is an error here."""
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    except (StrideTwinError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        words = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
+        raise StrideTwinError(f"{where}: {words.encode('utf-8', 'backslashreplace').decode()}") from error
+
+
+def _finished(words: list[str], timeout_s: float, said: int, folder: Path) -> int | None:
+    """Exit code of a program; None where it was stopped, with all that it has started.
+
+    Where this process is killed, the program ends as well, and its folder goes.
+    """
+    process = subprocess.Popen(
+        words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True
+    )
+    try:
+        with _watched(process, folder):
+            return process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+@contextmanager
+def _watched(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
+    """A shell watches over a program, in a session of its own, as a signal to this one's group must not end it."""
+    words = ["sh", "-c", _WATCH, "sh", str(process.pid), str(folder)]
+    watch = subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        yield
+    finally:
+        watch.kill()  # before its stdin ends
+        watch.communicate()

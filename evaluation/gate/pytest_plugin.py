@@ -1,0 +1,96 @@
+"""A plugin of pytest: walks as fixtures, and the scores of an estimator on them.
+
+```python
+def test_my_filter_stays_close(stridetwin_scenario, stridetwin_score):
+    walk = stridetwin_scenario("level_20m", seed=3)
+    scores = stridetwin_score(walk, MyFilter(walk.rig), frame="foot_l/imu")
+    assert scores["rpe_5m_pct"] < 1.0
+```
+
+Nothing but this file is read until a test asks for a fixture.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from stridetwin.evaluation.path_scores import Scores
+    from stridetwin.scenarios.scenario_file import Scenario
+    from stridetwin.sim.config import TwinConfig
+    from stridetwin.streams.recording.reader import Recording
+    from stridetwin.streams.trajectory import Trajectory
+
+
+@pytest.fixture(scope="session")
+def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Recording]:
+    """Walks: `stridetwin_scenario(scenario, seed=0, cameras=False)` gives a recording, made once a session.
+
+    The scenario is a name of the catalogue, the path of a YAML file, what such a file says as a mapping, or a
+    `TwinConfig`. Files that a mapping names are looked for from the working folder on. Without cameras, which take the
+    most time to draw, unless they are asked for.
+    """
+    made: dict[tuple[str, int, bool], Recording] = {}
+    folder = tmp_path_factory.mktemp("stridetwin")
+
+    def walk(
+        scenario: str | Path | Mapping[str, Any] | TwinConfig, seed: int = 0, *, cameras: bool = False
+    ) -> Recording:
+        from stridetwin.report.runner import make_twin, without_cameras
+        from stridetwin.scenarios.record import record
+        from stridetwin.streams.recording.reader import Recording
+
+        told = _scenario(scenario)
+        told = told if cameras else without_cameras(told)
+        key = (repr(told.config), seed, cameras)
+        if key not in made:
+            path = folder / f"walk_{len(made)}.mcap"
+            record(make_twin(told, seed), path, lambda *_: None)
+            made[key] = Recording(path, lenient=bool(told.config.faults))
+        return made[key]
+
+    return walk
+
+
+@pytest.fixture(scope="session")
+def stridetwin_score() -> Callable[..., Scores]:
+    """Scores: `stridetwin_score(recording, estimator, frame, align="start")`, by the names of `stridetwin score`.
+
+    The estimator is an object with `update(sample)` (see `evaluation.gate.own_estimators`), a `Trajectory`, or the
+    path of a TUM file.
+    """
+
+    def score(recording: Recording, estimator: object, frame: str = "foot_l/imu", align: str = "start") -> Scores:
+        from stridetwin.evaluation.evaluate import Estimate, evaluate
+
+        made = Estimate(name="tested", frame=frame, path=_path(recording, estimator))
+        return evaluate(recording, [made], align)[0].scores
+
+    return score
+
+
+def _path(recording: Recording, estimator: Any) -> Trajectory:
+    from stridetwin.evaluation.gate.own_estimators import lead
+    from stridetwin.streams.formats.tum import read_tum
+    from stridetwin.streams.trajectory import Trajectory
+
+    if isinstance(estimator, Trajectory):
+        return estimator
+    return read_tum(estimator) if isinstance(estimator, (str, Path)) else lead(estimator, recording)
+
+
+def _scenario(told: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
+    from stridetwin.scenarios.scenario_file import Scenario, load_scenario, scenario_of
+    from stridetwin.sim.config import TwinConfig
+
+    if isinstance(told, TwinConfig):
+        return Scenario(description="", config=told)
+    if not isinstance(told, Mapping):
+        return load_scenario(str(told))
+    plain = json.loads(json.dumps({"description": "of a test", **told}))  # tuples are lists there
+    return scenario_of(plain, Path.cwd() / "scenario.yaml")

@@ -1,0 +1,127 @@
+"""Scores of many walks, as `score --json` prints them and a later run takes them for its baseline."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stridetwin.evaluation.evaluate import LARGEST_SCORE
+from stridetwin.evaluation.gate.metric_policy import scale_of
+from stridetwin.evaluation.path_scores import Scores
+from stridetwin.scenarios.fields import Where
+from stridetwin.streams.errors import StrideTwinError
+
+EVERY = "every estimator"
+"""Stands among those that failed where the built-in ones fell together."""
+_SMALLEST = 1e-100  # but for 0: what is divided by it is a number still
+_LONGEST_NAME = 400
+_WRITTEN = "what `stridetwin score --json` prints"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreTable:
+    """Scores of some walks.
+
+    Attributes:
+        walks: By the digest of its recording (or a word of its own, where that is not told) what each estimator got.
+        failed: By the same key the estimators that gave nothing to score, and why.
+        means: Estimator to mean scores.
+    """
+
+    walks: Mapping[str, Mapping[str, Scores]]
+    failed: Mapping[str, Mapping[str, str]]
+    means: Mapping[str, Scores]
+
+
+def table_of(document: object, source: str) -> ScoreTable:
+    """What a file of scores says.
+
+    Args:
+        document: Its JSON.
+        source: Its name for messages.
+
+    Raises:
+        ConfigError: It has not the form of `score --json`.
+    """
+    top = Where(source=source)
+    if not isinstance(document, dict):
+        raise top.error(document, _WRITTEN)
+    means = checked_scores(document.get("estimators"), top.key("estimators"))
+    entries = document.get("recordings", [])
+    if not isinstance(entries, list):
+        raise top.key("recordings").error(entries, f"a list, {_WRITTEN}")
+    walks, failed = {}, {}
+    for i, entry in enumerate(entries):
+        where = top.key("recordings").item(i)
+        if not isinstance(entry, dict):
+            raise where.error(entry, f"a walk, {_WRITTEN}")
+        if "estimators" not in entry:
+            continue  # of `run`: what was walked, with all scores in the means
+        digest = entry.get("sha256")
+        if not (digest is None or is_text(digest)):
+            raise where.key("sha256").error(digest, "text in UTF-8")
+        key = digest or f"recording {i}"
+        walks[key] = checked_scores(entry["estimators"], where.key("estimators"))
+        failed[key] = _named(entry.get("failed", {}), where.key("failed"), "estimators, each with why")
+        for name, why in failed[key].items():
+            if not isinstance(why, str):
+                raise where.key("failed").key(name).error(why, "text")
+    return ScoreTable(walks=walks, failed=failed, means=means)
+
+
+def read_table(path: Path) -> ScoreTable:
+    """A baseline: a file of scores that holds something to compare.
+
+    Raises:
+        StrideTwinError: It is not JSON, has not the form of `score --json`, or no score in it is judged.
+        OSError: It cannot be read.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        table = table_of(document, str(path))
+    except (ValueError, RecursionError) as error:
+        raise StrideTwinError(f"{path}: is not JSON: {error}; valid: {_WRITTEN}") from error
+    walks = [entry["estimators"] for entry in document.get("recordings", []) if "estimators" in entry]
+    for field, told in (("estimators", [table.means]), ("recordings", walks)):
+        names = [metric for estimators in told for scores in estimators.values() for metric in scores]
+        if told and all(scale_of(name) is None for name in names):
+            raise Where(source=str(path), path=field).error(document[field], "at least one score that is judged")
+    return table
+
+
+def checked_scores(node: object, where: Where) -> dict[str, Scores]:
+    """A node of a file as estimators, each with its scores.
+
+    Raises:
+        ConfigError: It is none; with the path of the field.
+    """
+    estimators = _named(node, where, f"estimators, each with its scores: {_WRITTEN}")
+    for name, scores in estimators.items():
+        for metric, value in _named(scores, where.key(name), "scores by name").items():
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (number and (value == 0 or _SMALLEST <= abs(value) <= LARGEST_SCORE)):
+                valid = f"a number, 0 or of {_SMALLEST:g} to {LARGEST_SCORE:g} in size"
+                raise where.key(name).key(metric).error(value, valid)
+    return estimators
+
+
+def is_text(value: object) -> bool:
+    """Whether it is text that any file can hold: no half of a pair of surrogates stands in it alone."""
+    return isinstance(value, str) and value.encode("utf-8", "ignore").decode() == value
+
+
+def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores]) -> dict[str, Any]:
+    """The JSON of some walks' scores."""
+    return {"recordings": list(entries), "estimators": dict(means)}
+
+
+def _named(value: object, where: Where, valid: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise where.error(value, valid)
+    for name in value:
+        if not is_text(name) or len(name) > _LONGEST_NAME:
+            raise where.error(name, f"names in UTF-8, of up to {_LONGEST_NAME} characters")
+    return value

@@ -1,0 +1,162 @@
+"""Scores of one recording, and of many in processes beside each other."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from stridetwin.cli.recording import opened
+from stridetwin.estimators import registry
+from stridetwin.evaluation.evaluate import evaluate
+from stridetwin.evaluation.gate.own_estimators import OwnEstimator
+from stridetwin.evaluation.gate.score_table import EVERY
+from stridetwin.evaluation.path_scores import Scores
+from stridetwin.evaluation.step_scores import evaluate_every_step
+from stridetwin.evaluation.terrain_ahead import look_ahead, odometry_of
+from stridetwin.pipeline.run import all_paths
+from stridetwin.scenarios.campaign import manifest
+from stridetwin.scenarios.campaign.walk import ACCEPTED
+from stridetwin.scenarios.files import sha256
+from stridetwin.scenarios.processes import mapped
+from stridetwin.scenarios.record import Progress
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.recording.reader import Recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """A recording to be scored.
+
+    Attributes:
+        name: In the table.
+        path: Recording, or anything that can be imported.
+        sha256: Of the recording, where it is known.
+        lenient: Read a damaged recording as far as it goes.
+        alignment: See `alignment.align`.
+        own: Estimators in the place of the built-in ones.
+        strict: An estimator that fails ends all; else the others go on, and the table says why it did.
+    """
+
+    name: str
+    path: Path
+    sha256: str | None = None
+    lenient: bool = False
+    alignment: str = "start"
+    own: Sequence[OwnEstimator] = ()
+    strict: bool = False
+
+
+def jobs_of(sources: Sequence[Path], **asked: Any) -> list[Job]:
+    """What is to be scored: recordings, and of campaigns every accepted walk.
+
+    Raises:
+        StrideTwinError: A campaign's folder without any accepted walk, or of which recordings are not as it says.
+    """
+    jobs: list[Job] = []
+    for source in sources:
+        if (source / manifest.NAME).is_file():
+            jobs += _of_campaign(source, asked)
+        else:
+            jobs.append(Job(name=source.stem, path=source, **asked))
+    return [replace(jobs[0], strict=True)] if len(jobs) == 1 else jobs
+
+
+def _of_campaign(folder: Path, asked: dict[str, Any]) -> list[Job]:
+    path = folder / manifest.NAME
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        if told["format"] != manifest.FORMAT:
+            raise ValueError(f"format {told['format']!r}")
+        rows = [w for w in told["walks"] if w["status"] == ACCEPTED]
+        jobs = []
+        for row in rows:
+            faulty = bool(row["findings"] or row["expected_findings"])
+            own = {**asked, "lenient": asked["lenient"] or faulty}
+            jobs.append(Job(name=row["walk"], path=folder / row["recording"], sha256=row["sha256"], **own))
+            size = jobs[-1].path.stat().st_size if jobs[-1].path.is_file() else 0
+            if size != row["bytes"]:
+                raise StrideTwinError(f"{jobs[-1].path}: {size} bytes; {path} says {row['bytes']}: generate it anew")
+    except (KeyError, TypeError, ValueError) as error:
+        raise StrideTwinError(
+            f"{path}: is no manifest of a campaign ({error}); valid: one that generate made"
+        ) from None
+    if not jobs:
+        raise StrideTwinError(f"{folder}: no accepted walk in it")
+    return jobs
+
+
+def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
+    """One walk's row: `name`, `sha256`, `metadata`, `estimators`, and `failed` where an estimator gave nothing.
+
+    Raises:
+        StrideTwinError: The recording cannot be read; of a strict job, whatever goes wrong.
+    """
+    recording = opened(job.path, job.lenient)
+    scores: dict[str, Scores] = {}
+    failed: dict[str, str] = {}
+    row = {
+        "name": job.name,
+        "sha256": job.sha256 or _digest(job.path),
+        "metadata": {k: recording.metadata[k] for k in ("scenario", "seed", "physics") if k in recording.metadata},
+        "estimators": scores,
+    }
+    if job.own:
+        for own in job.own:
+            try:
+                scores |= {own.name: evaluate(recording, [own.path(recording)], job.alignment)[0].scores}
+            except StrideTwinError as error:
+                _fell(job, failed, own.name, error)
+    else:
+        try:
+            _built_in(recording, job, scores, progress)
+        except Exception as error:
+            _fell(job, failed, EVERY, error)
+    return {**row, "failed": failed} if failed else row
+
+
+def _built_in(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
+    """Every estimator that the recording feeds; those that were done before one fell stand in the scores."""
+    made = all_paths(recording)
+    scores |= {r.estimate.name: r.scores for r in evaluate(recording, made, job.alignment)}
+    scores |= {name: result.scores for name, result in evaluate_every_step(recording).items()}
+    if not scores:
+        needs = [found.declaration.needs for found in registry.estimators().values() if found.declaration.needs]
+        raise StrideTwinError(f"{job.path}: feeds no estimator: expected a recording with {', or '.join(needs)}")
+    odometry = odometry_of(recording, made)
+    if odometry is not None:
+        scores |= look_ahead(recording, odometry, progress).scores
+
+
+def _fell(job: Job, failed: dict[str, str], name: str, error: Exception) -> None:
+    if job.strict:
+        raise error
+    words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
+    failed[name] = " ".join(words.replace(f"{job.path}: ", "").split())
+    print(f"stridetwin: warning: {job.path}: {name}: {failed[name]}", file=sys.stderr)
+
+
+def _digest(path: Path) -> str:
+    """Of a file, or of all files of a folder."""
+    if path.is_file():
+        return sha256(path)
+    hashed = hashlib.sha256()
+    for file in sorted(f for f in path.rglob("*") if f.is_file()):
+        hashed.update(f"{file.relative_to(path).as_posix()} {sha256(file)}\n".encode())
+    return hashed.hexdigest()
+
+
+def score_walks(jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[dict[str, Any]]:
+    """Rows of `score_walk`, in the order of the jobs."""
+    if workers == 1 or len(jobs) == 1:
+        for i, job in enumerate(jobs):
+            progress("score", i / len(jobs))
+            yield score_walk(job, progress if len(jobs) == 1 else None)
+        return
+    for i, row in enumerate(mapped(score_walk, jobs, workers)):
+        progress("score", (i + 1) / len(jobs))
+        yield row

@@ -1,0 +1,355 @@
+"""The terrain map beside the true terrain: how far off its surface lies, what is missing, and the changes ahead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.estimators.terrain_map import Profile, TerrainMap
+from stridetwin.evaluation.alignment import Laying
+from stridetwin.evaluation.path_scores import Scores
+from stridetwin.evaluation.truth import asked_ns, edges, flights
+from stridetwin.sim.world.route import Layout, Slab, Strip
+from stridetwin.streams.samples import Array
+
+_HALF_WIDTH_M = 0.5
+NEAR_M, FAR_M = 0.5, 2.5
+"""Between which ground ahead is looked at."""
+_COMPLETE_M = 0.03
+_CELL_M = 0.05
+_MATCH_M = 0.35
+_KNOWN_M = 0.03
+_SAME_EDGE_M = 0.14
+"""Half of the shortest tread that is walked on: beyond it another edge would be nearer, or there is none."""
+"""An edge whose standard deviation is larger is told as not seen."""
+_TICK_S = 0.5
+_LATE_NS = 200_000_000
+_FLOOR_BELOW_M = 0.1
+_STRAIGHT_M = 0.05
+_EVERY = 5
+"""One point in so many is measured."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueChange:
+    """Where the ground along the way changes from level to something else.
+
+    Attributes:
+        kind: `stairs` or `ramp`.
+        s: Arc length of its first edge or knee, m.
+        riser: m, down negative; 0 for a ramp.
+        tread: m; 0 for a ramp.
+        risers: How many.
+        slope: rad, down negative; 0 for stairs.
+    """
+
+    kind: str
+    s: float
+    riser: float = 0.0
+    tread: float = 0.0
+    risers: int = 0
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredChange:
+    """A change as it was known when it was asked for (`asked_ns`).
+
+    Attributes:
+        true: What there is.
+        found: Whether it was known; stairs are known with two edges.
+        edge_error: Estimate less truth of where it begins, m, NaN where not found; likewise below.
+        riser_error: m.
+        tread_error: m.
+        slope_error: rad.
+        riser_sd: As the map told it, m; likewise below.
+        tread_sd: m.
+        slope_sd: rad.
+    """
+
+    true: TrueChange
+    found: bool
+    edge_error: float = math.nan
+    riser_error: float = math.nan
+    tread_error: float = math.nan
+    slope_error: float = math.nan
+    riser_sd: float = math.nan
+    tread_sd: float = math.nan
+    slope_sd: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MapScores:
+    """One walk's map.
+
+    Attributes:
+        changes: In order of the way.
+        accuracy_m: RMS distance of the map's ground on the way ahead from the true mesh.
+        accuracy_p95_m: 95th percentile of it.
+        completeness: Share of the ground between 0.5 and 2.5 m ahead that is known within 3 cm.
+        edge_errors: (E,) m, every edge told to 3 cm on the way ahead, each half second, estimate less truth along it
+            to the true edge next to it, however far; inf where the way has none.
+    """
+
+    changes: tuple[ScoredChange, ...]
+    accuracy_m: float
+    accuracy_p95_m: float
+    completeness: float
+    edge_errors: Array
+
+
+def mesh_of(slabs: Sequence[Slab]) -> Array:
+    """(T, 3, 3) m, the true ground as triangles: the top of each slab, and its sides down to below the lowest."""
+    tops = [
+        slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left]) for slab in slabs
+    ]
+    floor = min(float(top[:, 2].min()) for top in tops) - _FLOOR_BELOW_M
+    faces = []
+    for top in tops:
+        under = np.column_stack([top[:, :2], np.full(4, floor)])
+        faces += [top, *(np.array([under[i], under[j], top[j], top[i]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)))]
+    return np.array([face[corners] for face in faces for corners in ([0, 1, 2], [0, 2, 3])])
+
+
+def distance_to(triangles: Array, points: Array) -> Array:
+    """(N,) m, of (N, 3) points from the surface of (T, 3, 3) triangles.
+
+    A triangle is looked at by those points alone that are nearer to the box around it than to what they have seen.
+    """
+    nearest = np.full(len(points), np.inf)
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    flat = np.argsort(high[:, 2] - low[:, 2], kind="stable")  # tops first: most points lie on them
+    for i in flat.tolist():
+        apart = np.maximum(np.maximum(low[i] - points, points - high[i]), 0.0)
+        near = np.flatnonzero((apart**2).sum(axis=1) < nearest**2)
+        if len(near):
+            nearest[near] = np.minimum(nearest[near], _from_triangle(triangles[i], points[near]))
+    return nearest
+
+
+def _from_triangle(triangle: Array, points: Array) -> Array:
+    """(N,) m, of (N, 3) points from one triangle: its plane where they lie over it, else the nearest of its sides."""
+    a, b, c = triangle
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    over = np.ones(len(points), bool)
+    sides = []
+    for start, end in ((a, b), (b, c), (c, a)):
+        along, offset = end - start, points - start
+        over &= offset @ np.cross(normal, along) >= 0.0
+        share = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+        sides.append(np.linalg.norm(offset - share[:, None] * along, axis=1))
+    return np.where(over, np.abs((points - a) @ normal), np.min(sides, axis=0))
+
+
+def true_changes(profile: Sequence[Strip]) -> list[TrueChange]:
+    """Stairs and ramps of a way, in order."""
+    found = [
+        TrueChange(kind="stairs", s=flight.s, riser=flight.riser, tread=flight.tread, risers=flight.risers)
+        for flight in flights(profile)
+    ]
+    found += [TrueChange(kind="ramp", s=strip.s0, slope=strip.slope) for strip in profile if strip.terrain == "ramp"]
+    return sorted(found, key=lambda change: change.s)
+
+
+class MapScorer:
+    """Looks at a map as it arises, and tells its scores.
+
+    Args:
+        layout: What is walked on.
+        path: (F, 2) times (ns) and arc lengths (m) of the true footprints.
+    """
+
+    def __init__(self, layout: Layout, path: Array) -> None:
+        self._layout = layout
+        self._asked = [(change, asked_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
+        self._changes: list[ScoredChange] = []
+        self._points: list[Array] = []
+        self._complete: list[float] = []
+        self._edges: list[Array] = []
+        self._tick_ns = 0
+
+    def look(self, t_ns: int, mapper: TerrainMap, laid: Laying, here: float) -> bool:
+        """Looks at a map after a picture.
+
+        Args:
+            t_ns: Time of the picture.
+            mapper: The map.
+            laid: Its world over the true one.
+            here: Where the camera is along the way, m.
+
+        Returns:
+            Whether its whole ground was looked at, which is each half second.
+        """
+        for change, at_ns in list(self._asked):
+            if t_ns >= at_ns:
+                self._asked.remove((change, at_ns))
+                late = t_ns >= at_ns + _LATE_NS  # no picture then: what was not known was not found
+                self._changes.append(
+                    ScoredChange(true=change, found=False)
+                    if late
+                    else _score_change(change, mapper, here, laid, self._layout)
+                )
+        if t_ns < self._tick_ns:
+            return False
+        self._tick_ns = t_ns + int(_TICK_S * 1e9)
+        self._points.append(_ground_ahead(mapper, here, laid, self._layout))
+        self._complete.append(_completeness(mapper, here, laid, self._layout))
+        self._edges.append(_edge_errors(mapper, here, laid, self._layout))
+        return True
+
+    def scores(self) -> MapScores:
+        """Of all that was looked at."""
+        points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
+        far = distance_to(mesh_of(self._layout.slabs), points)
+        return MapScores(
+            changes=tuple(self._changes),
+            accuracy_m=_rms(far),
+            accuracy_p95_m=float(np.percentile(far, 95)) if len(far) else math.nan,
+            completeness=float(np.nanmean(self._complete)) if np.isfinite(self._complete).any() else math.nan,
+            edge_errors=np.concatenate(self._edges) if self._edges else np.zeros(0),
+        )
+
+
+def map_figures(scores: MapScores) -> Scores:
+    """The scores of one walk's map, in the units of a report; what there is nothing to tell of is left out.
+
+    Returns:
+        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm` of edges told within
+        14 cm of a true one, `edge_false_pct`, the share of the others; of the changes `found_pct`, and of those found
+        `begin_rmse_mm`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`.
+    """
+    changes = scores.changes
+    true = scores.edge_errors[np.abs(scores.edge_errors) < _SAME_EDGE_M]
+    found = {
+        "accuracy_rmse_mm": 1e3 * scores.accuracy_m,
+        "accuracy_p95_mm": 1e3 * scores.accuracy_p95_m,
+        "completeness_pct": 100.0 * scores.completeness,
+        "edge_rmse_mm": 1e3 * _rms(true),
+        "edge_mean_mm": 1e3 * float(true.mean()) if len(true) else math.nan,
+        "edge_false_pct": 100.0 * (1.0 - len(true) / len(scores.edge_errors)) if len(scores.edge_errors) else math.nan,
+        "found_pct": 100.0 * float(np.mean([c.found for c in changes])) if changes else math.nan,
+        "begin_rmse_mm": 1e3 * _rms([c.edge_error for c in changes]),
+        "riser_rmse_mm": 1e3 * _rms([c.riser_error for c in changes]),
+        "tread_rmse_mm": 1e3 * _rms([c.tread_error for c in changes]),
+        "slope_rmse_deg": math.degrees(_rms([c.slope_error for c in changes])),
+    }
+    return {name: float(value) for name, value in found.items() if math.isfinite(value)}
+
+
+def _rms(values: Array | Sequence[float]) -> float:
+    """Of those that are known; NaN of none."""
+    known = np.asarray(values, float)[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
+
+
+def _ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Profile:
+    """The map's profile straight ahead of the way, as if the walker had not drifted."""
+    heading = float(layout.way.heading(here))
+    return mapper.profile(laid.to_told(layout.way.point(here)), heading - laid.turn)
+
+
+def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> ScoredChange:
+    estimate = mapper.estimate
+    heading = float(layout.way.heading(change.s)) - laid.turn
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    place = laid.to_told(layout.way.point(change.s))
+    if estimate is None:
+        return ScoredChange(true=change, found=False)
+    if change.kind == "ramp":
+        near = [c for c in _ahead(mapper, here, laid, layout).changes if c.kind == "knee"]
+        edge = min((here + c.s - change.s for c in near), key=abs, default=math.nan)
+        at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
+        if at is None or at[0].slope < math.radians(5):
+            return ScoredChange(true=change, found=False, edge_error=edge)
+        slope = math.atan(float(at[0].gradient @ forward))
+        return ScoredChange(true=change, found=True, edge_error=edge, slope_error=slope - change.slope,
+                            slope_sd=at[0].slope_sd)  # fmt: skip
+    for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
+        sign = math.copysign(1.0, change.riser)
+        if float(flight.up @ forward) * sign < 0.9:
+            continue
+        own = (flight.edges - float(flight.up @ place)) * sign
+        first = min(own[np.isfinite(own)], default=math.nan)
+        if abs(first) < _MATCH_M and flight.steps >= 2:
+            return ScoredChange(
+                true=change, found=True, edge_error=float(first), riser_error=flight.riser - abs(change.riser),
+                tread_error=flight.tread - change.tread, riser_sd=math.sqrt(flight.covariance[0, 0]),
+                tread_sd=math.sqrt(flight.covariance[1, 1]),
+            )  # fmt: skip
+    return ScoredChange(true=change, found=False)
+
+
+def _ground_ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
+    """(N, 3) m, some of the map's points on the way ahead, in the true world."""
+    points, plane = mapper.surface_points()
+    return on_the_way_ahead(laid.to_true(points[plane >= 0][::_EVERY]), here, layout)
+
+
+def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
+    """(K, 3) m, those of (N, 3) points that lie between 0.5 and 2.5 m ahead, and within 0.5 m of the way.
+
+    Args:
+        points: In the true world.
+        here: Where the camera is along the way, m.
+        layout: What is walked on.
+    """
+    near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < FAR_M]
+    s = _places_ahead(here, layout)
+    if not len(s) or not len(near):
+        return np.zeros((0, 3))
+    way, heading = layout.way.point(s), layout.way.heading(s)
+    offset = near[:, None, :2] - way
+    k = np.argmin((offset**2).sum(axis=-1), axis=1)
+    offset = offset[np.arange(len(near)), k]
+    c, s_ = np.cos(heading[k]), np.sin(heading[k])
+    along, aside = offset[:, 0] * c + offset[:, 1] * s_, offset[:, 1] * c - offset[:, 0] * s_
+    return np.asarray(near[(np.abs(along) < _CELL_M) & (np.abs(aside) < _HALF_WIDTH_M)])
+
+
+def _places_ahead(here: float, layout: Layout) -> Array:
+    """(N,) m along the way, where the ground ahead is looked at."""
+    return np.arange(here + NEAR_M, min(here + FAR_M, layout.profile[-1].s1), _CELL_M)
+
+
+def cells_ahead(here: float, layout: Layout) -> tuple[Array, Array]:
+    """(N,) m along the way and (N,) m to its left, every 5 cm of the ground ahead."""
+    across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
+    s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(here, layout), across))
+    return s, aside
+
+
+def _completeness(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> float:
+    """Share of the ground ahead whose height the map knows."""
+    s, aside = cells_ahead(here, layout)
+    if not len(s):
+        return math.nan
+    xy = laid.to_told(layout.way.point(s, aside))
+    told = mapper.heights(xy) - laid.told[2] + laid.true[2]
+    return float(np.mean(np.abs(told - true_heights(layout.profile, s, aside)) < _COMPLETE_M))
+
+
+def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) -> Array:
+    """(N,) m, of the ground at (N,) arc lengths and m to the left of the way."""
+    starts = np.array([strip.s0 for strip in profile])
+    strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
+    s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T
+    return np.asarray(z0 + slope * (s - s0) + cross * left)
+
+
+def _edge_errors(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
+    """Errors of the edges that the profile ahead tells, m, each against the true edge next to it; inf without one."""
+    jumps = np.array([s for s, _, _ in edges(layout.profile)])
+    changes = _ahead(mapper, here, laid, layout).changes
+    told = np.array([here + c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
+    heading = float(layout.way.heading(here))
+    ahead = layout.way.point(here) + (told - here)[:, None] * [math.cos(heading), math.sin(heading)]
+    told = told[
+        np.linalg.norm(layout.way.point(told) - ahead, axis=1) < _STRAIGHT_M
+    ]  # where the way does not turn away
+    if not len(jumps):
+        return np.full(len(told), math.inf)
+    return np.asarray(told - jumps[np.argmin(np.abs(told[:, None] - jumps), axis=1)])

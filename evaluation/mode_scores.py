@@ -1,0 +1,381 @@
+"""Predicted steps beside the true footprints: mode right or not, how long before, how far off.
+
+The true mode of a step is that of the ground from the footprint before to its own (`Footprint.mode`). A prediction
+counts at the last update before its foot touches down; its lead is how long before that it became right and stayed so.
+A footprint whose sole lies across a ramp's edge may count as either of its two modes; the strict figure lets nothing
+pass.
+
+What scored steps and changes of walks come to: accuracy, lead, errors, and whether deviations are honest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPrediction
+from stridetwin.evaluation.alignment import Laid
+from stridetwin.evaluation.change_scores import ScoredApproach, mode_of, score_approaches
+from stridetwin.evaluation.truth import along_way
+from stridetwin.sim.world.route import Layout
+from stridetwin.streams.samples import Footprint
+
+_JUST_LANDED_NS = 150_000_000
+_HEEL_M = 0.045
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredMode:
+    """A true step and what was told of it before.
+
+    Attributes:
+        t_s: Touch-down, s.
+        mode: True mode.
+        before: True mode of the step before.
+        told: The last mode told before touch-down; "" where nothing was.
+        allowed: Modes that count as right.
+        lead_s: How long before touch-down the told mode had become right for good, 0 where it was wrong.
+        probabilities: Of `MODES`, as last told.
+        forward_m: Predicted footprint less the true one along the way, when the foot before it had just landed; NaN
+            where none was told.
+        left_m: Likewise across.
+        length_m: How far the true footprint lies from the one before, ahead or aside.
+    """
+
+    t_s: float
+    mode: str
+    before: str
+    told: str
+    allowed: tuple[str, ...]
+    lead_s: float
+    probabilities: tuple[float, ...] = ()
+    forward_m: float = math.nan
+    left_m: float = math.nan
+    length_m: float = math.nan
+
+    @property
+    def right(self) -> bool:
+        """Whether the told mode counts as right."""
+        return self.told in self.allowed
+
+    @property
+    def strictly_right(self) -> bool:
+        """Whether it is the true mode."""
+        return self.told == self.mode
+
+    @property
+    def transition(self) -> bool:
+        """Whether the mode is another than that of the step before."""
+        return self.mode != self.before
+
+    @property
+    def straddles(self) -> bool:
+        """Whether the sole lies across a ramp's edge."""
+        return len(self.allowed) > 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModeScores:
+    """One walk.
+
+    Attributes:
+        steps: In order.
+        approaches: The changes of the ground, in order of the way.
+    """
+
+    steps: list[ScoredMode] = field(default_factory=list)
+    approaches: list[ScoredApproach] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, rows: Mapping[str, Any]) -> ModeScores:
+        """From what `rows` gave, through JSON."""
+        steps = [_known(row) for row in rows["steps"]]
+        for row in steps:
+            row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
+        return cls(
+            steps=[ScoredMode(**row) for row in steps],
+            approaches=[ScoredApproach(**_known(row)) for row in rows["approaches"]],
+        )
+
+    def rows(self) -> dict[str, list[dict[str, Any]]]:
+        """`steps` and `approaches` for JSON; NaN is null."""
+        return {"steps": [_row(s) for s in self.steps], "approaches": [_row(a) for a in self.approaches]}
+
+
+def _row(scored: ScoredMode | ScoredApproach) -> dict[str, Any]:
+    return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(scored).items()}
+
+
+def _known(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: math.nan if v is None else v for k, v in row.items()}
+
+
+def score_modes(
+    footprints: Sequence[Footprint], told: Sequence[ModeEstimate], laid: Laid, layout: Layout | None, sole_m: float
+) -> ModeScores:
+    """Every true step and every change of a walk, with what was told of it.
+
+    Args:
+        footprints: Of the truth, in order; those of the feet that stand at the start come first.
+        told: Estimates in order of time.
+        laid: Lays the estimator's world over the true one.
+        layout: Of the ground; None: nothing straddles and no change is scored.
+        sole_m: Length of the soles.
+    """
+    landed = footprints[2:]
+    by_step = told_by_step(landed, told)
+    first = _first_told(landed, by_step)
+    straddled: list[tuple[str, ...]] = [() for _ in landed]
+    approaches: list[ScoredApproach] = []
+    if layout is not None:
+        places = along_way([f.p_foot_in_world for f in footprints], layout)[2:]
+        straddled = [_straddled(f.mode, s, layout, sole_m) for f, s in zip(landed, places)]
+        approaches = score_approaches(landed, places, told, laid, layout)
+    steps = []
+    before = "LG"
+    for i, print_ in enumerate(landed):
+        allowed = (print_.mode, *straddled[i])
+        own = by_step[i]
+        last = own[-1] if own else None
+        wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
+        since = [e.t_ns for e, k in own if not wrong or e.t_ns > wrong[-1]]
+        forward, left = _miss(print_, first[i], laid)
+        steps.append(
+            ScoredMode(
+                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
+                told=last[0].steps[last[1]].mode if last else "",
+                lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
+                probabilities=tuple(last[0].steps[last[1]].probabilities[m] for m in MODES) if last else (),
+                forward_m=forward, left_m=left,
+                length_m=float(np.linalg.norm((print_.p_foot_in_world - footprints[i + 1].p_foot_in_world)[:2])),
+            )
+        )  # fmt: skip
+        before = print_.mode
+    return ModeScores(steps=steps, approaches=approaches)
+
+
+def first_steps(
+    footprints: Sequence[Footprint], told: Sequence[ModeEstimate]
+) -> list[tuple[ModeEstimate, StepPrediction] | None]:
+    """For each true step what was first told of it once the foot before it had landed; None where nothing was.
+
+    Args:
+        footprints: As of `score_modes`; those that stand at the start are no steps.
+        told: Likewise.
+    """
+    landed = footprints[2:]
+    first = _first_told(landed, told_by_step(landed, told))
+    return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
+
+
+def _first_told(
+    landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
+) -> list[tuple[ModeEstimate, int] | None]:
+    """Of each step the first estimate that tells it as the next one."""
+    found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
+    for i in range(1, len(landed)):
+        asked = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
+        found[i] = next(asked, None)
+    return found
+
+
+def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> list[list[tuple[ModeEstimate, int]]]:
+    """For each step the estimates before its touch-down that tell of it, and under which number.
+
+    An insole tells of a touch-down a little after it: an estimate in between still waits for the foot that is there. A
+    touch-down that was guessed may be told a little before it: an estimate in between waits for the other foot already.
+    """
+    t_ns = np.array([f.t_ns for f in landed])
+    found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
+    for estimate in told:
+        first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
+        next_foot = estimate.steps[0].foot if estimate.steps else ""
+        late = early = False
+        if first > 0 and estimate.t_ns - t_ns[first - 1] < _JUST_LANDED_NS:
+            late = next_foot == landed[first - 1].foot
+        if first < len(landed) and t_ns[first] - estimate.t_ns < _JUST_LANDED_NS:
+            early = next_foot not in ("", landed[first].foot)
+        shift = early - late
+        for k in range(late, len(estimate.steps)):
+            if first + k + shift < len(landed):
+                found[first + k + shift].append((estimate, k))
+    return found
+
+
+def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
+    """Other modes that a footprint at an arc length, across a ramp's edge, may count as."""
+    heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    found = []
+    for before, after in pairwise(layout.profile):
+        if abs(after.z0 - before.z1) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
+            found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
+    return tuple(found)
+
+
+def _miss(print_: Footprint, told: tuple[ModeEstimate, int] | None, laid: Laid) -> tuple[float, float]:
+    """Error of the footprint as it was first told as the next one, forward and left, m."""
+    if told is None:
+        return math.nan, math.nan
+    estimate, k = told
+    p = laid.point(estimate.t_ns, estimate.steps[k].p_foot_in_world[:2])
+    w, x, y, z = print_.q_world_foot
+    forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
+    forward /= np.linalg.norm(forward)
+    off = p - print_.p_foot_in_world[:2]
+    return float(off @ forward), float(off @ [-forward[1], forward[0]])
+
+
+_BINS = 10
+_STEADY = 0.2
+"""Steps in steady walking differ by no more, as a share of the shortest."""
+_SIZES = (
+    ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
+)  # fmt: skip
+_SEEN = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
+"""A size that is told with a larger deviation is a guess at what is usual: behind a brink nothing is seen."""
+
+
+def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
+    """Figures over walks, ready for JSON; None where there is nothing to tell of.
+
+    Returns:
+        `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`,
+        `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {told: steps}}`, `lead_time_s: {median, p5}`,
+        `transition_lead_time_s` likewise, `footprint_rmse_m: {forward, left}` one step ahead,
+        `footprint_steady_rmse_m` likewise of steps in steady walking (`_steady`), `calibration_error`, `steps`,
+        `transitions`; of the ground `changes` (their number), `changes_found_pct`, `begins_found_pct` (stairs and
+        ramps, not their ends), `distance_median_mm: {stairs, ramps, ends}`, `riser_rmse_mm`, `tread_rmse_mm`,
+        `slope_rmse_deg` of sizes that were seen and not only guessed (`_SEEN`); `sizes: {riser_mm, tread_mm,
+        slope_deg}`, of each `{up, down}`, `seen_pct` of all stairs or ramps, `rmse` of those, and `told_rmse` of all
+        that were told, guesses too; `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
+    """
+    walks = list(walks)
+    steps = [s for w in walks for s in w.steps]
+    approaches = [a for w in walks for a in w.approaches]
+    transitions = [s for s in steps if s.transition]
+    lead = [s.lead_s for s in steps]
+    steady = [s for w in walks for s in _steady(w.steps)]
+    confusion = {m: {t: sum(s.mode == m and s.told == t for s in steps) for t in (*MODES, "")} for m in MODES}
+    return {
+        "accuracy_pct": _percent(s.right for s in steps),
+        "strict_accuracy_pct": _percent(s.strictly_right for s in steps),
+        "straddling_pct": _percent(s.straddles for s in steps),
+        "transition_accuracy_pct": _percent(s.right for s in transitions),
+        "accuracy_by_mode_pct": {m: _percent(s.right for s in steps if s.mode == m) for m in MODES},
+        "confusion": confusion,
+        "lead_time_s": {"median": _quantile(lead, 50), "p5": _quantile(lead, 5)},
+        "transition_lead_time_s": {
+            "median": _quantile([s.lead_s for s in transitions], 50),
+            "p5": _quantile([s.lead_s for s in transitions], 5),
+        },
+        "footprint_rmse_m": {"forward": _rms([s.forward_m for s in steps]), "left": _rms([s.left_m for s in steps])},
+        "footprint_steady_rmse_m": {
+            "forward": _rms([s.forward_m for s in steady]), "left": _rms([s.left_m for s in steady])
+        },
+        "calibration_error": _calibration(steps),
+        "steps": len(steps),
+        "transitions": len(transitions),
+        **_change_figures(approaches),
+    }  # fmt: skip
+
+
+def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
+    """Steps of the same mode as those beside them and nearly as long, without the first three and the last two.
+
+    Who pauses, or gathers speed, does not walk steadily.
+    """
+    found = []
+    for i in range(3, len(steps) - 2):
+        around = steps[i - 1 : i + 2]
+        lengths = [s.length_m for s in around]
+        if len({s.mode for s in around}) == 1 and not max(lengths) > (1.0 + _STEADY) * min(lengths):
+            found.append(steps[i])
+    return found
+
+
+def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
+    kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
+    median = {
+        kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
+        for kind, modes in kinds.items()
+    }
+    sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
+    seen = {name: [e for e, sd in sizes[name] if sd < most] for name, most in _SEEN.items()}
+    begins = [a for a in approaches if a.mode != "LG"]
+    return {
+        "changes": len(approaches),
+        "changes_found_pct": _percent(a.found for a in approaches),
+        "begins_found_pct": _percent(a.found for a in begins),
+        "distance_median_mm": median,
+        "riser_rmse_mm": _scaled(_rms(seen["riser_m"]), 1e3),
+        "tread_rmse_mm": _scaled(_rms(seen["tread_m"]), 1e3),
+        "slope_rmse_deg": _scaled(_rms(seen["slope_rad"]), 180.0 / math.pi),
+        "sizes": {
+            told: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
+                   for way, mode in zip(("up", "down"), modes)}
+            for told, name, factor, modes in (
+                ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
+                ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
+                ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
+            )
+        },
+        "inside_95_pct": _inside([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
+        "distance_inside_95_pct": _inside(sizes["distance_m"]),
+    }  # fmt: skip
+
+
+def _size_figures(name: str, factor: float, approaches: Sequence[ScoredApproach]) -> dict[str, float | None]:
+    """Of one size: the share of the changes of which it was seen, errors of those, errors of all that were told."""
+    sd = name.replace("_", "_sd_")
+    own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
+    return {
+        "seen_pct": _percent(math.isfinite(e) and d < _SEEN[name] for e, d in own),
+        "rmse": _scaled(_rms([e for e, d in own if d < _SEEN[name]]), factor),
+        "told_rmse": _scaled(_rms([e for e, _ in own]), factor),
+    }
+
+
+def _inside(told: Iterable[tuple[float, float]]) -> float | None:
+    """Share of errors within the told 95 % interval, of pairs of error and deviation, %."""
+    return _percent(abs(e) < 1.96 * sd for e, sd in told if math.isfinite(e) and math.isfinite(sd))
+
+
+def _calibration(steps: Sequence[ScoredMode]) -> float | None:
+    """Expected calibration error of the told modes' probabilities, 0-1."""
+    told = told_and_right(steps)
+    if not told:
+        return None
+    return sum(abs(p - right) * count for p, right, count in told) / sum(count for _, _, count in told)
+
+
+def told_and_right(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
+    """By tenths of the told mode's probability: its mean, the share of steps that were right, and their number."""
+    told = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
+    p, right = np.array([t[0] for t in told]), np.array([t[1] for t in told], float)
+    bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
+    return [
+        (float(p[bins == b].mean()), float(right[bins == b].mean()), int((bins == b).sum())) for b in np.unique(bins)
+    ]
+
+
+def _percent(right: Iterable[bool]) -> float | None:
+    answers = list(right)
+    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else None
+
+
+def _quantile(values: Sequence[float], percent: float) -> float | None:
+    return float(np.percentile(values, percent)) if len(values) else None
+
+
+def _rms(values: Sequence[float]) -> float | None:
+    known = [v for v in values if math.isfinite(v)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor

@@ -1,0 +1,181 @@
+"""Scores of an estimated path against the true one: vectorised, deterministic, units in the names.
+
+Definitions follow Sturm et al. 2012 (IROS) and Zhang & Scaramuzza 2018 (IROS): absolute pose error (APE)
+after one alignment, relative pose error (RPE) over a distance travelled. NEES: Bar-Shalom et al. 2001, 5.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.evaluation.alignment import Rigid, align, vertical_turn
+from stridetwin.evaluation.truth import TruePath
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.samples import Array
+from stridetwin.streams.trajectory import Trajectory
+
+RPE_DISTANCES_M = (1.0, 5.0)
+RPE_SPACING_M = 0.1
+CHI2_3_95 = 7.814727903251179
+_VARIANCE_FLOOR_M2 = 1e-12
+
+Scores = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """An estimate laid over the truth, at the estimate's stamps.
+
+    Attributes:
+        estimate: N poses in the truth's world.
+        truth: The N true poses.
+        distance_m: (N,) m travelled by the true frame since the truth's first sample.
+        coverage: Share of the truth's duration that the estimate spans, 0-1.
+        laid: From the estimate's own world to the truth's.
+    """
+
+    estimate: Trajectory
+    truth: Trajectory
+    distance_m: Array
+    coverage: float
+    laid: Rigid
+
+    @property
+    def error_m(self) -> Array:
+        """(N, 3) m, estimate minus truth in world axes."""
+        return self.estimate.p_frame_in_world - self.truth.p_frame_in_world
+
+
+def compare(estimate: Trajectory, path: TruePath, alignment: str = "start", laid: Rigid | None = None) -> Comparison:
+    """Lays an estimate over the truth.
+
+    Args:
+        estimate: Poses in any world that differs from the truth's by a shift and a turn (see `align`).
+        path: The true path of the same frame.
+        alignment: `start`, `yaw` or `se3`.
+        laid: In place of an alignment, where another frame in the same world has fixed it.
+
+    Raises:
+        RecordingError: The estimate is not finite, or has fewer than two stamps within the truth's span.
+    """
+    finite = np.isfinite(estimate.p_frame_in_world).all(axis=1) & np.isfinite(estimate.q_world_frame).all(axis=1)
+    if not finite.all():
+        at = estimate.t_ns[(~finite).argmax()] / 1e9
+        raise RecordingError(f"the estimate is not finite at t = {at:.3f} s; every pose must be")
+    inside = (estimate.t_ns >= path.t_ns[0]) & (estimate.t_ns <= path.t_ns[-1])
+    if inside.sum() < 2:
+        raise RecordingError(
+            f"{inside.sum()} poses of the estimate lie within the truth's "
+            f"{path.t_ns[0] / 1e9:.3f}-{path.t_ns[-1] / 1e9:.3f} s; at least 2 are needed"
+        )
+    kept = estimate[inside]
+    truth = path.at(kept.t_ns)
+    laid = laid or align(kept, truth, alignment)
+    return Comparison(
+        estimate=laid.apply(kept),
+        truth=truth,
+        distance_m=np.interp(kept.t_ns, path.t_ns, path.distance_m),
+        coverage=float((kept.t_ns[-1] - kept.t_ns[0]) / (path.t_ns[-1] - path.t_ns[0])),
+        laid=laid,
+    )
+
+
+def score(comparison: Comparison, alone: bool = True) -> Scores:
+    """Every score of one estimate.
+
+    Args:
+        comparison: The estimate laid over the truth.
+        alone: It has a world of its own, which the estimate of no other frame shares.
+
+    Returns:
+        `ape_{rmse,mean,max}_m`; `rpe_1m_pct`, `rpe_5m_pct` (mean relative error, % of the distance; not where
+        the walk is shorter); `end_error_m`, `end_error_pct` (% of the distance travelled by the frame);
+        `end_height_error_m` (signed); `armse_2d_m` of an estimate alone, as that turns each by itself;
+        `nees_position_mean` (3 for an honest filter) and `nees_position_within_95_pct` where the estimate carries
+        a covariance; `distance_m`, `duration_s`, `coverage_pct`.
+    """
+    error = comparison.error_m
+    norm = np.linalg.norm(error, axis=1)
+    distance = float(comparison.distance_m[-1] - comparison.distance_m[0])
+    t_ns = comparison.truth.t_ns
+    scores = {
+        "ape_rmse_m": float(np.sqrt(np.mean(norm**2))),
+        "ape_mean_m": float(norm.mean()),
+        "ape_max_m": float(norm.max()),
+        "end_error_m": float(norm[-1]),
+        "end_height_error_m": float(error[-1, 2]),
+        "distance_m": distance,
+        "duration_s": float((t_ns[-1] - t_ns[0]) / 1e9),
+        "coverage_pct": 100.0 * comparison.coverage,
+    }
+    if alone:
+        scores["armse_2d_m"] = armse_2d(comparison.estimate.p_frame_in_world, comparison.truth.p_frame_in_world)
+    if distance > 0:
+        scores["end_error_pct"] = 100.0 * scores["end_error_m"] / distance
+    for span in RPE_DISTANCES_M:
+        errors = relative_errors_m(comparison, span)
+        if len(errors):
+            scores[f"rpe_{span:g}m_pct"] = float(100.0 * errors.mean() / span)
+    if comparison.estimate.covariance is not None:
+        nees = nees_position(comparison)
+        scores["nees_position_mean"] = float(nees.mean())
+        scores["nees_position_within_95_pct"] = float(100.0 * np.mean(nees <= CHI2_3_95))
+    return scores
+
+
+def relative_errors_m(comparison: Comparison, span_m: float) -> Array:
+    """Error of the relative translation over every stretch of `span_m` of the true path.
+
+    Stretches start each 0.1 m travelled, so that standing still does not count. Each is turned about the
+    vertical so that the headings agree where it starts (Zhang & Scaramuzza 2018: gravity shows tilt, nothing
+    shows heading), which makes the result independent of the alignment.
+
+    Returns:
+        (K,) m; empty where the path is shorter than the span.
+    """
+    s, estimate, truth = comparison.distance_m, comparison.estimate, comparison.truth
+    starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
+    ends = np.searchsorted(s, s[starts] + span_m)
+    starts, ends = starts[ends < len(s)], ends[ends < len(s)]
+    if not len(starts):
+        return np.empty(0)
+    attitudes = [Rotation.from_quat(p.q_world_frame[starts], scalar_first=True) for p in (truth, estimate)]
+    turn = vertical_turn((attitudes[0] * attitudes[1].inv()).as_matrix())
+    moved, went = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))
+    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", turn, moved) - went, axis=1))
+
+
+def nees_position(comparison: Comparison) -> Array:
+    """Normalised estimation error squared of the position, eᵀ P⁻¹ e; χ² with 3 degrees of freedom if honest.
+
+    Returns:
+        (N,) values. The alignment hides the error of the first pose, so it is close to 0 there.
+    """
+    covariance = comparison.estimate.covariance
+    if covariance is None:
+        raise ValueError("the estimate carries no covariance")
+    P = covariance[:, :3, :3] + _VARIANCE_FLOOR_M2 * np.eye(3)
+    e = comparison.error_m
+    return np.asarray(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[..., None])[..., 0]))
+
+
+def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
+    """Horizontal error as the pyshoe benchmark defines its "2-D ARMSE".
+
+    Both paths start at 0, the estimate turns about z so that its bearing agrees with the truth's where it is
+    first `far_m` from its start; then the mean over all samples of sqrt((ex² + ey²) / 2).
+
+    Args:
+        estimate: (N, 2 or 3) m.
+        truth: (N, 2 or 3) m at the same stamps.
+        far_m: Distance that fixes the bearing.
+    """
+    e, g = estimate[:, :2] - estimate[0, :2], truth[:, :2] - truth[0, :2]
+    far = np.linalg.norm(e, axis=1) > far_m
+    i = int(np.argmax(far)) if far.any() else len(e) - 1
+    a = np.arctan2(g[i, 1], g[i, 0]) - np.arctan2(e[i, 1], e[i, 0])
+    turned = e @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+    return float(np.mean(np.sqrt(((turned - g) ** 2).sum(axis=1) / 2)))

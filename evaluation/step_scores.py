@@ -1,0 +1,330 @@
+"""What steps that were told come to beside the true ones: errors, honesty of the deviations, classes.
+
+Steps as an estimator tells them, beside the footprints of the truth.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import STEPS
+from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
+from stridetwin.evaluation.alignment import vertical_turn
+from stridetwin.evaluation.path_scores import Scores
+from stridetwin.evaluation.truth import FOOTPRINTS
+from stridetwin.pipeline.run import Found, fed
+from stridetwin.pipeline.run import steps as steps_of
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.files import whole_file
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Footprint
+
+_EARLY_NS = 100_000_000
+_STANDING = 2  # the first footprints are those of the feet that stand at the start
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredStep:
+    """A true step and what was told of it when its foot had been flat; of a step that was missed nothing is told.
+
+    Attributes:
+        mode: True mode.
+        slope: True slope of the ground in the foot's direction, rad.
+        elevation: True height over the other foot's footprint before, m.
+        place: True place of the footprint, m.
+        told_mode: As told; "" where the step was missed.
+        told_slope: rad.
+        told_elevation: m.
+        told_place: m, in the estimator's world.
+        slope_sd: rad; None where the method tells none.
+        elevation_sd: m; likewise.
+        probability: Of the mode.
+    """
+
+    mode: str
+    slope: float
+    elevation: float
+    place: tuple[float, ...]
+    told_mode: str = ""
+    told_slope: float = 0.0
+    told_elevation: float = 0.0
+    told_place: tuple[float, ...] = ()
+    slope_sd: float | None = None
+    elevation_sd: float | None = None
+    probability: float = 0.0
+
+    @property
+    def seen(self) -> bool:
+        """Whether anything was told."""
+        return bool(self.told_place)
+
+    @property
+    def slope_error(self) -> float:
+        """Rad."""
+        return self.told_slope - self.slope
+
+    @property
+    def elevation_error(self) -> float:
+        """M."""
+        return self.told_elevation - self.elevation
+
+    def row(self) -> dict[str, Any]:
+        """For JSON; `ScoredStep(**row)` makes it anew."""
+        return asdict(self)
+
+
+def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> list[ScoredStep]:
+    """Every true step of a walk, with what was told of it; not those beside a footprint that the truth lacks.
+
+    Args:
+        footprints: In order; those of the feet that stand at the start come first and are no steps.
+        estimates: One a step (`ContactTerrain.run`), in order.
+    """
+    told = list(estimates)
+    made = []
+    for i in range(_STANDING, len(footprints)):
+        print_ = footprints[i]
+        # whichever foot stands second in the list may be the first to step: that is no gap
+        beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
+        before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
+        if before is None or any(p.foot == print_.foot for p in beside):
+            continue
+        made.append(_scored(print_, before, next(iter(_told_of(footprints, i, told)), None)))
+    return made
+
+
+def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
+    """How many steps were told that are none: beyond the first of each footprint, or of no footprint at all.
+
+    Args:
+        footprints: As of `score_steps`; a footprint that the truth lacks between two of the other foot may be told of.
+        estimates: One a step, in order.
+    """
+    told, right = list(estimates), set[int]()
+    for i, print_ in enumerate(footprints):
+        later = footprints[max(i + 1, _STANDING) :]
+        others = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
+        true = (i >= _STANDING) + max(others - 1, 0)
+        right.update([id(e) for e in _told_of(footprints, i, told) if id(e) not in right][:true])
+    return len(told) - len(right)
+
+
+def _told_of(footprints: Sequence[Footprint], i: int, told: Iterable[StepEstimate]) -> list[StepEstimate]:
+    """What was told of a footprint's foot from shortly before it until the foot's next one."""
+    foot = footprints[i].foot
+    since = footprints[i].t_ns - _EARLY_NS
+    until = next((p.t_ns for p in footprints[i + 1 :] if p.foot == foot), np.inf)
+    return [e for e in told if e.foot == foot and since < e.t_ns < until]
+
+
+def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:
+    w, x, y, z = print_.q_world_foot
+    true: dict[str, Any] = {
+        "mode": print_.mode,
+        "slope": float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis over the horizontal
+        "elevation": float(print_.p_foot_in_world[2] - before.p_foot_in_world[2]),
+        "place": tuple(print_.p_foot_in_world.tolist()),
+    }
+    if estimate is None:
+        return ScoredStep(**true)
+    return ScoredStep(
+        **true,
+        told_mode=estimate.mode,
+        told_slope=float(estimate.slope),
+        told_elevation=float(estimate.elevation),
+        told_place=tuple(np.asarray(estimate.p_sole_in_world).tolist()),
+        slope_sd=_finite(estimate.slope_sd),
+        elevation_sd=_finite(estimate.elevation_sd),
+        probability=float(estimate.probability),
+    )
+
+
+def _finite(sd: float) -> float | None:
+    return float(sd) if math.isfinite(sd) else None
+
+
+def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[float, float, float]]:
+    """Error of the displacement over the number of steps, of each run of steps of one mode, m.
+
+    A run begins at the footprint before it (as the paper's walks do where the subject stands), and goes from the first
+    to the last footprint that was told.
+
+    Args:
+        steps: Of a walk.
+        mode: Of the runs; "" takes the whole walk.
+
+    Returns:
+        Forward, up and left of each run.
+    """
+    errors, start = [], 0
+    for end in range(1, len(steps) + 1):
+        inside = not mode or steps[end - 1].mode == mode
+        if inside and end < len(steps) and (not mode or steps[end].mode == mode):
+            continue
+        if inside:
+            run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.seen]
+            if len(run) > 1:
+                (i, first), (j, last) = run[0], run[-1]
+                moved = np.subtract(last.told_place, first.told_place) - np.subtract(last.place, first.place)
+                forward, left, up = (moved / (j - i)).tolist()
+                errors.append((forward, up, left))
+        start = end
+    return errors
+
+
+def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
+    """The steps of a walk, their told places turned about the vertical by the angle that fits the true ones best.
+
+    Without a magnetometer nothing tells where a walk's heading begins (a gauge: Zhang & Scaramuzza 2018).
+    """
+    seen = [s for s in steps if s.seen]
+    if len(seen) < 2:
+        return list(steps)
+    true, told = (np.array(places) for places in ([s.place for s in seen], [s.told_place for s in seen]))
+    R = vertical_turn((true - true.mean(axis=0)).T @ (told - told.mean(axis=0)))
+    return [replace(s, told_place=tuple((R @ s.told_place).tolist())) if s.seen else s for s in steps]
+
+
+COLUMNS = (
+    "t_s", "step", "foot", "mode", "probability", "slope_rad", "slope_sd_rad", "elevation_m", "elevation_sd_m", "x_m",
+    "y_m", "z_m",
+)  # fmt: skip
+
+
+def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
+    """A step as a row of `COLUMNS`."""
+    e = estimate
+    return (
+        f"{e.t_ns * 1e-9:.3f}", str(e.step), e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",
+        f"{e.slope_sd:.5f}", f"{e.elevation:.5f}", f"{e.elevation_sd:.5f}", *(f"{x:.5f}" for x in e.p_sole_in_world),
+    )  # fmt: skip
+
+
+def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
+    """Writes a table with one row a step, columns `COLUMNS`."""
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(map(step_cells, estimates))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepResult:
+    """An estimator of steps on one recording.
+
+    Attributes:
+        estimates: What was told, one a step.
+        steps: Beside the truth.
+        scores: See `step_scores`; and `false_pct`, of all steps that were told, those that are none.
+    """
+
+    estimates: list[StepEstimate]
+    steps: list[ScoredStep]
+    scores: Scores
+
+
+def evaluate_every_step(recording: Recording) -> dict[str, StepResult]:
+    """Every estimator of steps that the recording feeds, by name; none without the truth of its footprints.
+
+    Raises:
+        RecordingError: As `evaluate_steps`.
+    """
+    if FOOTPRINTS not in recording.topics:
+        return {}
+    every = registry.estimators(STEPS)
+    return {name: evaluate_steps(recording, found) for name, found in every.items() if fed(found, recording)}
+
+
+def evaluate_steps(recording: Recording, found: Found) -> StepResult:
+    """Runs the default method of an estimator of steps on a recording that feeds it, and scores it.
+
+    Raises:
+        RecordingError: Not one of its steps is a step of the truth.
+    """
+    made = steps_of(found, recording)
+    footprints = list(recording.block(FOOTPRINTS))
+    steps = score_steps(footprints, made)
+    if not any(s.seen for s in steps):
+        name = found.declaration.name
+        raise RecordingError(f"{recording.path}: {name} matched none of the {len(steps)} true steps")
+    false_pct = 100.0 * false_steps(footprints, made) / len(made)
+    return StepResult(estimates=made, steps=steps, scores={**step_scores(steps), "false_pct": false_pct})
+
+
+def step_scores(steps: Sequence[ScoredStep]) -> Scores:
+    """Every score of one walk, of whose steps one was seen at least.
+
+    Returns:
+        `slope_rmse_deg`, `elevation_rmse_mm`, `slope_in_95_pct`, `elevation_in_95_pct`; of all steps, missed ones
+        too, `classification_accuracy_pct`, `unknown_pct`, `missed_pct`; `{d,h,y}_rmse_mm`, the error of the whole
+        displacement over the number of steps, along the world's x, z and y; `end_error_m`, `end_error_pct`, from the
+        first footprint seen to the last; `steps`.
+    """
+    figures = step_figures(steps, displacement_errors(steps, ""))
+    seen = [s for s in steps if s.seen]
+    places, told = np.array([s.place for s in seen]), np.array([s.told_place for s in seen])
+    end = float(np.linalg.norm((told[-1] - told[0]) - (places[-1] - places[0])))
+    way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+    left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")
+    return {
+        **{k: float(v) for k, v in figures.items() if k not in left_out},
+        "unknown_pct": percent(s.told_mode == UNKNOWN for s in steps),
+        "missed_pct": percent(not s.seen for s in steps),
+        "end_error_m": end,
+        **({"end_error_pct": 100.0 * end / way} if way > 0.0 else {}),
+    }
+
+
+def step_figures(
+    steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]
+) -> dict[str, float]:  # fmt: skip
+    """RMS and mean errors of the steps that were seen, classes of all of them.
+
+    Args:
+        steps: Of any walks.
+        places: Errors of displacements a step, m; `displacement_errors`. Without any their RMS is left out.
+    """
+    seen = [s for s in steps if s.seen]
+    slope = np.degrees([s.slope_error for s in seen])
+    elevation = 1e3 * np.array([s.elevation_error for s in seen])
+    figures = {
+        "slope_rmse_deg": _rms(slope),
+        "slope_mean_deg": float(slope.mean()) if len(slope) else 0.0,
+        "elevation_rmse_mm": _rms(elevation),
+        "elevation_mean_mm": float(elevation.mean()) if len(elevation) else 0.0,
+        **_inside(seen),
+        "classification_accuracy_pct": percent(s.told_mode == s.mode for s in steps),
+        "steps": len(steps),
+        "steps_missed": len(steps) - len(seen),
+    }
+    if len(places):
+        d, h, y = (_rms(1e3 * np.array(axis)) for axis in zip(*places))
+        figures |= {"d_rmse_mm": d, "h_rmse_mm": h, "y_rmse_mm": y}
+    return figures
+
+
+def _inside(seen: Sequence[ScoredStep]) -> dict[str, float]:
+    """Share of errors inside the 95 % interval; nothing where the method tells none."""
+    slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in seen if s.slope_sd is not None]
+    elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in seen if s.elevation_sd is not None]
+    if not slope or not elevation:
+        return {}
+    return {"slope_in_95_pct": percent(slope), "elevation_in_95_pct": percent(elevation)}
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
+
+
+def percent(right: Iterable[Any]) -> float:
+    """Share of what is true, %; 0 of nothing."""
+    answers = list(right)
+    return 100.0 * sum(map(bool, answers)) / len(answers) if answers else 0.0

@@ -1,0 +1,396 @@
+"""What was seen ahead of a walker on a whole recording: ground and coming steps, beside the truth.
+
+The odometry's poses lead a terrain map and, where there are insoles, the prediction of locomotion modes through the
+recording, as they would on the walker. What they tell is laid over the truth as it was at each instant, so that the
+drift of the poses is the odometry's error alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import MAP, MODES, PATH, Options, Progress
+from stridetwin.estimators.locomotion_mode import ModeEstimate
+from stridetwin.estimators.terrain_map import Plane, Stairs, TerrainEstimate, TerrainMap
+from stridetwin.evaluation.alignment import Laid, Laying
+from stridetwin.evaluation.evaluate import Estimate, true_path
+from stridetwin.evaluation.map_scores import MapScorer, MapScores, map_figures
+from stridetwin.evaluation.mode_scores import ModeScores, mode_figures, score_modes
+from stridetwin.evaluation.path_scores import Scores
+from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, along_way, true_footprints
+from stridetwin.pipeline.run import all_paths, fed, merged
+from stridetwin.pipeline.terrain_files import KINDS, GroundGrid, kinds_at
+from stridetwin.scenarios.ground import from_metadata
+from stridetwin.scenarios.processes import processes
+from stridetwin.sim.world.route import Layout
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array, Depth, Footprint, Image
+from stridetwin.streams.trajectory import Trajectory
+
+HALF_WIDTH_M, CELL_M = 1.0, 0.04
+"""How far to each side of the way the ground is kept, and how finely."""
+_SOLE_M = 0.27
+_BEHIND_M, _AHEAD_M = 0.2, 2.5
+_STEPPED_M = 1.2
+"""An edge is kept as it was told when it lay no farther ahead."""
+_SAME_EDGE_M = 0.1
+_BESIDE_M, _ACROSS = 0.3, 0.7
+"""An edge that begins farther beside the way, or lies more along it than across, is none of the way's."""
+_WINDOW_M, _SHOWN_M = 3.0, 0.1
+_LEAST_PLANE_M2 = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Snapshot:
+    """The ground around the walker at one instant, in the true world.
+
+    Attributes:
+        t_ns: When.
+        points: (N, 3) m.
+        kinds: (N,) numbers of `KINDS`.
+        planes: Outline of each plane, (5, 3) m, and its number of `KINDS`.
+        edges: Ends of each edge of a flight, (2, 3) m.
+    """
+
+    t_ns: int
+    points: NDArray[np.float32]
+    kinds: NDArray[np.uint8]
+    planes: list[tuple[Array, int]]
+    edges: list[Array]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeenWay:
+    """The ground along the way as it was last seen before the walker stood on it, unrolled.
+
+    Attributes:
+        s: (S,) m along the way, the cells' middles.
+        left: (L,) m to the left of it.
+        height: (S, L) m in the true world, NaN where nothing was seen.
+        kind: (S, L) numbers of `KINDS`.
+        edges: (E, 3) m: each edge's place along the way, and from where to where it reaches to the left.
+    """
+
+    s: Array
+    left: Array
+    height: Array
+    kind: NDArray[np.uint8]
+    edges: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ahead:
+    """What was seen ahead on one recording.
+
+    Attributes:
+        estimates: Of the coming steps, in order of time; none without insoles.
+        modes: Their scores; None without insoles.
+        ground: Scores of the map.
+        terrain_map: As it was at the end.
+        seen: The ground along the way.
+        snapshots: Each half second.
+        laid: The estimators' world over the true one.
+        layout: Of the true ground.
+        footprints: True ones.
+        path: (N, 3) m, true path of the camera.
+        scores: By estimator.
+        predicted: Of every estimator of modes what it predicted; `estimates` are those of the first.
+        maps: Every map as it was at the end; `terrain_map` is the first.
+    """
+
+    estimates: list[ModeEstimate]
+    modes: ModeScores | None
+    ground: MapScores
+    terrain_map: TerrainMap
+    seen: SeenWay
+    snapshots: list[Snapshot]
+    laid: Laid
+    layout: Layout
+    footprints: list[Footprint]
+    path: Array
+    scores: dict[str, Scores]
+    predicted: Mapping[str, list[ModeEstimate]] = field(default_factory=dict)
+    maps: Mapping[str, TerrainMap] = field(default_factory=dict)
+
+
+def all_estimates(recording: Recording, progress: Progress) -> tuple[list[Estimate], Ahead | None]:
+    """Every path that the recording feeds, and `look_ahead` where an odometry can lead it.
+
+    The paths of other estimators with cameras are made in a process beside this one: they take as long.
+
+    Args:
+        recording: Any.
+        progress: Called with the stage, and the share of it that is done.
+    """
+    with ExitStack() as stack:
+        others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False)
+        if recording.is_mcap and two_see(recording):
+            pool = stack.enter_context(processes(1))
+            others = pool.submit(_others, recording.path, recording.lenient).result
+        leading = all_paths(recording, leads=True)
+        odometry = odometry_of(recording, leading)
+        ahead = look_ahead(recording, odometry, progress) if odometry is not None else None
+        return others() + leading, ahead
+
+
+def _others(path: Path, lenient: bool) -> list[Estimate]:
+    return all_paths(Recording(path, lenient), leads=False)
+
+
+def two_see(recording: Recording) -> bool:
+    """Whether the recording feeds images to an odometry that leads, and to another estimator of paths."""
+    seeing = set()
+    for found in registry.estimators(PATH).values():
+        for options in fed(found, recording):
+            streams = found.streams(recording.rig, options) if recording.has_rig else ()
+            if any(s.kind is Image and s.topic in recording.topics for s in streams):
+                seeing.add(found.declaration.leads)
+    return len(seeing) == 2
+
+
+def odometry_of(recording: Recording, made: Iterable[Estimate]) -> Estimate | None:
+    """The estimate that can lead map and prediction through the recording; None where none can.
+
+    They need depth on the body of the odometry's IMU; to be scored, true footprints, the IMU's true path and ground.
+    """
+    odometry = next((e for e in made if e.leads), None)
+    if odometry is None or FOOTPRINTS not in recording.topics or from_metadata(recording.metadata) is None:
+        return None
+    body = recording.rig.imu(f"/{odometry.frame}").mount.body
+    camera = next((c for c in recording.rig.cameras.values() if c.depth_topic), None)
+    there = camera is not None and camera.depth_topic in recording.topics and camera.mount.body == body
+    there = there and f"/truth/{odometry.frame}/odometry" in recording.topics
+    usable = len(odometry.path) > 1 and (odometry.healthy is None or bool(odometry.healthy.any()))
+    return odometry if there and usable else None
+
+
+class _Watch:
+    """Scores one map as the walker goes, and keeps what a report shows of it."""
+
+    def __init__(self, ground: TerrainMap, layout: Layout, footprints: list[Footprint], here: Array) -> None:
+        places = along_way([f.p_foot_in_world for f in footprints], layout)
+        self.ground, self._layout, self._here = ground, layout, here
+        self.scorer = MapScorer(layout, np.column_stack([[f.t_ns for f in footprints], places]))
+        self.way = _Unrolled(layout, float(here.min()) - 0.5, float(max(here.max(), places.max())) + 1.0)
+        self.snapshots: list[Snapshot] = []
+
+    def look(self, t_ns: int, at: int, lying: Laying) -> None:
+        """What the map knows after the depth image of `t_ns`, the walker at the pose `at` of the path."""
+        ground, here = self.ground, float(self._here[at])
+        if ground.estimate is None or ground.estimate.t_ns != t_ns or not self.scorer.look(t_ns, ground, lying, here):
+            return
+        grid = GroundGrid.of(ground)
+        heading = float(self._layout.way.heading(here)) - lying.turn
+        self.way.look(grid, ground.estimate, lying, here)
+        self.snapshots.append(_snapshot(grid, ground.estimate, lying, heading))
+
+
+def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
+    """Estimators of modes, then maps that none of these builds itself, led by an odometry; and all maps, by name."""
+
+    def at_work(kind: str, but: Container[type[Any]] = ()) -> dict[str, Any]:
+        return {
+            name: found(recording.rig, options=replace(options, poses_of=odometry.frame))
+            for name, found in registry.estimators(kind).items()
+            if found not in but
+            for options in fed(found, recording)
+        }
+
+    predictors = at_work(MODES)
+    built = {type(p.ground): p.ground for p in predictors.values() if hasattr(p, "ground")}
+    alone = at_work(MAP, but=built)
+    maps = {name: built.get(found, alone.get(name)) for name, found in registry.estimators(MAP).items()}
+    return predictors | alone, {name: terrain_map for name, terrain_map in maps.items() if terrain_map is not None}
+
+
+def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None) -> Ahead:
+    """Leads maps and predictions of modes through a recording, every installed one that it feeds.
+
+    Args:
+        recording: One for which `odometry_of` has found an odometry.
+        odometry: That one.
+        progress: Called with the stage, and the share of it that is done.
+    """
+    layout = from_metadata(recording.metadata)
+    assert layout is not None
+    led, maps = _led_by(recording, odometry)
+    truth = true_path(recording, odometry.frame)
+    told = _trusted(odometry, truth)
+    true = truth.at(told.t_ns)
+    laid = Laid(told, true)
+    here = layout.way.project(true.p_frame_in_world[:, :2])
+    footprints = true_footprints(recording)
+    watches = {name: _Watch(terrain_map, layout, footprints, here) for name, terrain_map in maps.items()}
+
+    predicted: dict[str, list[ModeEstimate]] = {name: [] for name in led if name not in maps}
+    streams = [s for e in led.values() for s in e.streams(recording.rig, Options()) if s.topic in recording.topics]
+    for sample in merged(told, recording, list(dict.fromkeys(s.topic for s in streams))):
+        for name, estimator in led.items():
+            estimate = estimator.update(sample)
+            if estimate is not None and name in predicted:
+                predicted[name].append(estimate)
+        if not isinstance(sample, Depth):
+            continue
+        if progress is not None:
+            progress("look ahead", float(np.mean(told.t_ns <= sample.t_ns)))
+        at = int(np.searchsorted(told.t_ns, sample.t_ns, side="right")) - 1
+        if at >= 0:
+            for watch in watches.values():
+                watch.look(sample.t_ns, at, laid.at(sample.t_ns))
+
+    shoe_m = float(recording.metadata.get("shoe_length_m", _SOLE_M))
+    modes = {name: score_modes(footprints, e, laid, layout, shoe_m) for name, e in predicted.items()}
+    grounds = {name: watch.scorer.scores() for name, watch in watches.items()}
+    scores = {name: map_figures(ground) for name, ground in grounds.items()}
+    scores |= {name: mode_scores(of_steps) for name, of_steps in modes.items()}
+    first = next(iter(maps))
+    return Ahead(
+        estimates=next(iter(predicted.values()), []), modes=next(iter(modes.values()), None), ground=grounds[first],
+        terrain_map=maps[first], seen=watches[first].way.seen(), snapshots=watches[first].snapshots, laid=laid,
+        layout=layout, footprints=footprints, path=true.p_frame_in_world, scores=scores, predicted=predicted, maps=maps,
+    )  # fmt: skip
+
+
+def mode_scores(modes: ModeScores) -> Scores:
+    """The scores of one walk's steps; what there is nothing to tell of is left out.
+
+    Returns:
+        `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`, `changes_found_pct`;
+        `lead_median_s`, `lead_p5_s`, `transition_lead_median_s`; `footprint_forward_rmse_m`,
+        `footprint_left_rmse_m`; `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`; `calibration_error`; `steps`,
+        `transitions`.
+    """
+    figures = mode_figures([modes])
+    flat = {
+        name: figures[name]
+        for name in (
+            "accuracy_pct", "strict_accuracy_pct", "straddling_pct", "transition_accuracy_pct", "changes_found_pct",
+            "riser_rmse_mm", "tread_rmse_mm", "slope_rmse_deg", "calibration_error", "steps", "transitions",
+        )
+    } | {
+        "lead_median_s": figures["lead_time_s"]["median"],
+        "lead_p5_s": figures["lead_time_s"]["p5"],
+        "transition_lead_median_s": figures["transition_lead_time_s"]["median"],
+        "footprint_forward_rmse_m": figures["footprint_rmse_m"]["forward"],
+        "footprint_left_rmse_m": figures["footprint_rmse_m"]["left"],
+    }  # fmt: skip
+    return {name: float(value) for name, value in flat.items() if value is not None}
+
+
+def _trusted(odometry: Estimate, truth: TruePath) -> Trajectory:
+    """The odometry's path where it trusts itself and the truth is known."""
+    path = odometry.path
+    keep = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
+    if odometry.healthy is not None:
+        keep &= odometry.healthy
+    return path[keep]
+
+
+class _Unrolled:
+    """The ground along a way, filled as the walker goes."""
+
+    def __init__(self, layout: Layout, s0: float, s1: float) -> None:
+        self._way, self._profile = layout.way, layout.profile
+        self._s = np.arange(s0, s1, CELL_M) + CELL_M / 2
+        self._left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
+        self._height = np.full((len(self._s), len(self._left)), np.nan)
+        self._kind = np.full(self._height.shape, KINDS.index("none"), np.uint8)
+        self._edges: list[tuple[float, float, float]] = []
+
+    def look(self, grid: GroundGrid, estimate: TerrainEstimate, laid: Laying, here: float) -> None:
+        """Takes what is seen near the walker in the place of what was seen there before."""
+        some = np.flatnonzero((self._s > here - _BEHIND_M) & (self._s < here + _AHEAD_M))
+        s, left = np.meshgrid(self._s[some], self._left, indexing="ij")
+        height, plane = grid.at(laid.to_told(self._way.point(s, left)))
+        heading = float(self._way.heading(here + 0.5 * _AHEAD_M)) - laid.turn
+        kind = kinds_at(estimate, plane, heading)
+        known = np.isfinite(height)
+        rows, columns = np.nonzero(known)
+        self._height[some[rows], columns] = height[known] - laid.told[2] + laid.true[2]
+        self._kind[some[rows], columns] = kind[known]
+        for flight in estimate.stairs:
+            for a, b in _edge_lines(flight):
+                self._keep_edge(laid.to_true(a), laid.to_true(b), here)
+
+    def _keep_edge(self, a: Array, b: Array, here: float) -> None:
+        """An edge that the walker comes to next, in the place of what was told of it before."""
+        around = np.arange(here, here + _STEPPED_M, 0.02)
+        way, heading = self._way.point(around), self._way.heading(around)
+        left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+        off = np.abs(_beside(way, a, b))
+        k = int(off.argmin())
+        if off[k] > 0.02:
+            return
+        low, high = sorted(float((end[:2] - way[k]) @ left[k]) for end in (a, b))
+        across = float(abs((b - a)[:2] @ left[k])) / max(float(np.linalg.norm((b - a)[:2])), 1e-9)
+        if across < _ACROSS or low > _BESIDE_M or high < -_BESIDE_M:
+            return
+        forward = np.array([math.cos(heading[k]), math.sin(heading[k])])
+        middle = a[:2] + (b - a)[:2] * float(
+            np.clip((way[k] - a[:2]) @ (b - a)[:2] / ((b - a)[:2] @ (b - a)[:2]), 0, 1)
+        )
+        s = float(around[k]) + float((middle - way[k]) @ forward)
+        self._edges = [e for e in self._edges if abs(e[0] - s) > _SAME_EDGE_M]
+        self._edges.append((s, low, high))
+
+    def seen(self) -> SeenWay:
+        """All that was seen."""
+        edges = np.array(sorted(self._edges), float).reshape(-1, 3)
+        return SeenWay(s=self._s, left=self._left, height=self._height, kind=self._kind, edges=edges)
+
+
+def _beside(points: Array, a: Array, b: Array) -> Array:
+    """(N,) m, of (N, 2) points from the line through a and b, in plan."""
+    along = (b - a)[:2] / np.linalg.norm((b - a)[:2])
+    offset = points - a[:2]
+    return np.asarray(offset[:, 0] * along[1] - offset[:, 1] * along[0])
+
+
+def _edge_lines(flight: Stairs) -> list[Array]:
+    """Ends of each edge that was found, (2, 3) m in the map's world, at the height of the tread above it."""
+    up = flight.up
+    aside = np.array([-up[1], up[0]])
+    lines = []
+    for k, s in enumerate(flight.edges):
+        if math.isfinite(s):
+            z = flight.base + (k + 1) * flight.riser
+            lines.append(np.array([[*(s * up + reach * aside), z] for reach in flight.across]))
+    return lines
+
+
+def _snapshot(grid: GroundGrid, estimate: TerrainEstimate, laid: Laying, heading: float) -> Snapshot:
+    points, plane = grid.points()
+    eye = estimate.p_camera_in_world
+    some = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _WINDOW_M)
+    i, j = np.floor((points[some, :2] - eye[:2]) / _SHOWN_M).astype(np.int64).T
+    some = some[np.unique(i * 4096 + j, return_index=True)[1]]
+    near = [
+        p for p in estimate.planes.values()
+        if p.area_m2 > _LEAST_PLANE_M2 and np.linalg.norm(p.centre[:2] - eye[:2]) < _WINDOW_M
+    ]  # fmt: skip
+    kinds = kinds_at(estimate, np.array([p.id for p in near], np.int64), heading)
+    return Snapshot(
+        t_ns=estimate.t_ns, points=laid.to_true(points[some]).astype(np.float32),
+        kinds=kinds_at(estimate, plane[some], heading),
+        planes=[(laid.to_true(_outline(p)), int(kind)) for p, kind in zip(near, kinds)],
+        edges=[laid.to_true(line) for flight in estimate.stairs for line in _edge_lines(flight)],
+    )  # fmt: skip
+
+
+def _outline(plane: Plane) -> Array:
+    """(5, 3) m, a rectangle in the plane that its points would fill if they lay evenly."""
+    variances, axes = np.linalg.eigh(plane.spread)
+    half = np.sqrt(3.0 * np.maximum(variances, 0.0))
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
+    xy = plane.centre[:2] + corners @ axes.T
+    return np.column_stack([xy, plane.height(xy)])

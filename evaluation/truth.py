@@ -1,0 +1,175 @@
+"""Truth between its samples: pose of a frame at any time, from positions, velocities and attitudes.
+
+True footprints: those of a recording, where they lie along the way, and when what is ahead of them is asked for.
+
+Flights of stairs along a way, as the ground truly is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from stridetwin.sim.world.route import Layout, Strip
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array, Block, Footprint, Odometry
+from stridetwin.streams.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TruePath:
+    """True motion of one frame.
+
+    Attributes:
+        t_ns: (N,) int64, strictly increasing, N ≥ 2.
+        p_frame_in_world: (N, 3) m.
+        v_frame_in_world: (N, 3) m/s.
+        q_world_frame: (N, 4) unit quaternions (w, x, y, z).
+    """
+
+    t_ns: NDArray[np.int64]
+    p_frame_in_world: Array
+    v_frame_in_world: Array
+    q_world_frame: Array
+
+    @classmethod
+    def of(cls, block: Block[Odometry]) -> TruePath:
+        """The path that a `/truth/.../odometry` topic tells.
+
+        Raises:
+            RecordingError: Fewer than two samples, or a value that is not finite.
+        """
+        if len(block) < 2:
+            raise RecordingError(f"{block.topic}: {len(block)} samples are no path; at least 2 are needed")
+        c = block.columns
+        p, v, q = c["p_frame_in_world"], c["v_frame_in_world"], c["q_world_frame"]
+        bad = ~(np.isfinite(p).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(q).all(axis=1))
+        if bad.any():
+            raise RecordingError(
+                f"{block.topic}: not finite at {block.t_ns[bad.argmax()] / 1e9:.3f} s; truth must be finite"
+            )
+        return cls(t_ns=block.t_ns, p_frame_in_world=p, v_frame_in_world=v, q_world_frame=q)
+
+    @property
+    def poses(self) -> Trajectory:
+        """The poses at the path's own stamps."""
+        return Trajectory(t_ns=self.t_ns, p_frame_in_world=self.p_frame_in_world, q_world_frame=self.q_world_frame)
+
+    def since(self, t_ns: int) -> TruePath:
+        """The path without what lies before a time (but its last two samples stay)."""
+        i = min(int(np.searchsorted(self.t_ns, t_ns)), len(self.t_ns) - 2)
+        return TruePath(
+            t_ns=self.t_ns[i:],
+            p_frame_in_world=self.p_frame_in_world[i:],
+            v_frame_in_world=self.v_frame_in_world[i:],
+            q_world_frame=self.q_world_frame[i:],
+        )
+
+    @property
+    def distance_m(self) -> Array:
+        """(N,) m travelled by the frame's origin up to each sample."""
+        steps = np.linalg.norm(np.diff(self.p_frame_in_world, axis=0), axis=1)
+        return np.concatenate(([0.0], np.cumsum(steps)))
+
+    def at(self, t_ns: NDArray[np.int64]) -> Trajectory:
+        """Poses at the stamps: cubic Hermite for positions (uses velocities), slerp for attitudes.
+
+        Args:
+            t_ns: (M,) int64 within the span of the path.
+
+        Raises:
+            ValueError: A stamp outside the span.
+        """
+        if len(t_ns) and (t_ns.min() < self.t_ns[0] or t_ns.max() > self.t_ns[-1]):
+            raise ValueError("stamps outside the span of the truth")
+        i = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, len(self.t_ns) - 2)
+        h = (self.t_ns[i + 1] - self.t_ns[i]) * 1e-9
+        s = ((t_ns - self.t_ns[i]) * 1e-9 / h)[:, None]
+        h = h[:, None]
+        p = (
+            (1 + 2 * s) * (1 - s) ** 2 * self.p_frame_in_world[i]
+            + s * (1 - s) ** 2 * h * self.v_frame_in_world[i]
+            + s**2 * (3 - 2 * s) * self.p_frame_in_world[i + 1]
+            + s**2 * (s - 1) * h * self.v_frame_in_world[i + 1]
+        )
+        attitudes = Slerp((self.t_ns - self.t_ns[0]) * 1e-9, Rotation.from_quat(self.q_world_frame, scalar_first=True))
+        q = attitudes((t_ns - self.t_ns[0]) * 1e-9).as_quat(scalar_first=True)
+        return Trajectory(t_ns=t_ns, p_frame_in_world=p, q_world_frame=q)
+
+
+FOOTPRINTS = "/truth/footprints"
+ASKED_S = 1.5
+"""How long before a foot lands beyond a change of the ground its place and size are asked for."""
+_REACH_M = 1.5  # no step is longer: a jogger's are up to 1.4 m
+
+
+def true_footprints(recording: Recording) -> list[Footprint]:
+    """In order; those of the feet that stand at the start come first."""
+    return list(recording.block(FOOTPRINTS))
+
+
+def along_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
+    """(F,) m along the way, of (F, 3) m, all footprints of a walk in order."""
+    return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
+
+
+def asked_ns(s: float, t_ns: Array, places: Array) -> float:
+    """When a change of the ground is asked for: `ASKED_S` before the first foot lands beyond it.
+
+    Args:
+        s: Its arc length, m.
+        t_ns: (F,) touch-downs, in order.
+        places: (F,) m along the way.
+
+    Returns:
+        ns; infinite where no foot lands beyond it.
+    """
+    beyond = np.flatnonzero(places > s)
+    return float(t_ns[beyond[0]]) - ASKED_S * 1e9 if len(beyond) else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """Risers with treads between them.
+
+    Attributes:
+        s: Arc length of its first edge, m.
+        end: Of its last one, m.
+        riser: Mean height of its risers, m, down negative.
+        tread: Mean depth of its treads, m; 0 for a single riser.
+        risers: How many.
+    """
+
+    s: float
+    end: float
+    riser: float
+    tread: float
+    risers: int
+
+
+def edges(profile: Sequence[Strip], least_m: float = 1e-6) -> list[tuple[float, float, Strip]]:
+    """Where the ground jumps by so much at least: arc length, m; height, m; and the strip that begins there."""
+    jumps = [(after.s0, after.z0 - before.z1, after) for before, after in pairwise(profile)]
+    return [jump for jump in jumps if abs(jump[1]) >= least_m]
+
+
+def flights(profile: Sequence[Strip], least_m: float = 1e-6) -> list[Flight]:
+    """The flights of a way, in order; lower risers than `least_m` are none."""
+    found: list[Flight] = []
+    s, heights = [], []
+    for place, height, onto in edges(profile, least_m):
+        s.append(place)
+        heights.append(height)
+        if onto.terrain == "stair":
+            continue
+        tread = (s[-1] - s[0]) / (len(s) - 1) if len(s) > 1 else 0.0
+        found.append(Flight(s=s[0], end=s[-1], riser=float(np.mean(heights)), tread=tread, risers=len(s)))
+        s, heights = [], []
+    return found

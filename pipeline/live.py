@@ -1,0 +1,282 @@
+"""An estimator on samples as they come over the bridge: one thread, in order of stamps, its latency measured."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from stridetwin.estimators import registry
+from stridetwin.pipeline.latency import Latency
+from stridetwin.pipeline.live_chain import Chain, Fit, Request, chain_of
+from stridetwin.pipeline.warm_up import made_up_rig, made_up_samples
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.kalibr import read_rig
+from stridetwin.streams.live.live_recorder import LiveRecorder
+from stridetwin.streams.live.receiver import Arrival, Receiver
+from stridetwin.streams.live.reorder import Reorder
+from stridetwin.streams.live.wire import Hello
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Depth, Image
+
+WINDOW_S = 0.01
+"""How long a sample waits for older ones of other streams, where nothing is estimated."""
+_IDLE_S = 0.1
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """What to do with what comes.
+
+    Attributes:
+        asked: The estimator; None only records.
+        address: Where to listen.
+        rig: Kalibr YAML that goes before what senders tell.
+        record: Recording to make; None makes none.
+        budget_s: Of latency; None takes the estimator's.
+        window_s: Of the order; None takes the estimator's.
+        skip_pictures_s: Pictures that have waited longer are left out; None leaves out none.
+    """
+
+    asked: Request | None
+    address: tuple[str, int]
+    rig: Path | None = None
+    record: Path | None = None
+    budget_s: float | None = None
+    window_s: float | None = None
+    skip_pictures_s: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of it.
+
+    Attributes:
+        latency: None where nothing was estimated.
+        files: Rows by file.
+        streams: What came, by topic.
+        refused: Who was refused and why.
+        refusals: How many were.
+        recorded: Messages in the recording.
+        window_s: Of the order.
+        duration_s: From the first sample's arrival to the last one's.
+    """
+
+    latency: Latency | None
+    files: dict[Path, int]
+    streams: dict[str, dict[str, int]]
+    refused: list[str]
+    refusals: int
+    recorded: int
+    window_s: float
+    duration_s: float
+
+
+def run_live(session: Session, say: Say, tell: Say) -> Outcome:
+    """Takes samples until every sender has said that it is done, or the user interrupts.
+
+    Args:
+        session: What to do.
+        say: Is told what goes on.
+        tell: Is told each estimate as a row of its file.
+
+    Raises:
+        StrideTwinError: The address or a file cannot be had, nothing came, or the estimator refuses what comes.
+    """
+    files = (session.asked.output if session.asked else None, session.record)
+    for file in files:
+        if file is not None and not file.parent.is_dir():
+            raise StrideTwinError(f"{file}: no folder {file.parent}")
+    return _Live(session, say, tell).run()
+
+
+class _Live:
+    def __init__(self, session: Session, say: Say, tell: Say) -> None:
+        self._session, self._say, self._tell = session, say, tell
+        own = registry.estimator(session.asked.estimator).declaration if session.asked else None
+        window_s = session.window_s if session.window_s is not None else own.window_s if own else WINDOW_S
+        self._latency = Latency(session.budget_s if session.budget_s is not None else own.budget_s if own else 0.0)
+        self._window_s, self._reorder = window_s, Reorder(window_s)
+        self._given = Rig() if session.rig is None else read_rig(session.rig)
+        self._rig, self._metadata = self._given, dict[str, str]()
+        self._chain: Chain | None = None
+        self._compiled = False
+        self._recorder: LiveRecorder | None = None
+        self._lacks, self._warned = "", set[tuple[str, str]]()
+        self._span: tuple[int, int] | None = None
+        self._fit = Fit({}, Rig())
+        self._early: Counter[str] = Counter()
+        self._skipped: Counter[str] = Counter()
+        self._refusals_told = 0
+
+    def run(self) -> Outcome:
+        with ExitStack() as stack:
+            self._compile()
+            if self._session.rig is not None:
+                self._try_chain()
+            if self._session.record is not None:
+                self._recorder = stack.enter_context(LiveRecorder(self._session.record))
+            receiver = stack.enter_context(Receiver(self._session.address))
+            self._say(f"listening at {receiver.address[0]}:{receiver.address[1]}")
+            try:
+                self._follow(receiver)
+                files = self._finish()
+            except BaseException:
+                if self._chain is not None:
+                    self._chain.abandon()
+                raise
+            own = {
+                "late": self._reorder.late, "before_start": self._early if self._chain is not None else Counter(),
+                "other_kind": self._fit.other_kind, "other_size": self._fit.other_size, "skipped": self._skipped,
+            }  # fmt: skip
+            streams = {
+                topic: {**vars(traffic), **{name: counts[topic] for name, counts in own.items()}}
+                for topic, traffic in sorted(receiver.traffic.items())
+            }
+            return Outcome(
+                latency=self._latency if self._chain is not None else None, files=files, streams=streams,
+                refused=receiver.refused, refusals=receiver.refusals, window_s=self._window_s,
+                recorded=self._recorder.count if self._recorder else 0,
+                duration_s=(self._span[1] - self._span[0]) * 1e-9 if self._span else 0.0,
+            )  # fmt: skip
+
+    def _follow(self, receiver: Receiver) -> None:
+        try:
+            while not receiver.ended:
+                due_s = self._reorder.due_s(time.perf_counter_ns())
+                for item in receiver.take(_IDLE_S if due_s is None else min(due_s, _IDLE_S)):
+                    if isinstance(item, Hello):
+                        self._know(item)
+                    else:
+                        self._arrive(item)
+                self._process(self._reorder.ready(time.perf_counter_ns()))
+                self._warn(receiver)
+        except KeyboardInterrupt:
+            self._say("stopped")
+        self._process(self._reorder.rest())
+        self._warn(receiver)
+
+    def _finish(self) -> dict[Path, int]:
+        if self._span is None:
+            raise StrideTwinError("nothing has come")
+        if self._session.asked is not None and self._chain is None:
+            raise StrideTwinError(f"nothing was estimated: {self._lacks}")
+        if self._chain is not None and not self._latency.took_any:
+            raise StrideTwinError(f"nothing was estimated: nothing has come of {', '.join(self._chain.takes)}")
+        return self._chain.finish() if self._chain is not None else {}
+
+    def _know(self, hello: Hello) -> None:
+        self._rig, differing = _joined(self._rig, hello.rig)
+        known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
+        for name in differing - known:
+            self._say(f"warning: a sender tells {name} otherwise than the one before; the first holds")
+        self._metadata = dict(hello.metadata) | self._metadata
+        if self._recorder is not None:
+            self._recorder.know(self._rig, self._metadata)
+        self._try_chain()
+
+    def _try_chain(self) -> None:
+        """Begins where the rig feeds the estimator; else says what is missing."""
+        asked = self._session.asked
+        if asked is None or self._chain is not None:
+            return
+        self._compile()
+        try:
+            self._chain = chain_of(asked, self._rig, self._metadata)
+        except StrideTwinError as error:
+            if str(error) != self._lacks:
+                self._lacks = str(error)
+                self._say(f"waiting: {error}")
+            return
+        self._fit = Fit(self._chain.takes, self._rig)
+        self._say(f"{asked.estimator} takes {', '.join(self._chain.takes)}")
+
+    def _compile(self) -> None:
+        """Shows a chain made-up samples, once; without the geometry of an exoskeleton there may be none yet."""
+        asked = self._session.asked
+        if asked is None or self._compiled:
+            return
+        try:
+            trial = chain_of(replace(asked, output=None), made_up_rig(), self._metadata)
+        except StrideTwinError:
+            return
+        self._say(f"{asked.estimator} is compiled, which takes minutes the first time")
+        for sample in made_up_samples(trial.takes):
+            for _ in trial.update(sample):
+                pass
+        self._compiled = True
+
+    def _arrive(self, arrival: Arrival) -> None:
+        topic = arrival.sample.topic
+        self._span = (self._span[0] if self._span else arrival.since_ns, arrival.since_ns)
+        if arrival.travel_ns is not None:
+            self._latency.travelled(topic, arrival.travel_ns * 1e-9)
+        if self._recorder is not None:
+            self._recorder.write(arrival.message, arrival.sample.t_ns)
+        if self._chain is None:
+            self._early[topic] += 1
+        elif topic in self._chain.takes:
+            if (wrong := self._fit.wrong(arrival.sample)) is None:
+                self._reorder.add(arrival)
+            else:
+                self._warn_once(topic, *wrong)
+
+    def _process(self, arrivals: Iterable[Arrival]) -> None:
+        for arrival in arrivals:
+            assert self._chain is not None
+            topic, before = arrival.sample.topic, time.perf_counter_ns()
+            if self._is_stale(arrival, before):
+                self._skipped[topic] += 1
+                continue
+            for estimator, line in self._chain.update(arrival.sample):
+                now = time.perf_counter_ns()
+                self._latency.add(
+                    estimator, topic, whole_s=(now - arrival.since_ns) * 1e-9, work_s=(now - before) * 1e-9,
+                    told=line is not None,
+                )  # fmt: skip
+                if line:
+                    self._tell(line)
+                before = time.perf_counter_ns()
+
+    def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
+        """Whether a picture has waited for longer than is asked; what is not a picture is never left out."""
+        most_s, is_image = self._session.skip_pictures_s, isinstance(arrival.sample, Image | Depth)
+        return most_s is not None and is_image and now_ns - arrival.since_ns > most_s * 1e9
+
+    def _warn(self, receiver: Receiver) -> None:
+        """Says once of each stream what is wrong with it, and who was refused."""
+        for topic, traffic in list(receiver.traffic.items()):
+            for count, what in (
+                (traffic.lost, "the sender drops samples: they come faster than they are taken"),
+                (traffic.not_increasing, "stamps do not increase: such samples are left out"),
+                (traffic.not_finite, "NaN or infinity: such samples are left out"),
+            ):
+                if count:
+                    self._warn_once(topic, what)
+        for words in receiver.refused[self._refusals_told :]:
+            self._refusals_told += 1
+            self._say(f"warning: refused {words}")
+
+    def _warn_once(self, topic: str, what: str, first: str = "") -> None:
+        """Says what is wrong with a topic, with the first case of it."""
+        if (topic, what) not in self._warned:
+            self._warned.add((topic, what))
+            self._say(f"warning: {topic}: {what}{first and f' ({first})'}")
+
+
+def _joined(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
+    """Both rigs, the first before the second; and the names that they tell differently."""
+    parts: dict[str, dict[str, Any]] = {}
+    differing: set[str] = set()
+    for kind in ("imus", "cameras", "boards", "others"):
+        one: Mapping[str, Any] = getattr(first, kind)
+        two: Mapping[str, Any] = getattr(second, kind)
+        parts[kind] = {**two, **one}
+        differing |= {name for name in one.keys() & two.keys() if repr(one[name]) != repr(two[name])}
+    return Rig(**parts), differing

@@ -1,0 +1,270 @@
+"""The estimators as they run live: samples in, what each makes of them out, and at the end the files of `estimate`."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol, TextIO
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import MAP, PATH, STEPS, Options
+from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.evaluation.step_scores import step_cells, write_steps
+from stridetwin.pipeline.mode_files import MadeSteps, PredictedStep, mode_cells, write_modes
+from stridetwin.pipeline.run import Found, Led, pose_of
+from stridetwin.pipeline.terrain_files import document, write_terrain
+from stridetwin.streams.files import partial_path
+from stridetwin.streams.formats.tum import seconds
+from stridetwin.streams.pose import Pose
+from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.samples import Depth, Image, Imu, Sample
+
+Done = tuple[str, str | None]
+"""Which estimator has just taken the sample, and its estimate as a row, None where nothing new is known."""
+_KIND = "of another kind than the estimator takes: such samples are left out"
+_SIZE = "of another size than the rig tells: such pictures are left out"
+_COLOUR = "in colour where the estimator takes grey: such pictures are left out"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What is to run.
+
+    Attributes:
+        estimator: Its name.
+        options: See `Options`; the metadata is that of the senders.
+        output: File to write; None writes none.
+    """
+
+    estimator: str
+    options: Options = field(default_factory=Options)
+    output: Path | None = None
+
+
+class Chain(Protocol):
+    """One or more estimators, one feeding the next.
+
+    Attributes:
+        takes: The kind of sample that it takes of each topic.
+    """
+
+    takes: dict[str, type[Sample]]
+
+    def update(self, sample: Sample) -> Iterator[Done]:
+        """Takes a sample that `takes` allows; yields each time an estimator is done with it."""
+
+    def finish(self) -> dict[Path, int]:
+        """Writes what is to be written; returns rows by file."""
+
+    def abandon(self) -> None:
+        """Leaves the files as they were."""
+
+
+def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
+    """The chain of an estimator.
+
+    Args:
+        request: Which.
+        rig: What is known of the hardware.
+        metadata: Texts that the senders told.
+
+    Raises:
+        StrideTwinError: The rig lacks what the estimator needs; the message names it.
+    """
+    found = registry.estimator(request.estimator)
+    options = replace(request.options, metadata=metadata, source="hello")
+    if found.declaration.kind == PATH:
+        return _Paths(found, rig, options, request.output)
+    if found.declaration.kind == STEPS:
+        return _Steps(found, rig, options, request.output)
+    return _Ahead(found, rig, options, request.output)
+
+
+def _at_work(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
+    """An estimator, and what it takes."""
+    streams = [s for s in found.streams(rig, options) if s.live]
+    for stream in streams:
+        if stream.required and stream.kind is Imu:
+            rig.imu(stream.topic)
+    return found(rig, options=options), {s.topic: s.kind for s in streams}
+
+
+class _Paths:
+    """An estimator of paths: a row a pose, behind the part's name where it estimates several."""
+
+    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
+        self._name, self._parts = found.declaration.name, found.declaration.parts
+        self._estimator, self.takes = _at_work(found, rig, options)
+        files = {part: part_file(output, part) if output else None for part in self._parts.values() or ("",)}
+        self._paths = {part: _LivePath(file) for part, file in files.items()}
+
+    def update(self, sample: Sample) -> Iterator[Done]:
+        pose, line = pose_of(self._estimator.update(sample)), None
+        if pose is not None:
+            part = self._parts.get(pose.frame, "")
+            line = f"{part} {self._paths[part].add(pose)}".lstrip()
+        yield self._name, line
+
+    def finish(self) -> dict[Path, int]:
+        for path in self._paths.values():
+            path.finish()
+        return {path.file: path.rows for path in self._paths.values() if path.file is not None}
+
+    def abandon(self) -> None:
+        for path in self._paths.values():
+            path.abandon()
+
+
+def part_file(file: Path, part: str) -> Path:
+    """`path.txt` becomes `path_l.txt`."""
+    return file.with_name(f"{file.stem}_{part}{file.suffix}") if part else file
+
+
+class _Steps:
+    """An estimator of steps: a row an estimate."""
+
+    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
+        self._name, self._output = found.declaration.name, output
+        self._estimator, self.takes = _at_work(found, rig, options)
+        self._last: dict[int, StepEstimate] = {}
+
+    def update(self, sample: Sample) -> Iterator[Done]:
+        estimate, line = self._estimator.update(sample), None
+        if estimate is not None and estimate.step > 0:
+            self._last[estimate.step] = estimate
+            line = _csv(step_cells(estimate))
+        yield self._name, line
+
+    def finish(self) -> dict[Path, int]:
+        if self._output is None:
+            return {}
+        write_steps([self._last[step] for step in sorted(self._last)], self._output)
+        return {self._output: len(self._last)}
+
+    def abandon(self) -> None:
+        pass
+
+
+class _Ahead:
+    """An estimator of the ground ahead, led by the poses of an odometry: a row a coming step, or a map as JSON."""
+
+    def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
+        self._led = Led(rig, found, options)
+        self._name, self._kind, self._output = found.declaration.name, found.declaration.kind, output
+        self.takes = self._led.takes
+        self._steps, self._made = MadeSteps(), list[PredictedStep]()
+
+    def update(self, sample: Sample) -> Iterator[Done]:
+        if self._led.feeds_odometry(sample):
+            yield self._led.odometry, None if self._led.lead(sample) is None else ""
+        if self._led.feeds_estimator(sample):
+            yield self._name, self._row(self._led.update(sample))
+
+    def _row(self, estimate: Any) -> str | None:
+        if estimate is None:
+            return None
+        if self._kind == MAP:
+            return json.dumps(document(estimate), allow_nan=False)
+        if (made := self._steps.add(estimate)) is not None:
+            self._made.append(made)
+        coming = PredictedStep(estimate=estimate, step=estimate.steps[0], steady_s=self._steps.steady_s(estimate))
+        return _csv(mode_cells(coming))
+
+    def finish(self) -> dict[Path, int]:
+        if self._output is None:
+            return {}
+        if self._kind != MAP:
+            write_modes(self._made, self._output)
+            return {self._output: len(self._made)}
+        files, known = write_terrain(self._led.estimator, self._output), self._led.estimator.estimate
+        return {file: len(known.planes) if known else 0 for file in files}
+
+    def abandon(self) -> None:
+        pass
+
+
+class _LivePath:
+    """One trajectory as of `write_tum`, row by row; the file takes its place when it is finished.
+
+    Args:
+        file: File to make; None only makes the rows.
+
+    Attributes:
+        rows: Rows made.
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        self.file, self.rows = file, 0
+        self._out: TextIO | None = None if file is None else partial_path(file).open("w", encoding="ascii")
+
+    def add(self, pose: Pose) -> str:
+        """Adds a pose; returns its row."""
+        w, x, y, z = pose.q_world_frame.tolist()
+        row = f"{seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
+        if self._out is not None:
+            self._out.write(row + "\n")
+        self.rows += 1
+        return row
+
+    def finish(self) -> None:
+        """Puts the file in its place."""
+        if self._out is not None and self.file is not None:
+            self._out.close()
+            os.replace(partial_path(self.file), self.file)
+
+    def abandon(self) -> None:
+        """Leaves the place as it was."""
+        if self._out is not None and self.file is not None:
+            self._out.close()
+            partial_path(self.file).unlink(missing_ok=True)
+
+
+class Fit:
+    """Holds samples against what is told of their topics; counts those that do not fit.
+
+    Args:
+        takes: The kind of sample that the estimator takes of each topic.
+        rig: Tells the sizes of pictures. Cameras on feet look at boards in grey.
+
+    Attributes:
+        other_kind: Samples of another kind, by topic.
+        other_size: Pictures of another size or form, by topic.
+    """
+
+    def __init__(self, takes: Mapping[str, type[Sample]], rig: Rig) -> None:
+        self._takes = takes
+        self._cameras: dict[str, CameraCalibration] = {}
+        for camera in rig.cameras.values():
+            self._cameras |= {camera.topic: camera, camera.depth_topic: camera}
+        self.other_kind: Counter[str] = Counter()
+        self.other_size: Counter[str] = Counter()
+
+    def wrong(self, sample: Sample) -> tuple[str, str] | None:
+        """What is wrong with a sample of one of the topics, in general and in this case; None where it fits."""
+        topic, kind = sample.topic, self._takes[sample.topic]
+        if not isinstance(sample, kind):
+            self.other_kind[topic] += 1
+            return _KIND, f"{type(sample).__name__} and not {kind.__name__}"
+        camera = self._cameras.get(topic)
+        if camera is None or not isinstance(sample, Image | Depth):
+            return None
+        height, width, *channels = (sample.pixels if isinstance(sample, Image) else sample.depth).shape
+        if (height, width) != (camera.height, camera.width):
+            self.other_size[topic] += 1
+            return _SIZE, f"{width} × {height} and not {camera.width} × {camera.height}"
+        if channels and camera.mount.body.startswith("foot"):
+            self.other_size[topic] += 1
+            return _COLOUR, f"{channels[0]} channels"
+        return None
+
+
+def _csv(cells: Sequence[str]) -> str:
+    line = io.StringIO()
+    csv.writer(line, lineterminator="").writerow(cells)
+    return line.getvalue()

@@ -1,0 +1,273 @@
+"""Estimators at work: which ones a recording feeds, one of them on a recording, and how one leads another live.
+
+An odometry leads the estimators of the ground ahead: its poses go to the map, and through the map to the prediction of
+modes. What is specific to an estimator stands in its declaration (`estimators.base`), nothing of it here.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators import registry
+from stridetwin.estimators.base import FEET, POSES, Estimator, Options, PathEstimate, Progress, Stream, deprecated
+from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.estimators.locomotion_mode import ModeEstimate
+from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
+from stridetwin.streams.pose import Pose, trajectory_of
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Sample
+from stridetwin.streams.trajectory import Trajectory
+
+Found = type[Estimator]
+
+
+def with_metadata(found: Found, options: Options | None, recording: Recording) -> Options:
+    """The options, by default those of the estimator's first method, with the metadata of a recording."""
+    options = options or Options(method=found.declaration.methods[0])
+    return replace(options, metadata=recording.metadata, source=str(recording.path))
+
+
+def fed(found: Found, recording: Recording) -> list[Options]:
+    """Options of each instance of an estimator that a recording feeds: one a foot, one of a camera; else none or one.
+
+    Raises:
+        ConfigError: What the recording says of the estimator is invalid.
+    """
+    told, declaration = with_metadata(found, None, recording), found.declaration
+    variants = [told]
+    if declaration.per_foot:
+        variants = [replace(told, foot=foot) for foot in FEET]
+    elif declaration.mounts:
+        variants = [replace(told, mount=mount) for mount in declaration.mounts]
+    rig = recording.rig if recording.has_rig else Rig()
+    feeding = []
+    for options in variants:
+        try:
+            streams = found.streams(rig, options)
+        except ConfigError:
+            raise
+        except StrideTwinError:
+            continue
+        if not missing(streams, recording):
+            feeding.append(options)
+    return feeding[:1] if declaration.mounts else feeding
+
+
+def missing(streams: Iterable[Stream], recording: Recording) -> list[str]:
+    """The first topic of each required role of which the recording has none; poses come from elsewhere."""
+    roles: dict[str, list[str]] = {}
+    for stream in streams:
+        if stream.required and stream.topic != POSES:
+            roles.setdefault(stream.role, []).append(stream.topic)
+    return [topics[0] for topics in roles.values() if not any(topic in recording.topics for topic in topics)]
+
+
+def paths(
+    found: Found, recording: Recording, options: Options | None = None, progress: Progress | None = None
+) -> list[PathEstimate]:
+    """The paths that an estimator of kind `path` gives for a recording.
+
+    Raises:
+        StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
+    """
+    options = with_metadata(found, options, recording)
+    if (follow := getattr(found, "follow", None)) is not None:
+        estimates: list[PathEstimate] = follow(recording, options, progress)
+        return estimates
+    estimator, samples = _started(found, recording, options)
+    by_frame: dict[str, list[Pose]] = {}
+    for sample in samples:
+        if (pose := pose_of(estimator.update(sample), found.__name__)) is not None:
+            by_frame.setdefault(pose.frame, []).append(pose)
+    declaration, made = found.declaration, []
+    if not by_frame:
+        raise RecordingError(f"{recording.path}: {declaration.name} gives no pose")
+    for frame, poses in by_frame.items():
+        part = declaration.parts.get(frame, options.foot if declaration.per_foot else "")
+        valid = np.array([pose.valid for pose in poses], bool)
+        ready_ns = poses[int(valid.argmax())].t_ns
+        made.append(
+            PathEstimate(
+                name=f"{declaration.name}_{part}" if part else declaration.name, frame=frame, path=trajectory_of(poses),
+                ready_ns=ready_ns, healthy=valid, world=declaration.name if declaration.parts else "",
+                label=declaration.name if declaration.label is None else declaration.label, leads=declaration.leads,
+            )
+        )  # fmt: skip
+    return made
+
+
+def all_paths(recording: Recording, leads: bool | None = None) -> list[PathEstimate]:
+    """Every path that the recording feeds, or those of the estimators that lead others, or that do not."""
+    return [
+        estimate
+        for found in registry.estimators("path").values()
+        if leads in (None, found.declaration.leads)
+        for options in fed(found, recording)
+        for estimate in paths(found, recording, options)
+    ]
+
+
+def pose_of(estimate: Any, source: str = "estimator") -> Pose | None:
+    """The pose of what an estimator of kind `path` returns; None where there is none.
+
+    Raises:
+        StrideTwinError: It is neither a `Pose` nor has one.
+    """
+    if estimate is None or isinstance(estimate, Pose):
+        return estimate
+    if hasattr(estimate, "pose"):
+        pose: Pose | None = estimate.pose
+        return pose
+    if not hasattr(estimate, "p_frame_in_world"):
+        kind = type(estimate).__name__
+        raise StrideTwinError(f"{source}.update: invalid {kind}: expected stridetwin.streams.pose.Pose")
+    deprecated("an estimate with p_frame_in_world and q_world_frame", "stridetwin.streams.pose.Pose")
+    p, q = np.asarray(estimate.p_frame_in_world, float), np.asarray(estimate.q_world_frame, float)
+    return Pose(t_ns=int(estimate.t_ns), p_frame_in_world=p, rotation=q)
+
+
+def steps(found: Found, recording: Recording, options: Options | None = None) -> list[StepEstimate]:
+    """The last estimate of each step, in order, by an estimator of kind `steps`; step 0 left out.
+
+    Raises:
+        StrideTwinError: A topic or the geometry is missing.
+    """
+    estimator, samples = _started(found, recording, with_metadata(found, options, recording))
+    last: dict[int, StepEstimate] = {}
+    for sample in samples:
+        estimate = estimator.update(sample)
+        if estimate is not None and estimate.step > 0:
+            last[estimate.step] = estimate
+    return [last[step] for step in sorted(last)]
+
+
+def _started(found: Found, recording: Recording, options: Options) -> tuple[Estimator, Iterator[Sample]]:
+    """An estimator and what it takes of a recording."""
+    rig = recording.rig if recording.has_rig else Rig()
+    streams = found.streams(rig, options)
+    _check(found, streams, recording)
+    topics = [s.topic for s in streams if s.live and s.topic in recording.topics]
+    return found(rig, options=options), iter(recording.samples(topics))
+
+
+def _check(found: Found, streams: Sequence[Stream], recording: Recording) -> None:
+    if lacking := missing(streams, recording):
+        raise RecordingError(f"{recording.path}: no topic {', '.join(lacking)}: {found.declaration.name} needs it")
+
+
+def posed(
+    found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None
+) -> tuple[Estimator, Iterator[Sample]]:
+    """An estimator of kind `map` or `modes`, and the poses and samples of a recording that it takes.
+
+    Args:
+        found: Its class.
+        recording: With depth and its calibration.
+        options: See `Options`; `poses_of` is that of the poses.
+        path: Poses of the frame `options.poses_of`; None: those that came with the recording.
+
+    Returns:
+        The estimator; and samples in order of time, a pose before the image of its instant.
+
+    Raises:
+        StrideTwinError: A topic or calibration is missing, or there are no poses of the camera or its body.
+    """
+    options, camera = with_metadata(found, options, recording), depth_camera(recording.rig)
+    streams = found.streams(recording.rig, options)
+    _check(found, streams, recording)
+    topics = [s.topic for s in streams if s.topic in recording.topics]
+    if path is not None:
+        return found(recording.rig, options=options), merged(path, recording, topics)
+    topic, frame = given_poses(recording, camera)
+    options = replace(options, poses_of=frame)
+    return found(recording.rig, options=options), iter(recording.samples([topic, *topics]))
+
+
+def mapped(found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None) -> Any:
+    """An estimator of kind `map` after a whole recording; see `posed`."""
+    estimator, samples = posed(found, recording, options, path)
+    for sample in samples:
+        estimator.update(sample)
+    return estimator
+
+
+def predicted(
+    found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None
+) -> list[ModeEstimate]:
+    """All that an estimator of kind `modes` predicts on a recording; see `posed`."""
+    estimator, samples = posed(found, recording, options, path)
+    return [estimate for sample in samples if (estimate := estimator.update(sample)) is not None]
+
+
+def merged(path: Trajectory, recording: Recording, topics: Sequence[str]) -> Iterator[Sample]:
+    """Poses and samples of a recording in order of time, a pose before the sample of its instant."""
+    poses: Iterator[Sample] = map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame)
+    return heapq.merge(poses, recording.samples(topics), key=lambda s: s.t_ns)
+
+
+def leader() -> Found:
+    """The odometry that leads the estimators of the ground ahead.
+
+    Raises:
+        StrideTwinError: None is installed.
+    """
+    for found in registry.estimators("path").values():
+        if found.declaration.leads:
+            return found
+    raise StrideTwinError("no installed estimator gives poses of a camera that could lead terrain map and modes")
+
+
+class Led:
+    """An estimator of kind `map` or `modes` on samples as they come, led by the poses of an odometry.
+
+    Args:
+        rig: Calibration.
+        found: Its class.
+        options: Of the estimator; the odometry gets its own defaults.
+
+    Attributes:
+        odometry: Name of the odometry.
+        estimator: At work.
+        takes: The kind of sample that odometry and estimator take of each topic.
+
+    Raises:
+        StrideTwinError: The rig lacks a sensor; the message names it.
+    """
+
+    def __init__(self, rig: Rig, found: Found, options: Options | None = None) -> None:
+        options, first = options or Options(), leader()
+        own = replace(options, method=first.declaration.methods[0], poses_of="")
+        streams = [s for s in first.streams(rig, own) if s.live]
+        frame = next(s.topic for s in streams if s.role == "imu").removeprefix("/")
+        options = replace(options, poses_of=frame)
+        self.odometry, self._odometry = first.declaration.name, first(rig, options=own)
+        self.estimator: Any = found(rig, options=options)
+        self._poses_from = {s.topic: s.kind for s in streams}
+        self._own = {s.topic: s.kind for s in found.streams(rig, options) if s.topic != POSES}
+        self.takes = self._poses_from | self._own
+
+    def feeds_odometry(self, sample: Sample) -> bool:
+        """Whether the odometry takes a sample."""
+        return sample.topic in self._poses_from
+
+    def lead(self, sample: Sample) -> Pose | None:
+        """The odometry takes a sample and leads the estimator to its pose; call it before `update`."""
+        pose = pose_of(self._odometry.update(sample)) if self.feeds_odometry(sample) else None
+        if pose is not None and pose.valid:
+            self.estimator.update(pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame))
+        return pose
+
+    def feeds_estimator(self, sample: Sample) -> bool:
+        """Whether the estimator takes a sample."""
+        return sample.topic in self._own
+
+    def update(self, sample: Sample) -> Any:
+        """The estimator takes a sample; returns its estimate, None where nothing new is known."""
+        return self.estimator.update(sample) if self.feeds_estimator(sample) else None

@@ -1,0 +1,125 @@
+"""Samples that nobody measured, on which an estimator compiles what it will need before the first true one comes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
+from stridetwin.streams.live import messages
+from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
+from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole, Range, Sample
+
+_SECONDS, _HZ, _PICTURES_HZ = 6.0, 100.0, 4.0
+"""So that an odometry's window fills: of one who rests it keeps a picture every 0.4 s, ten in all."""
+_TREMBLES_S, _TREMOR = 0.6, np.array([0.0, 0.0, 0.3])  # rad/s; at first, as who does not rest starts otherwise
+_WIDTH, _HEIGHT, _FOCAL = 640, 480, 380.0
+_SQUARES = 6, 9
+_EYES_M, _WALL_M = 1.6, 4.0  # eyes above the floor, and what ends the view
+_STAIR_M, _RISER_M, _TREAD_M, _RISERS = 1.5, 0.17, 0.3, 5
+_AXES = {
+    "head": ((0.0, -1.0, 0.0), (-0.6, 0.0, -0.8), (0.8, 0.0, -0.6)),
+    "foot_l": ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)),
+    "foot_r": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
+}
+"""Right, down and forward of each camera, in the body's frame; the boards beside those of the shoes have the same."""
+
+
+def made_up_rig() -> Rig:
+    """IMU and camera on the head and on each shoe, which looks at the other one's board, and its sonar."""
+    imus, cameras, boards, others = {}, {}, {}, {}
+    for body, axes in _AXES.items():
+        looks = np.eye(4)
+        looks[:3, :3] = np.transpose(axes)
+        mount, on_head = Mount(body=body, T_body_sensor=looks), body == "head"
+        imu = ImuCalibration(
+            topic=f"/{body}/imu", part="", rate_hz=_HZ, mount=Mount(body=body), gyroscope_noise_density=2e-4,
+            gyroscope_random_walk=5e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=4e-5,
+        )  # fmt: skip
+        camera = CameraCalibration(
+            topic="/head/color" if on_head else f"/{body}/camera", part="", rate_hz=30.0, mount=mount,
+            width=_WIDTH, height=_HEIGHT, intrinsics=(_FOCAL, _FOCAL, (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2),
+            depth_topic="/head/depth" if on_head else "",
+        )  # fmt: skip
+        imus[imu.topic], cameras[camera.topic] = imu, camera
+        if not on_head:
+            boards[body] = Board(name=body, mount=mount, squares=_SQUARES, square_m=0.005)
+            sonar = OtherSensor(
+                topic=f"/{body}/sonar", kind="range", part="", rate_hz=_HZ, mount=Mount(body=body),
+                parameters={"range_min_m": 0.03, "range_max_m": 6.0, "range_step_m": 0.01, "range_sd_m": 0.01},
+            )  # fmt: skip
+            others[sonar.topic] = sonar
+    return Rig(imus=imus, cameras=cameras, boards=boards, others=others)
+
+
+def made_up_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
+    """Six seconds of someone who stands before a stair, in order of time, as messages tell them.
+
+    Args:
+        takes: The kind of sample of each topic; of those of an IMU or a camera, as `made_up_rig` has them.
+    """
+    encoder, decoders = messages.Encoder(made_up_rig()), dict[str, messages.Decoder]()
+    for made in _samples(takes):
+        # Kernels are compiled for one layout of an array each, and messages have their own.
+        message = encoder.message(made)
+        decoder = decoders.setdefault(message.topic, messages.Decoder(message.topic, message.typename))
+        if (sample := decoder.sample(message)) is not None:
+            yield sample
+
+
+def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
+    pixels, depth = _colours() if Depth in takes.values() else _board(), _depths()
+    rates = {topic: _PICTURES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
+    due = ((round(1e9 * (i + 1) / hz), topic, i) for topic, hz in rates.items() for i in range(int(_SECONDS * hz)))
+    for t_ns, topic, i in sorted(due):
+        kind = takes[topic]
+        if kind is Image:
+            yield Image(topic=topic, t_ns=t_ns, pixels=pixels)
+        elif kind is Depth:
+            yield Depth(topic=topic, t_ns=t_ns, depth=depth)
+        elif kind is Imu:
+            rate = _TREMOR * (-1) ** i * (t_ns < _TREMBLES_S * 1e9)
+            yield Imu(
+                topic=topic, t_ns=t_ns, angular_rate=rate, specific_force=np.array([0.0, 0.0, NOMINAL_GRAVITY_MPS2])
+            )
+        elif kind is Ahrs:
+            yield Ahrs(topic=topic, t_ns=t_ns, q_world_sensor=np.array([1.0, 0.0, 0.0, 0.0]), angular_rate=np.zeros(3))
+        elif kind is Encoder:
+            yield Encoder(topic=topic, t_ns=t_ns, angle=0.0)
+        elif kind is Insole:
+            yield Insole(topic=topic, t_ns=t_ns, force=np.array([200.0, 100.0, 100.0, 20.0]))
+        elif kind is Range:
+            yield Range(topic=topic, t_ns=t_ns, distance=0.2)
+
+
+def _board() -> NDArray[np.uint8]:
+    """The other shoe's board as either camera sees it from 0.2 m; its columns run against the picture's."""
+    columns, rows = _SQUARES
+    dark = np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0
+    squares = np.pad(np.where(dark, 30, 220).astype(np.uint8)[:, ::-1], 1, constant_values=220)
+    board = np.kron(squares, np.ones((9, 9), np.uint8))
+    grey = np.full((_HEIGHT, _WIDTH), 128, np.uint8)
+    top, left = (_HEIGHT - len(board)) // 2, (_WIDTH - len(board[0])) // 2
+    grey[top : top + len(board), left : left + len(board[0])] = board
+    return cv2.GaussianBlur(grey, (0, 0), 0.7).astype(np.uint8)
+
+
+def _colours() -> NDArray[np.uint8]:
+    """Blobs everywhere; smooth, as among equal pixels a corner detector finds none that is more of a corner."""
+    blobs = np.random.default_rng(0).integers(40, 215, (_HEIGHT // 8, _WIDTH // 8), np.uint8)
+    return np.repeat(cv2.resize(blobs, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC)[..., None], 3, axis=2)
+
+
+def _depths() -> NDArray[np.float32]:
+    """(H, W) m of a floor and a stair, seen by the head's camera."""
+    _, down, forward = _AXES["head"]
+    rows = (np.arange(_HEIGHT) - (_HEIGHT - 1) / 2) / _FOCAL
+    ahead, rise = rows * down[0] + forward[0], rows * down[2] + forward[2]
+    x = np.arange(0.0, _WALL_M, 0.005)
+    ground = _RISER_M * np.clip(np.ceil((x - _STAIR_M) / _TREAD_M), 0, _RISERS)
+    ground[-1] = np.inf
+    hit = x[np.argmax(_EYES_M + np.outer(rise / ahead, x) <= ground, axis=1)]
+    return np.repeat((hit / ahead).astype(np.float32)[:, None], _WIDTH, axis=1)

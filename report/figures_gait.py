@@ -1,0 +1,163 @@
+"""Figures of how the person walks: joint angles over the gait cycle, ground reaction, centre of pressure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.base import FEET
+from stridetwin.evaluation.norms import level_norm, speed_group
+from stridetwin.report.figures_path import COLORS
+from stridetwin.report.svg import Plot, data_range
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array, Footprint
+
+_JOINTS = {
+    "hip_flexion": "Hip flexion",
+    "knee_flexion": "Knee flexion",
+    "ankle_dorsiflexion": "Ankle dorsiflexion",
+}
+_CYCLE = np.linspace(0.0, 100.0, 101)
+_SOLE_M = (0.32, 0.08)
+_PAUSE_NS = 30_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stride:
+    """One stride of one foot on the level, from touchdown to touchdown of that foot.
+
+    Attributes:
+        foot: `l` or `r`.
+        start_ns: Touchdown.
+        end_ns: Next touchdown of the foot.
+        speed_mps: Length of the stride over its duration.
+    """
+
+    foot: str
+    start_ns: int
+    end_ns: int
+    speed_mps: float
+
+
+def level_strides(footprints: list[Footprint]) -> list[Stride]:
+    """Strides whose footprints all belong to level walking, without the first and last steps of the walk.
+
+    Args:
+        footprints: Of both feet, in time order.
+    """
+    steady = footprints[1:-1]
+    found = []
+    for a, b, c in zip(steady, steady[1:], steady[2:]):
+        if a.foot == c.foot != b.foot and all(p.mode == "LG" and p.terrain == "level" for p in (a, b, c)):
+            length = float(np.linalg.norm(c.p_foot_in_world - a.p_foot_in_world))
+            seconds = (c.t_ns - a.t_ns) * 1e-9
+            found.append(Stride(foot=a.foot, start_ns=a.t_ns, end_ns=c.t_ns, speed_mps=length / seconds))
+    return found
+
+
+def over_cycle(stride: Stride, t_ns: NDArray[np.int64], values: Array) -> Array:
+    """(101,) values at 0-100 % of the stride."""
+    at = stride.start_ns + _CYCLE / 100.0 * (stride.end_ns - stride.start_ns)
+    return np.interp(at, t_ns, values)
+
+
+def joint_figures(recording: Recording, strides: list[Stride]) -> list[str]:
+    """Hip, knee and ankle over the gait cycle, beside the band of people of that speed."""
+    if "/truth/joints" not in recording.topics or not strides:
+        return []
+    block = recording.block("/truth/joints")
+    names = list(block.constants["names"])
+    group = speed_group(float(np.mean([s.speed_mps for s in strides])))
+    figures = []
+    for joint, title in _JOINTS.items():
+        curves = [
+            (
+                s.foot,
+                over_cycle(s, block.t_ns, np.degrees(block.columns["position"][:, names.index(f"{joint}_{s.foot}")])),
+            )
+            for s in strides
+            if f"{joint}_{s.foot}" in names
+        ]
+        x, mean, sd = level_norm(group, f"{joint}_deg")
+        span = data_range(mean - 2 * sd, mean + 2 * sd, *(c for _, c in curves))
+        plot = Plot(
+            width=400,
+            height=260,
+            x=(0, 100),
+            y=span,
+            title=f"{title} over the gait cycle",
+            x_label="gait cycle, %",
+            y_label=f"{title}, °",
+        )
+        plot.band(x, mean - 2 * sd, mean + 2 * sd, "#e4ebf3")
+        plot.band(x, mean - sd, mean + sd, "#cfdae7", label="people")
+        for foot, curve in curves:
+            plot.line(_CYCLE, curve, COLORS[foot], stroke=0.9)
+        figures.append(plot.svg())
+    return figures
+
+
+def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg: float) -> str:
+    """Vertical load of one foot over the gait cycle, in body weights; empty where there is no truth of it."""
+    curves = []
+    for foot in FEET:
+        topic = f"/truth/foot_{foot}/wrench"
+        if topic in recording.topics:
+            block = recording.block(topic)
+            load = block.columns["force_in_world"][:, 2] / (mass_kg * NOMINAL_GRAVITY_MPS2)
+            curves += [(foot, over_cycle(s, block.t_ns, load)) for s in strides if s.foot == foot]
+    if not curves:
+        return ""
+    plot = Plot(
+        width=400,
+        height=260,
+        x=(0, 100),
+        y=data_range(*(c for _, c in curves), include=(0, 1.25)),
+        title="Vertical ground reaction",
+        x_label="gait cycle, %",
+        y_label="Ground reaction, body weights",
+    )
+    for foot, curve in curves:
+        plot.line(_CYCLE, curve, COLORS[foot], stroke=0.9)
+    return plot.svg()
+
+
+def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
+    """Path of the centre of pressure under each foot, in the frame of the footprint it belongs to."""
+    plot = Plot(
+        width=400,
+        height=260,
+        x=(-0.04, 0.30),
+        y=(-0.11, 0.11),
+        title="Centre of pressure",
+        x_label="ahead of the heel, m",
+        y_label="Centre of pressure, m left of the foot's axis",
+    )
+    drawn = False
+    for foot in FEET:
+        topic = f"/truth/foot_{foot}/cop"
+        prints = [p for p in footprints if p.foot == foot]
+        if topic not in recording.topics or not prints:
+            continue
+        block = recording.block(topic)
+        of_print = np.searchsorted([p.t_ns for p in prints], block.t_ns, side="right") - 1
+        for i, p in enumerate(prints[:-1]):
+            rows = np.flatnonzero(of_print == i)
+            ahead = _in_footprint(block.columns["p_in_world"][rows], p)
+            inside = (np.abs(ahead[:, 1]) < _SOLE_M[1]) & (ahead[:, 0] > -0.05) & (ahead[:, 0] < _SOLE_M[0])
+            breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
+            for part in np.split(ahead[inside], breaks):
+                kept = part[:: max(1, len(part) // 60)]
+                plot.line(kept[:, 0], kept[:, 1], COLORS[foot], stroke=0.8)
+            drawn = drawn or bool(inside.any())
+    return plot.svg() if drawn else ""
+
+
+def _in_footprint(points_in_world: Array, footprint: Footprint) -> Array:
+    """(N, 2) m ahead of the heel and left of the axis of a footprint."""
+    rotation = Rotation.from_quat(footprint.q_world_foot, scalar_first=True)
+    return np.asarray(rotation.apply(points_in_world - footprint.p_foot_in_world, inverse=True))[:, :2]

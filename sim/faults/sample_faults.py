@@ -1,0 +1,182 @@
+"""Faults of any stream and its values: lost, late, repeated, frozen, NaN and clipped samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
+
+import numpy as np
+
+from stridetwin.sim.faults.faults import NUMBERS, Arrival, Event, Fault, at
+from stridetwin.sim.parts.library import full_scales
+from stridetwin.streams.fields import flag, number, words
+from stridetwin.streams.samples import Array, Imu, Insole, Interaction, Sample
+
+CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dropout(Fault):
+    """Samples that never arrive."""
+
+    kind = "dropout"
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """Nothing."""
+        return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Freeze(Fault):
+    """Repeats the last value before the event, with new stamps."""
+
+    kind = "freeze"
+
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
+        """As `Fault.through`; a stream that begins frozen repeats its first value."""
+        for arrival in stream:
+            if at(events, arrival) is None:
+                memory["last"] = arrival.item
+                yield arrival
+            else:
+                held = memory.setdefault("last", arrival.item)
+                yield replace(arrival, item=replace(held, t_ns=arrival.item.t_ns))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repeat(Fault):
+    """Each sample twice, with the same stamp."""
+
+    kind = "repeat"
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample, twice."""
+        return arrival, arrival
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nan(Fault):
+    """NaN values."""
+
+    kind = "nan"
+    fits = NUMBERS
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with NaN for every value."""
+        values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
+        return (arrival.but(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Late(Fault):
+    """Samples that arrive late but in order; those measured after the event wait for them.
+
+    Attributes:
+        delay_s: Delay.
+    """
+
+    kind = "late"
+    delay_s: Annotated[float, number(0.001, 60)] = 0.25
+
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
+        """As `Fault.through`: stamps do not change, arrival times do."""
+        for arrival in stream:
+            late = 0 if at(events, arrival) is None else round(self.delay_s * 1e9)
+            memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
+            yield arrival if log_ns == arrival.log_ns else replace(arrival, log_ns=log_ns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutOfOrder(Fault):
+    """Samples that arrive out of order: of every two, the later arrives first."""
+
+    kind = "out_of_order"
+
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
+        """As `Fault.through`; an overtaken sample arrives together with the one that overtook it."""
+        for arrival in stream:
+            overtaken = memory.pop("held", None)
+            if overtaken is not None:
+                yield arrival
+                yield replace(overtaken, log_ns=arrival.log_ns)
+            elif at(events, arrival) is not None:
+                memory["held"] = arrival
+            else:
+                yield arrival
+
+    def left(self, memory: dict[Any, Any]) -> Iterable[Arrival]:
+        """A sample that was never overtaken."""
+        return tuple(memory.values())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockJump(Fault):
+    """A sensor clock with an offset during the event; arrival times are unaffected.
+
+    Attributes:
+        jump_s: Offset of its stamps (negative: behind).
+    """
+
+    kind = "clock_jump"
+    jump_s: Annotated[float, number(-3600, 3600)]
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with a shifted stamp."""
+        return (arrival.but(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Saturation(Fault):
+    """A range that is smaller than the part's.
+
+    Attributes:
+        fraction: Clipping level, as a share of the part's full scale.
+    """
+
+    kind = "saturation"
+    fits = (Imu, Insole, Interaction)
+    fraction: Annotated[float, number(0.001, 1)] = 0.5
+
+    def suits(self, sample: type[Sample], part: str) -> bool:
+        """Whether the full scale of the part is known."""
+        return sample in self.fits and bool(full_scales(part))
+
+    def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+        """The sample with clipped values."""
+        limits = {name: self.fraction * scale for name, scale in full_scales(event.part).items()}
+        return (arrival.but(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadCell(Fault):
+    """One cell of an insole that no longer measures its load.
+
+    Attributes:
+        cell: One of `CELLS`.
+        stuck: Whether it keeps its value from the start of the event; otherwise it reads 0.
+    """
+
+    kind = "dead_cell"
+    fits = (Insole,)
+    cell: Annotated[str, words(CELLS)] = "heel"
+    stuck: Annotated[bool, flag()] = False
+
+    def through(
+        self, stream: Iterable[Arrival], events: tuple[Event, ...], memory: dict[Any, Any]
+    ) -> Iterator[Arrival]:
+        """As `Fault.through`."""
+        number = CELLS.index(self.cell)
+        for arrival in stream:
+            event = at(events, arrival)
+            if event is not None and isinstance(arrival.item, Insole):
+                force: Array = arrival.item.force.copy()
+                force[number] = memory.setdefault(event, float(force[number])) if self.stuck else 0.0
+                arrival = arrival.but(force=force)
+            yield arrival

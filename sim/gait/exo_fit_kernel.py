@@ -1,0 +1,279 @@
+"""Compiled loops of `exo_fit`: a leg of the frame on its couplings at every instant, and its motion over time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.kinematics.quaternions import (
+    Mat3,
+    Vec3,
+    cross,
+    dot,
+    mat3,
+    matmul,
+    matvec,
+    minus,
+    plus,
+    put,
+    times,
+    transposed,
+    vec3,
+)
+from stridetwin.streams.samples import Array
+
+_FAR = 40.0  # widths from a stop, where its torque is below rounding
+# Steps below which nothing is gained: the fit converges linearly, the march quadratically in the step relative to the
+# width of a stop.
+_FITTED_RAD, _MET_RAD = 1e-4, 1e-6
+
+
+class Leg(NamedTuple):
+    """A leg of the frame, a chain of J joints, and its C couplings to the wearer.
+
+    Attributes:
+        offsets: (J, 3) m, origin of each body in its parent's frame.
+        axes: (J, 3) of its joint, unit vectors.
+        last: (C,) body of the leg that each coupling holds.
+        p_in_exo: (C, 3) m, attachment in that body's frame.
+        p_in_body: (C, 3) m, attachment in the frame of the wearer's body.
+        stiffness: (C, 2, 3, 3) of displacement, N/m, and rotation, N m/rad.
+        damping: (C, 2, 3, 3) N s/m, N m s/rad.
+        stops: (J, 2) rad, lower and upper.
+        stop: (2,) stiffness of a stop, N m/rad, and the width over which it engages, rad.
+    """
+
+    offsets: Array
+    axes: Array
+    last: NDArray[np.int64]
+    p_in_exo: Array
+    p_in_body: Array
+    stiffness: Array
+    damping: Array
+    stops: Array
+    stop: Array
+
+
+@numba.njit(cache=True)
+def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
+    """Strains of the couplings and their Jacobian (`exo_fit.ExoLeg.strains`).
+
+    Args:
+        leg: The leg.
+        q: (N, J) rad.
+        p: (N, C, 3) m, origin of the wearer's body at each coupling, in the pelvis' frame.
+        R: (N, C, 3, 3) its rotation.
+
+    Returns:
+        (N, 6 C) displacement and rotation by coupling, and (N, 6 C, J).
+    """
+    n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)
+    value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))
+    pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    for i in range(n):
+        _strain(leg, q[i], p[i], R[i], value[i], jacobian[i], pivots, rotations, axes)
+    return value, jacobian
+
+
+@numba.njit(cache=True)
+def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
+    """Moves (N, J) angles to where couplings and stops have the least energy, by the Gauss-Newton method.
+
+    The instants are consecutive: from the second on, the step of the previous instant is the initial step.
+    """
+    dofs = len(leg.axes)
+    value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
+    pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    step, hessian, moved = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs)
+    for i in range(len(q)):
+        guess = q[i].copy()
+        q[i] += moved
+        for _ in range(iterations):
+            _strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
+            _project(leg.last, leg.stiffness, jacobian, value, step, hessian)
+            for j in range(dofs):
+                torque, slope = stop_torque(leg, j, q[i, j])
+                step[j] += torque
+                hessian[j, j] += slope
+            _solve(hessian, step)
+            largest = 0.0
+            for j in range(dofs):
+                q[i, j] -= step[j]
+                largest = max(largest, abs(step[j]))
+            if largest < _FITTED_RAD:
+                break
+        moved = q[i] - guess
+
+
+@numba.njit(cache=True)
+def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array, Array]:
+    """(N, J) Jᵀ L x and (N, J, J) Jᵀ L J of strains or their rates x (N, 6 C) with gains L (C, 2, 3, 3)."""
+    n, dofs = len(value), len(leg.axes)
+    torque, matrix = np.empty((n, dofs)), np.empty((n, dofs, dofs))
+    for i in range(n):
+        _project(leg.last, law, jacobian[i], value[i], torque[i], matrix[i])
+    return torque, matrix
+
+
+@numba.njit(cache=True)
+def march(
+    leg: Leg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
+) -> Array:
+    """(N, J) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in balance (`exo_fit.settle`).
+
+    Newmark's method with constant average acceleration; each step by Newton's method on the stops.
+    """
+    n, dofs = force.shape
+    path, x, v, a = np.empty((n, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
+    matrix, right, new = np.empty((dofs, dofs)), np.empty(dofs), np.zeros(dofs)
+    rest, jacobian = np.empty(dofs), np.empty((dofs, dofs))
+    per, per2 = 2.0 / dt, 4.0 / dt**2
+    _meet_stops(leg, stiff[0], force[0], angles[0], x, rest, jacobian, iterations)
+    path[0] = x
+    for i in range(1, n):
+        for j in range(dofs):
+            right[j] = force[i, j]
+            for k in range(dofs):
+                matrix[j, k] = stiff[i, j, k] + per * damp[i, j, k] + per2 * mass[i, j, k]
+                right[j] += mass[i, j, k] * (per2 * x[k] + 2.0 * per * v[k] + a[k])
+                right[j] += damp[i, j, k] * (per * x[k] + v[k])
+            new[j] = x[j] + dt * (v[j] + 0.5 * dt * a[j])
+        _meet_stops(leg, matrix, right, angles[i], new, rest, jacobian, iterations)
+        for j in range(dofs):
+            a_new = per2 * (new[j] - x[j]) - 2.0 * per * v[j] - a[j]
+            v[j] += 0.5 * dt * (a[j] + a_new)
+            a[j], x[j] = a_new, new[j]
+            path[i, j] = new[j]
+    return path
+
+
+@numba.njit(cache=True)
+def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
+    """Torque of a joint's stops, N m, and its slope, N m/rad: the gradient of a smooth energy."""
+    stiffness, width = leg.stop
+    over, under = (angle - leg.stops[j, 1]) / width, (leg.stops[j, 0] - angle) / width
+    torque, slope = 0.0, 0.0
+    for x, sign in ((over, 1.0), (under, -1.0)):
+        if x > -_FAR:
+            fading = np.exp(-abs(x))
+            torque += sign * (max(x, 0.0) + np.log1p(fading))
+            slope += (1.0 if x > 0.0 else fading) / (1.0 + fading)
+    return stiffness * width * torque, stiffness * slope
+
+
+@numba.njit(cache=True)
+def _meet_stops(
+    leg: Leg, matrix: Array, right: Array, angles: Array, x: Array, rest: Array, jacobian: Array, iterations: int
+) -> None:  # fmt: skip
+    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method; `rest`, `jacobian`: buffers."""
+    dofs = len(x)
+    for _ in range(iterations):
+        for j in range(dofs):
+            torque, slope = stop_torque(leg, j, angles[j] + x[j])
+            rest[j] = right[j] - torque
+            for k in range(dofs):
+                jacobian[j, k] = matrix[j, k]
+                rest[j] -= matrix[j, k] * x[k]
+            jacobian[j, j] += slope
+        _solve(jacobian, rest)
+        largest = 0.0
+        for j in range(dofs):
+            x[j] += rest[j]
+            largest = max(largest, abs(rest[j]))
+        if largest < _MET_RAD:
+            break
+
+
+@numba.njit(cache=True)
+def _strain(
+    leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array, axes: Array
+) -> None:
+    """One instant of `strains`, and the pivots, rotations and axes of the leg's bodies in the pelvis' frame."""
+    at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    for j in range(len(leg.axes)):
+        at = plus(at, matvec(M, vec3(leg.offsets[j])))
+        own = vec3(leg.axes[j])
+        put(at, pivots[j])
+        put(matvec(M, own), axes[j])
+        M = matmul(M, _about(own, q[j]))
+        for k in range(3):
+            put(M[k], rotations[j, k])
+    for c in range(len(leg.last)):
+        last = leg.last[c]
+        to_body, M = transposed(mat3(rotations[last])), mat3(R[c])
+        point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
+        displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
+        x, y, z = matmul(to_body, M)
+        put(displacement, value[6 * c : 6 * c + 3])
+        put(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value[6 * c + 3 : 6 * c + 6])
+        trace = x[0] + y[1] + z[2]
+        for j in range(last + 1):  # as the frame rotates, the wearer's point moves the opposite way in its axes
+            axis = vec3(axes[j])
+            moves = matvec(to_body, cross(minus(point, vec3(pivots[j])), axis))
+            turn = matvec(to_body, axis)
+            twists = times(0.5, minus(matvec((x, y, z), turn), times(trace, turn)))
+            for k in range(3):
+                jacobian[6 * c + k, j] = moves[k]
+                jacobian[6 * c + 3 + k, j] = twists[k]
+
+
+@numba.njit(cache=True)
+def _about(axis: Vec3, angle: float) -> Mat3:
+    """Rotation about a unit axis (Rodrigues' formula)."""
+    x, y, z = axis
+    cos, sin = np.cos(angle), np.sin(angle)
+    rest = 1.0 - cos
+    return (
+        (cos + rest * x * x, rest * x * y - sin * z, rest * x * z + sin * y),
+        (rest * x * y + sin * z, cos + rest * y * y, rest * y * z - sin * x),
+        (rest * x * z - sin * y, rest * y * z + sin * x, cos + rest * z * z),
+    )
+
+
+@numba.njit(cache=True)
+def _project(
+    last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
+) -> None:  # fmt: skip
+    """One instant of `project`."""
+    torque[:], matrix[:] = 0.0, 0.0
+    for c in range(len(last)):
+        for part in range(2):
+            own, first = mat3(law[c, part]), 6 * c + 3 * part
+            strain = (value[first], value[first + 1], value[first + 2])
+            for j in range(last[c] + 1):
+                weighted = matvec(own, _column(jacobian, first, j))
+                torque[j] += dot(weighted, strain)
+                for k in range(j + 1):
+                    matrix[j, k] += dot(weighted, _column(jacobian, first, k))
+    for j in range(len(torque)):
+        for k in range(j):
+            matrix[k, j] = matrix[j, k]
+
+
+@numba.njit(cache=True)
+def _column(jacobian: Array, first: int, j: int) -> Vec3:
+    return jacobian[first, j], jacobian[first + 1, j], jacobian[first + 2, j]
+
+
+@numba.njit(cache=True)
+def _solve(A: Array, b: Array) -> None:
+    """Solves A x = b (A symmetric positive definite) by Cholesky's method in place; b becomes x, A is overwritten."""
+    dofs = len(b)
+    for j in range(dofs):
+        for k in range(j):
+            A[j, j] -= A[j, k] * A[j, k]
+        A[j, j] = 1.0 / np.sqrt(A[j, j])
+        for i in range(j + 1, dofs):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k]
+            A[i, j] *= A[j, j]
+        for k in range(j):
+            b[j] -= A[j, k] * b[k]
+        b[j] *= A[j, j]
+    for j in range(dofs - 1, -1, -1):
+        for k in range(j + 1, dofs):
+            b[j] -= A[k, j] * b[k]
+        b[j] *= A[j, j]

@@ -1,0 +1,265 @@
+"""Heel-strike vibration: motion of a shoe's upper relative to the foot, at impacts and during stance.
+
+The foot of a planned walk lands softly and does not move in stance. A real shoe does neither: its upper, which carries
+the sensors, vibrates relative to the foot after the heel strike and again when the ball slaps down, and it rolls and
+twists by a degree under load. Here this is a small motion of the upper relative to the foot, twice differentiable in
+time, so that accelerometer, gyroscope and ground truth agree, and it decays before the foot leaves the ground. The
+parameters are fitted to recorded walks by `tools/fit_heel_strike.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numba
+import numpy as np
+
+from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.kinematics.rotation import cross
+from stridetwin.sim.kinematics.smooth import ease, ease_rate
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShoeParameters:
+    """Motion of a shoe's upper on its foot; axes of the foot: forward, left, up.
+
+    Attributes:
+        mode_hz: (K,) frequency of each mode that a strike excites.
+        mode_decay_s: (K,) decay time of each mode to 1/e.
+        mode_force: (K, 3) m/s², amplitude of the acceleration, at the reference speed of impact.
+        mode_rate: (K, 3) rad/s, amplitude of the angular rate, likewise.
+        impact_mps: Reference speed of impact: speed of the foot `BEFORE_S` before touch-down.
+        strike_sd: Standard deviation of the logarithm of a strike's strength.
+        slap: Strength of the ball's slap relative to that of the heel strike.
+        rock_hz: (M,) frequencies of the motion in stance.
+        rock_rate: (M, 3) rad/s, amplitude of its angular rate.
+    """
+
+    mode_hz: Array
+    mode_decay_s: Array
+    mode_force: Array
+    mode_rate: Array
+    impact_mps: float
+    strike_sd: float
+    slap: float
+    rock_hz: Array
+    rock_rate: Array
+
+
+SHOE = ShoeParameters(
+    mode_hz=np.array([17.0, 34.0, 68.0]),
+    mode_decay_s=np.array([0.040, 0.012, 0.027]),
+    mode_force=np.array([[22.8, 24.4, 33.2], [0.0, 0.0, 138.1], [35.7, 32.7, 49.7]]),
+    mode_rate=np.array([[5.32, 1.43, 2.82], [7.30, 6.43, 2.11], [4.22, 1.33, 3.25]]),
+    impact_mps=0.384,
+    strike_sd=0.27,
+    slap=0.15,
+    rock_hz=np.array([2.5, 5.0, 10.0]),
+    rock_rate=np.array([[0.140, 0.128, 0.151], [0.070, 0.026, 0.042], [0.054, 0.020, 0.032]]),
+)
+"""A walking shoe with the sensor clipped to it, at 1.3 m/s: `dual_foot_walk` of gaitmap's example data (MIT), both
+feet, 56 strikes of one person."""
+
+
+def case_parameters(strike: float) -> ShoeParameters:
+    """Vibration of a sensor case on head or chest after the strikes of both heels: a mostly vertical, decaying impulse.
+
+    Images do not show it: 10 m/s² at 12 Hz are 2 mm.
+
+    Args:
+        strike: m/s², the largest acceleration up.
+    """
+    return ShoeParameters(
+        mode_hz=np.array([12.0, 25.0]),
+        mode_decay_s=np.array([0.050, 0.020]),
+        mode_force=strike * np.array([[0.30, 0.20, 0.80], [0.10, 0.10, 0.40]]),
+        mode_rate=np.zeros((2, 3)),
+        impact_mps=1.0,
+        strike_sd=SHOE.strike_sd,
+        slap=0.0,
+        rock_hz=np.ones(1),
+        rock_rate=np.zeros((1, 3)),
+    )
+
+
+BEFORE_S = 0.02
+RISE_PERIODS = 0.4
+"""A mode builds up within this share of its period."""
+SUPPORT = 10.0
+"""A mode is over after this many decay times."""
+_STRENGTH = (0.15, 2.0)  # softest and hardest strike relative to the reference
+_FADE_S = 0.10  # fade-in and fade-out of rocking
+_ROCK_S = 0.9  # a longer stance is still after this time
+_UP = 2  # index in displacement (forward, left, up) and rotation
+_BLOW_S = 0.007  # this long after the strike all modes accelerate upward together
+_JITTER_RAD = 0.5  # of a mode's phase from strike to strike: the strikes of a foot are similar
+_SLAP_RAD = 0.02  # pitch of the sole against the ground at which the ball slaps down
+_GROUND = (0.060, 0.0, 0.0)  # m: pivot of rocking
+
+
+@numba.njit(cache=True)
+def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
+    """A mode's oscillation after a strike, and its time derivative.
+
+    s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1.
+
+    Args:
+        tau: (N,) s since the strike.
+        hz: f.
+        decay_s: T.
+        phase: rad, φ.
+    """
+    value, rate, omega = np.empty(len(tau)), np.empty(len(tau)), 2 * np.pi * hz
+    for i in range(len(tau)):
+        size, changing = _envelope(tau[i], hz, decay_s)
+        sine, cosine = np.sin(omega * tau[i] + phase), np.cos(omega * tau[i] + phase)
+        value[i], rate[i] = size * sine, changing * sine + size * omega * cosine
+    return value, rate
+
+
+@numba.njit(cache=True)
+def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
+    """s(τ) exp(-τ/T), and its time derivative."""
+    length = RISE_PERIODS / hz
+    rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, np.exp(-tau / decay_s)
+    return rise * decay, decay * (rising - rise / decay_s)
+
+
+class _Vibrations(NamedTuple):
+    """E strikes of one mode each: time, s; frequency, Hz; decay time, s; (E, 6) amplitudes, m and rad, and phases."""
+
+    begin: Array
+    end: Array
+    hz: Array
+    decay_s: Array
+    amplitude: Array
+    phase: Array
+
+
+class _Rocks(NamedTuple):
+    """S stances: time, s; (S, M, 3) phases of the sines."""
+
+    begin: Array
+    end: Array
+    phase: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UpperMotion:
+    """Motion of one shoe's upper relative to its foot.
+
+    Attributes:
+        pivot: (3,) m in the foot's frame, pivot of the upper's rotation.
+    """
+
+    pivot: Array
+    _parameters: ShoeParameters
+    _rings: _Vibrations
+    _rocks: _Rocks
+
+    @classmethod
+    def of(
+        cls, steps: Sequence[Footstep], pitch: Callable[[Array], Array], speed: Callable[[Array], Array],
+        pivot: Array, rng: np.random.Generator, parameters: ShoeParameters,
+    ) -> Self:  # fmt: skip
+        """The motion of a walk.
+
+        Args:
+            steps: Footsteps of one foot.
+            pitch: (N,) s -> (N,) rad, pitch of its sole relative to the ground.
+            speed: (N,) s -> (N,) m/s, speed of the foot.
+            pivot: (3,) m in the foot's frame: position of the sensors, where the parameters were recorded.
+            rng: Draws the variation from strike to strike.
+            parameters: Parameters of the shoe.
+        """
+        landed = [step for step in steps if np.isfinite(step.t_touch)]
+        speeds = speed(np.array([step.t_touch for step in landed]) - BEFORE_S)
+        shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.mode_hz), 6))
+        shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.mode_hz * _BLOW_S  # the ground first pushes up
+        omega = 2 * np.pi * parameters.mode_hz[:, None]
+        unit = np.concatenate([parameters.mode_force / omega**2, parameters.mode_rate / omega], axis=1)
+        strikes, rocks = [], []
+        for step, impact in zip(landed, speeds):
+            strength = np.clip(impact / parameters.impact_mps, *_STRENGTH) * np.exp(
+                parameters.strike_sd * rng.standard_normal()
+            )
+            for t, share in ((step.t_touch, 1.0), (_slap(step, pitch), parameters.slap)):
+                phase = shape + _JITTER_RAD * rng.standard_normal(shape.shape)
+                strikes.append((t, strength * share * unit, phase))
+            rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
+        modes = len(parameters.mode_hz)
+        begin = np.repeat([t for t, _, _ in strikes], modes)
+        hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
+        return cls(
+            pivot=pivot, _parameters=parameters,
+            _rings=_Vibrations(
+                begin=begin, end=begin + SUPPORT * decay_s, hz=hz, decay_s=decay_s,
+                amplitude=np.reshape([a for _, a, _ in strikes], (-1, 6)),
+                phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
+            ),
+            _rocks=_Rocks(
+                begin=np.array([step.t_touch for step in landed]),
+                end=np.array([min(step.t_off, step.t_touch + _ROCK_S) for step in landed]),
+                phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
+            ),
+        )  # fmt: skip
+
+    def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Displacement (N, 3) m and rotation vector (N, 3) rad, at (N,) increasing s, and the rates of both."""
+        value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))
+        _add_rocks(t, self._rocks, self._parameters.rock_hz, self._parameters.rock_rate, value[:, 3:], rate[:, 3:])
+        # rocking rotates about the ground, so the pivot moves as well
+        value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - _GROUND) for x in (value, rate))
+        _add_vibrations(t, self._rings, value, rate)
+        return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
+
+    def carried(self, foot: Track) -> Track:
+        """Track of the upper, whose frame coincides with the foot's at rest."""
+        shift, turn, shifting, turning = self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64))
+        return foot.displaced(self.pivot, shift, turn, shifting, turning)
+
+
+@numba.njit(cache=True)
+def _add_vibrations(t: Array, vibrations: _Vibrations, value: Array, rate: Array) -> None:
+    """Adds the vibration at (N,) increasing s to (N, 6) displacement and rotation, and to their rates."""
+    for e in range(len(vibrations.begin)):
+        omega = 2 * np.pi * vibrations.hz[e]
+        for i in range(np.searchsorted(t, vibrations.begin[e]), np.searchsorted(t, vibrations.end[e])):
+            tau = t[i] - vibrations.begin[e]
+            size, changing = _envelope(tau, vibrations.hz[e], vibrations.decay_s[e])
+            for k in range(6):
+                sine, cosine = (
+                    np.sin(omega * tau + vibrations.phase[e, k]),
+                    np.cos(omega * tau + vibrations.phase[e, k]),
+                )
+                value[i, k] += vibrations.amplitude[e, k] * size * sine
+                rate[i, k] += vibrations.amplitude[e, k] * (changing * sine + size * omega * cosine)
+
+
+@numba.njit(cache=True)
+def _add_rocks(t: Array, rocks: _Rocks, rock_hz: Array, rock_rate: Array, turn: Array, turning: Array) -> None:
+    """Adds the rocking at (N,) increasing s, sines of random phase in a window, to (N, 3) rotation and rate."""
+    for e in range(len(rocks.begin)):
+        for i in range(np.searchsorted(t, rocks.begin[e]), np.searchsorted(t, rocks.end[e])):
+            tau = t[i] - rocks.begin[e]
+            begun, left = tau / _FADE_S, (rocks.end[e] - t[i]) / _FADE_S
+            window = ease(begun) * ease(left)
+            changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / _FADE_S
+            for m in range(len(rock_hz)):
+                omega = 2 * np.pi * rock_hz[m]
+                for k in range(3):
+                    amplitude, angle = rock_rate[m, k] / omega, omega * tau + rocks.phase[e, m, k]
+                    wave = amplitude * np.sin(angle)
+                    turn[i, k] += window * wave
+                    turning[i, k] += changing * wave + window * amplitude * omega * np.cos(angle)
+
+
+def _slap(step: Footstep, pitch: Callable[[Array], Array]) -> float:
+    """Time at which the sole slaps down on the ground, s."""
+    t = np.arange(step.t_touch, min(step.t_off, step.t_touch + 0.4), 0.002)
+    down = np.abs(pitch(t)) < _SLAP_RAD
+    return float(t[down.argmax()]) if down.any() else step.t_touch

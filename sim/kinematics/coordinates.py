@@ -1,0 +1,98 @@
+"""Generalised coordinates of the wearer: the root's position and Euler angles, then every hinge by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from stridetwin.sim.kinematics.quaternions import multiply
+from stridetwin.sim.kinematics.rotation import euler_accelerations_to_body, matrix_from_quat
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coordinates:
+    """Layout: `names[:6]` is the root (x, y, z, yaw, pitch, roll), the rest are hinges in the model's order.
+
+    Attributes:
+        names: All coordinates.
+        qpos: (J,) address of each hinge in qpos.
+        dof: (J,) address of each hinge in qvel.
+        nq: Size of qpos.
+        nv: Size of qvel.
+    """
+
+    ROOT: ClassVar[tuple[str, ...]] = ("root_x", "root_y", "root_z", "root_yaw", "root_pitch", "root_roll")
+    names: tuple[str, ...]
+    qpos: NDArray[np.int64]
+    dof: NDArray[np.int64]
+    nq: int
+    nv: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> Coordinates:
+        """Layout of a model whose first joint is the free root and whose other joints are hinges."""
+        hinges = [model.joint(i) for i in range(1, model.njnt)]
+        return cls(
+            names=(*cls.ROOT, *(j.name for j in hinges)),
+            qpos=np.array([j.qposadr[0] for j in hinges]),
+            dof=np.array([j.dofadr[0] for j in hinges]),
+            nq=model.nq,
+            nv=model.nv,
+        )
+
+    def from_mujoco(self, q: Array) -> Array:
+        """Coordinates (N, names) of consecutive qpos (N, nq); the yaw is unwrapped."""
+        R = matrix_from_quat(q[:, 3:7])
+        x = np.empty((len(q), len(self.names)))
+        x[:, :3] = q[:, :3]
+        x[:, 3] = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+        x[:, 4] = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
+        x[:, 5] = np.arctan2(R[:, 2, 1], R[:, 2, 2])
+        x[:, 6:] = q[:, self.qpos]
+        return x
+
+    def at(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+        """`to_mujoco` of splines of the coordinates at (N,) s."""
+        return self.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
+
+    def moving(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+        """Qpos (N, nq) and qvel (N, nv) of splines of the coordinates at (N,) s."""
+        x, dx = splines(t), splines(t, 1)
+        q, v = np.empty((len(x), self.nq)), np.empty((len(x), self.nv))
+        _moving(x, dx, self.qpos, self.dof, q, v)
+        return q, v
+
+    def to_mujoco(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
+        """Qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""
+        n = len(x)
+        q, v, a = np.empty((n, self.nq)), np.empty((n, self.nv)), np.empty((n, self.nv))
+        _moving(x, dx, self.qpos, self.dof, q, v)
+        a[:, :3], a[:, self.dof] = ddx[:, :3], ddx[:, 6:]
+        a[:, 3:6] = euler_accelerations_to_body(x[:, 3:6], dx[:, 3:6], ddx[:, 3:6])
+        return q, v, a
+
+
+@numba.njit(cache=True)
+def _moving(x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64], q: Array, v: Array) -> None:
+    """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and rates."""
+    for i in range(len(x)):
+        y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
+        turn = multiply((np.cos(y), 0.0, 0.0, np.sin(y)), (np.cos(p), 0.0, np.sin(p), 0.0))
+        turn = multiply(turn, (np.cos(r), np.sin(r), 0.0, 0.0))
+        w, qx, qy, qz = turn
+        sign = 1.0 if w >= 0.0 else -1.0
+        q[i, 3], q[i, 4], q[i, 5], q[i, 6] = sign * w, sign * qx, sign * qy, sign * qz
+        sp, cp, sr, cr = np.sin(x[i, 4]), np.cos(x[i, 4]), np.sin(x[i, 5]), np.cos(x[i, 5])
+        dy, dp, dr = dx[i, 3], dx[i, 4], dx[i, 5]
+        v[i, 3], v[i, 4], v[i, 5] = dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy
+        for k in range(3):
+            q[i, k], v[i, k] = x[i, k], dx[i, k]
+        for k in range(len(qpos)):
+            q[i, qpos[k]], v[i, dof[k]] = x[i, 6 + k], dx[i, 6 + k]

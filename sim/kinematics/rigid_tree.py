@@ -1,0 +1,373 @@
+"""A wearer's bodies as a rigid tree: poses, velocities and inertial loads of many instants at once, compiled.
+
+The same results as MuJoCo's `mj_kinematics`, `mj_comVel`, `mj_rne` and `mj_crb`, without an engine call for every
+instant: the recursive Newton-Euler method and the composite-rigid-body method (Featherstone 2008, chapters 5 and 6), in
+world axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.kinematics.quaternions import (
+    Vec3,
+    cross,
+    dot,
+    mat3,
+    matrix,
+    matvec,
+    minus,
+    multiply,
+    plus,
+    put,
+    times,
+    transposed,
+    vec3,
+)
+from stridetwin.streams.samples import Array
+
+Indices = NDArray[np.int64]
+
+
+class Tree(NamedTuple):
+    """Bodies on a free root, parents first; `qpos` and `dof` address the model's own layout, the free root first.
+
+    Attributes:
+        ids: (B,) the bodies in the model.
+        parent: (B,) index in the tree, -1 of the root.
+        offset: (B, 3) m, origin in the parent's frame.
+        turn: (B, 4) rotation in the parent's frame with the hinges at zero.
+        mass: (B,) kg.
+        com: (B, 3) m, in the body's frame.
+        inertia: (B, 3, 3) kg m² about the centre of mass, body axes.
+        hinges: (B, 2) index of the body's first hinge, and one past its last.
+        axis: (J, 3) of each hinge, in the frame after the hinge before it.
+        anchor: (J, 3) m, a point on it, in the body's frame.
+        qpos: (J,) address of each hinge in qpos.
+        dof: (J,) address of each hinge in qvel.
+    """
+
+    ids: Indices
+    parent: Indices
+    offset: Array
+    turn: Array
+    mass: Array
+    com: Array
+    inertia: Array
+    hinges: Indices
+    axis: Array
+    anchor: Array
+    qpos: Indices
+    dof: Indices
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> Tree:
+        """The wearer of a model: everything on its first joint that has mass or carries mass."""
+        root = int(model.jnt_bodyid[0])
+        ids = np.flatnonzero((model.body_rootid == root) & (model.body_subtreemass > 0.0))
+        index = {int(body): i for i, body in enumerate(ids)}
+        joints = [list(range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])) for b in ids[1:]]
+        ends = np.cumsum([0, 0, *map(len, joints)])
+        flat = np.array([j for own in joints for j in own], dtype=np.int64)
+        R = np.empty((len(ids), 9))
+        for row, quat in zip(R, model.body_iquat[ids]):
+            mujoco.mju_quat2Mat(row, quat)
+        axes = R.reshape(-1, 3, 3)
+        return cls(
+            ids=ids, parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
+            offset=model.body_pos[ids], turn=model.body_quat[ids], mass=model.body_mass[ids],
+            com=model.body_ipos[ids], inertia=(axes * model.body_inertia[ids][:, None]) @ np.swapaxes(axes, 1, 2),
+            hinges=np.column_stack([ends[:-1], ends[1:]]), axis=model.jnt_axis[flat], anchor=model.jnt_pos[flat],
+            qpos=model.jnt_qposadr[flat].astype(np.int64), dof=model.jnt_dofadr[flat].astype(np.int64),
+        )  # fmt: skip
+
+    def row(self, body: int) -> int:
+        """Index in the tree of a body of the model."""
+        return int(np.searchsorted(self.ids, body))
+
+    def only(self, bodies: Sequence[int]) -> Tree:
+        """The part of the tree that carries these bodies (indices in the tree) or is carried by them."""
+        kept = set(bodies)
+        for body, up in enumerate(self.parent):
+            if up in kept:
+                kept.add(body)
+        for body in sorted(kept, reverse=True):
+            while body >= 0:
+                kept.add(body)
+                body = int(self.parent[body])
+        mat3 = np.array(sorted(kept))
+        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in mat3]).astype(np.int64)
+        ends = np.cumsum([0, *np.diff(self.hinges[mat3])[:, 0]])
+        return Tree(
+            ids=self.ids[mat3], parent=np.where(self.parent[mat3] < 0, -1, np.searchsorted(mat3, self.parent[mat3])),
+            offset=self.offset[mat3], turn=self.turn[mat3], mass=self.mass[mat3], com=self.com[mat3],
+            inertia=self.inertia[mat3], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
+            anchor=self.anchor[hinges], qpos=self.qpos[hinges], dof=self.dof[hinges],
+        )  # fmt: skip
+
+
+class _Bodies(NamedTuple):
+    """Motion of all bodies at one instant, world axes; compiled code fills it.
+
+    Attributes:
+        p: (B, 3) m, origins.
+        quat: (B, 4) unit quaternions, body to world.
+        R: (B, 3, 3) the same as matrices.
+        speed: (B, 3) m/s of the origins.
+        w: (B, 3) rad/s.
+        dv: (B, 3) m/s² of the origins.
+        dw: (B, 3) rad/s².
+        axes: (J, 3) of the hinges.
+    """
+
+    p: Array
+    quat: Array
+    R: Array
+    speed: Array
+    w: Array
+    dv: Array
+    dw: Array
+    axes: Array
+
+
+@numba.njit(cache=True)
+def motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+    """Poses and velocities of all bodies at N instants.
+
+    Args:
+        tree: The bodies.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+
+    Returns:
+        (N, B, 3) m, origins in the world; (N, B, 4) unit quaternions (w, x, y, z), body to world; (N, B, 3) m/s of the
+        origins, world axes; (N, B, 3) rad/s, the bodies' own axes.
+    """
+    n, bodies = len(q), len(tree.parent)
+    p, quat = np.empty((n, bodies, 3)), np.empty((n, bodies, 4))
+    speed, w = np.empty((n, bodies, 3)), np.empty((n, bodies, 3))
+    R, dv, dw, axes = np.empty((bodies, 3, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty_like(tree.axis)
+    still = np.zeros(v.shape[1])
+    for i in range(n):
+        _forward(tree, q[i], v[i], still, _Bodies(p[i], quat[i], R, speed[i], w[i], dv, dw, axes))
+        for b in range(bodies):
+            put(matvec(transposed(mat3(R[b])), vec3(w[i, b])), w[i, b])
+    return p, quat, speed, w
+
+
+@numba.njit(cache=True)
+def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
+    """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
+
+    Args:
+        tree: The bodies.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+        a: (N, nv).
+        gravity: (3,) m/s².
+
+    Returns:
+        (N, 3) force, N, and (N, 3) its moment about the root's origin, N m, world axes; (N, 3) centre of mass, m.
+    """
+    n, bodies = len(q), len(tree.parent)
+    p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
+    speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
+    axes, force, moment, com = np.empty_like(tree.axis), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    g, whole = vec3(gravity), tree.mass.sum()
+    for i in range(n):
+        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
+        sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        for b in range(bodies):
+            own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
+            away = minus(vec3(p[b]), vec3(p[0]))
+            sum_force = plus(sum_force, own_force)
+            sum_moment = plus(sum_moment, plus(own_moment, cross(away, own_force)))
+            first = plus(first, times(tree.mass[b], plus(vec3(p[b]), arm)))
+        put(sum_force, force[i])
+        put(sum_moment, moment[i])
+        put(times(1.0 / whole, first), com[i])
+    return force, moment, com
+
+
+@numba.njit(cache=True)
+def hinge_torques(
+    tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
+) -> Array:
+    """Torques of the hinges for a motion of the tree under external forces.
+
+    Args:
+        tree: The bodies; all hinges of one body rotate about one point.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+        a: (N, nv).
+        gravity: (3,) m/s².
+        bodies: (K,) indices in the tree of the bodies under load; repetitions are allowed.
+        forces: (K, N, 3) N, world axes.
+        moments: (K, N, 3) N m about the bodies' origins, world axes.
+
+    Returns:
+        (N, J) N m, without rotors and friction of the joints.
+    """
+    n, count = len(q), len(tree.parent)
+    p, quat, R = np.empty((count, 3)), np.empty((count, 4)), np.empty((count, 3, 3))
+    speed, w, dv, dw = (np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3)))
+    axes, torque, g = np.empty_like(tree.axis), np.empty((n, len(tree.axis))), vec3(gravity)
+    force, moment = np.empty((count, 3)), np.empty((count, 3))
+    for i in range(n):
+        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
+        for b in range(count):
+            own_force, own_moment, _ = _inertial(tree, b, R, w, dv, dw, g)
+            put(own_force, force[b])
+            put(own_moment, moment[b])
+        for k, b in enumerate(bodies):
+            put(minus(vec3(force[b]), vec3(forces[k, i])), force[b])
+            put(minus(vec3(moment[b]), vec3(moments[k, i])), moment[b])
+        for b in range(count - 1, 0, -1):
+            up, own_force, own_moment = tree.parent[b], vec3(force[b]), vec3(moment[b])
+            for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
+                arm = matvec(mat3(R[b]), vec3(tree.anchor[j]))
+                torque[i, j] = dot(vec3(axes[j]), minus(own_moment, cross(arm, own_force)))
+            away = minus(vec3(p[b]), vec3(p[up]))
+            put(plus(vec3(moment[up]), plus(own_moment, cross(away, own_force))), moment[up])
+            put(plus(vec3(force[up]), own_force), force[up])
+    return torque
+
+
+@numba.njit(cache=True)
+def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
+    """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
+
+    Args:
+        tree: The bodies.
+        chains: (C, L) bodies from the first to the tip, each on one hinge through its own origin.
+        q: (N, nq) in MuJoCo's layout.
+        v: (N, nv).
+        a: (N, nv).
+        gravity: (3,) m/s².
+
+    Returns:
+        (N, C, L, L) kg m² and (N, C, L) N m, without rotors and friction of the joints.
+    """
+    n, bodies = len(q), len(tree.parent)
+    count, length = chains.shape
+    p, quat, R = np.empty((bodies, 3)), np.empty((bodies, 4)), np.empty((bodies, 3, 3))
+    speed, w, dv, dw = (np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3)))
+    axes, mass, load = np.empty_like(tree.axis), np.empty((n, count, length, length)), np.empty((n, count, length))
+    # of each body with all that it carries: force, moment, mass, first moment and inertia, about its origin
+    force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
+    heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), vec3(gravity)
+    for i in range(n):
+        _forward(tree, q[i], v[i], a[i], _Bodies(p, quat, R, speed, w, dv, dw, axes))
+        for b in range(bodies):
+            own_force, own_moment, arm = _inertial(tree, b, R, w, dv, dw, g)
+            put(own_force, force[b])
+            put(own_moment, moment[b])
+            put(times(tree.mass[b], arm), first[b])
+            heavy[b] = tree.mass[b]
+            _inertia(tree, b, R, arm, inertia[b])
+        for b in range(bodies - 1, 0, -1):
+            up = tree.parent[b]
+            d = minus(vec3(p[b]), vec3(p[up]))
+            own_force = vec3(force[b])
+            put(plus(vec3(moment[up]), plus(vec3(moment[b]), cross(d, own_force))), moment[up])
+            put(plus(vec3(force[up]), own_force), force[up])
+            _join(inertia[b], vec3(first[b]), heavy[b], d, inertia[up], first[up])
+            heavy[up] += heavy[b]
+        for k in range(count):
+            for j in range(length):
+                b = chains[k, j]
+                axis = vec3(axes[tree.hinges[b, 0]])
+                load[i, k, j] = dot(axis, vec3(moment[b]))
+                push, turn = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
+                for o in range(j + 1):
+                    d = minus(vec3(p[b]), vec3(p[chains[k, o]]))
+                    other = vec3(axes[tree.hinges[chains[k, o], 0]])
+                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other, plus(turn, cross(d, push)))
+    return mass, load
+
+
+@numba.njit(cache=True)
+def _forward(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
+    """Fills the motion of the bodies: q (nq,), v (nv,) and a (nv,) in MuJoCo's layout."""
+    p, quat, R, speed, w, dv, dw, axes = bodies
+    for b in range(len(tree.parent)):
+        up = tree.parent[b]
+        if up < 0:
+            at, goes, gains = vec3(q[:3]), vec3(v[:3]), vec3(a[:3])
+            pose = (q[3], q[4], q[5], q[6])
+            M = matrix(pose)
+            omega, alpha = matvec(M, vec3(v[3:6])), matvec(M, vec3(a[3:6]))
+        else:
+            omega, alpha = vec3(w[up]), vec3(dw[up])
+            r = matvec(mat3(R[up]), vec3(tree.offset[b]))
+            at, goes = plus(vec3(p[up]), r), plus(vec3(speed[up]), cross(omega, r))
+            gains = _gained(r, omega, vec3(dv[up]), alpha)
+            pose = multiply(
+                (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
+                (tree.turn[b, 0], tree.turn[b, 1], tree.turn[b, 2], tree.turn[b, 3]),
+            )
+            M = matrix(pose)
+        for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
+            r, own = matvec(M, vec3(tree.anchor[j])), vec3(tree.axis[j])
+            axis, rate, half = matvec(M, own), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
+            at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
+            alpha = plus(alpha, plus(times(a[tree.dof[j]], axis), times(rate, cross(omega, axis))))
+            omega = plus(omega, times(rate, axis))
+            sine = np.sin(half)
+            pose = multiply(pose, (np.cos(half), sine * own[0], sine * own[1], sine * own[2]))
+            M = matrix(pose)
+            r = times(-1.0, matvec(M, vec3(tree.anchor[j])))
+            at, goes, gains = plus(at, r), plus(goes, cross(omega, r)), _gained(r, omega, gains, alpha)
+            put(axis, axes[j])
+        put(at, p[b])
+        put(goes, speed[b])
+        put(gains, dv[b])
+        put(omega, w[b])
+        put(alpha, dw[b])
+        quat[b, 0], quat[b, 1], quat[b, 2], quat[b, 3] = pose
+        for k in range(3):
+            put(M[k], R[b, k])
+
+
+@numba.njit(cache=True)
+def _gained(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
+    """Acceleration of a point at r relative to an origin that accelerates with dv, on a body with rates w and dw."""
+    return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
+
+
+@numba.njit(cache=True)
+def _inertial(tree: Tree, b: int, R: Array, w: Array, dv: Array, dw: Array, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+    """Force and moment about a body's origin that its motion needs, and the arm to its centre of mass."""
+    M, inertia, omega, alpha = mat3(R[b]), mat3(tree.inertia[b]), vec3(w[b]), vec3(dw[b])
+    arm = matvec(M, vec3(tree.com[b]))
+    force = times(tree.mass[b], minus(_gained(arm, omega, vec3(dv[b]), alpha), gravity))
+    back = transposed(M)
+    own = matvec(back, omega)
+    spin = plus(matvec(inertia, matvec(back, alpha)), cross(own, matvec(inertia, own)))
+    return force, plus(cross(arm, force), matvec(M, spin)), arm
+
+
+@numba.njit(cache=True)
+def _inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
+    """Fills a body's inertia about its own origin, world axes."""
+    M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
+    for k in range(3):
+        put(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])
+        out[k, k] += mass * dot(arm, arm)
+
+
+@numba.njit(cache=True)
+def _join(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
+    """Adds inertia and first moment of mass of a body at d to those of its carrier."""
+    there = plus(first, times(mass, d))  # its first moment about the carrier
+    for k in range(3):
+        cut = plus(times(d[k], there), times(first[k], d))
+        put(plus(vec3(to_inertia[k]), minus(vec3(inertia[k]), cut)), to_inertia[k])
+        to_inertia[k, k] += dot(d, there) + dot(d, first)
+    put(plus(vec3(to_first), there), to_first)

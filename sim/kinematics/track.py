@@ -1,0 +1,151 @@
+"""Motion of one frame over time, and of frames fixed to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.sim.kinematics.quaternions import (
+    cross,
+    exp,
+    inverse,
+    minus,
+    multiply,
+    plus,
+    put,
+    quaternion,
+    rotate,
+    store,
+    times,
+    vec3,
+)
+from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.streams.samples import Array
+
+_Columns = tuple[Array, Array, Array, Array]
+"""Position, attitude, velocity and rate, as in `Track`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Track:
+    """Poses and velocities of a frame at N instants.
+
+    Attributes:
+        t_ns: (N,) int64, strictly increasing.
+        p_body_in_world: (N, 3) m.
+        q_world_body: (N, 4) unit quaternions (w, x, y, z).
+        v_body_in_world: (N, 3) m/s of the origin, world axes.
+        w_body: (N, 3) rad/s, the frame's own axes.
+    """
+
+    t_ns: NDArray[np.int64]
+    p_body_in_world: Array
+    q_world_body: Array
+    v_body_in_world: Array
+    w_body: Array
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> Track:
+        """Track of some of the instants: a slice, or increasing numbers."""
+        return Track(
+            t_ns=self.t_ns[rows],
+            p_body_in_world=self.p_body_in_world[rows],
+            q_world_body=self.q_world_body[rows],
+            v_body_in_world=self.v_body_in_world[rows],
+            w_body=self.w_body[rows],
+        )
+
+    def then(self, after: Track) -> Track:
+        """This track followed by a later one."""
+        return Track(
+            t_ns=np.concatenate([self.t_ns, after.t_ns]),
+            p_body_in_world=np.concatenate([self.p_body_in_world, after.p_body_in_world]),
+            q_world_body=np.concatenate([self.q_world_body, after.q_world_body]),
+            v_body_in_world=np.concatenate([self.v_body_in_world, after.v_body_in_world]),
+            w_body=np.concatenate([self.w_body, after.w_body]),
+        )
+
+    @property
+    def rotation(self) -> Rotation:
+        """Body to world, N of them."""
+        return Rotation.from_quat(self.q_world_body, scalar_first=True)
+
+    def mounted(self, T_body_sensor: ArrayLike) -> Track:
+        """Track of a frame that is rigidly mounted on this one.
+
+        Args:
+            T_body_sensor: (4, 4) sensor frame to body frame.
+        """
+        T = np.asarray(T_body_sensor, dtype=float)
+        return self._as(_mounted(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3]))
+
+    def displaced(self, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array) -> Track:
+        """Track of a frame with a small motion relative to this one: rotation about a pivot, and translation.
+
+        Args:
+            pivot: (3,) m, this frame's axes.
+            shift: (N, 3) m, translation in this frame's axes.
+            turn: (N, 3) rad, rotation vector.
+            shifting: (N, 3) m/s, rate of `shift`.
+            turning: (N, 3) rad/s, rate of `turn`; unless it is parallel to `turn`, `turn` has to stay below some tenths
+                of a radian.
+        """
+        return self._as(_displaced(*self._columns, pivot, shift, turn, shifting, turning))
+
+    @property
+    def _columns(self) -> _Columns:
+        return self.p_body_in_world, self.q_world_body, self.v_body_in_world, self.w_body
+
+    def _as(self, columns: _Columns) -> Track:
+        """Track of another frame at the same instants."""
+        p, q, v, w = columns
+        return Track(t_ns=self.t_ns, p_body_in_world=p, q_world_body=q, v_body_in_world=v, w_body=w)
+
+    def poses(self) -> Array:
+        """(N, 4, 4) transforms, frame to world."""
+        T = np.tile(np.eye(4), (len(self), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = self.rotation.as_matrix(), self.p_body_in_world
+        return T
+
+
+@numba.njit(cache=True)
+def _mounted(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
+    p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
+    arm, mount = vec3(lever), quaternion(q_body_sensor)
+    back = inverse(mount)
+    for i in range(len(p)):
+        attitude, rate = quaternion(q[i]), vec3(w[i])
+        put(plus(vec3(p[i]), rotate(attitude, arm)), p_out[i])
+        store(multiply(attitude, mount), q_out[i])
+        put(plus(vec3(v[i]), rotate(attitude, cross(rate, arm))), v_out[i])
+        put(rotate(back, rate), w_out[i])
+    return p_out, q_out, v_out, w_out
+
+
+@numba.njit(cache=True)
+def _displaced(
+    p: Array, q: Array, v: Array, w: Array, pivot: Array, shift: Array, turn: Array, shifting: Array, turning: Array
+) -> _Columns:
+    p_out, q_out, v_out, w_out = np.empty(p.shape), np.empty(q.shape), np.empty(v.shape), np.empty(w.shape)
+    centre = vec3(pivot)
+    for i in range(len(p)):
+        attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(turn[i]), vec3(turning[i])
+        own = exp(phi)
+        arm = rotate(own, centre)
+        # right Jacobian of SO(3) to second order, in the displaced frame's axes
+        once = cross(phi, changing)
+        relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
+        origin = minus(plus(centre, vec3(shift[i])), arm)
+        moving = minus(plus(cross(rate, origin), vec3(shifting[i])), rotate(own, cross(relative, centre)))
+        put(plus(vec3(p[i]), rotate(attitude, origin)), p_out[i])
+        store(multiply(attitude, own), q_out[i])
+        put(plus(vec3(v[i]), rotate(attitude, moving)), v_out[i])
+        put(plus(rotate(inverse(own), rate), relative), w_out[i])
+    return p_out, q_out, v_out, w_out

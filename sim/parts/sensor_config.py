@@ -1,0 +1,155 @@
+"""Configuration of each sensor group: its part, mount and clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from stridetwin.sim.parts.calibration_error import CalibrationSd
+from stridetwin.sim.parts.figure import G
+from stridetwin.sim.parts.kinds import Part
+from stridetwin.sim.parts.library import ideal, part
+from stridetwin.streams.fields import DEG, MM, flag, number, words
+
+KIND = {
+    "foot_imu": "imu",
+    "foot_camera": "camera",
+    "sonar": "sonar",
+    "insole": "force_cell",
+    "ahrs": "ahrs",
+    "exo_imu": "imu",
+    "encoder": "encoder",
+    "interaction": "force_cell",
+    "actuator": "actuator",
+    "head_imu": "imu",
+    "head_camera": "rgbd",
+}
+"""The kind of part that each group uses."""
+
+STANDARD = {
+    "foot_imu": "ADIS16485",
+    "foot_camera": "acA800-200gc",
+    "sonar": "SRF08",
+    "insole": "FlexiForce-A401",
+    "ahrs": "MW-AHRSv1",
+    "exo_imu": "MW-AHRSv1-imu",
+    "encoder": "AMT203",
+    "interaction": "FlexiForce-A301",
+    "actuator": "actuation-module",
+    "head_imu": "BMI055",
+    "head_camera": "D455",
+}
+"""The default part of each group; the back's AHRS is `STANDARD_BACK_AHRS`."""
+
+_Length = Annotated[float, number(-300, 300, scale=MM)]
+_Angle = Annotated[float, number(-180, 180, scale=DEG)]
+STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """Errors of a sensor's stamps relative to the true time of its samples.
+
+    Attributes:
+        offset_s: Constant offset; for a camera, of its trigger.
+        drift_ppm: Growth of the offset, µs per second.
+        jitter_s: Standard deviation from sample to sample.
+        latency_s: Time from the sample to the stamp.
+        told: Whether the rig's calibration contains the constant part (offset and latency).
+    """
+
+    offset_s: Annotated[float, number(-1, 1)] = 0.0
+    drift_ppm: Annotated[float, number(-1000, 1000)] = 0.0
+    jitter_s: Annotated[float, number(0, 0.1)] = 0.0
+    latency_s: Annotated[float, number(0, 1)] = 0.0
+    told: Annotated[bool, flag()] = False
+
+    @property
+    def shift_s(self) -> float:
+        """The constant part: delay of the stamps relative to true time at the start."""
+        return self.offset_s + self.latency_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facing:
+    """Pose of a sensor or board on the body that carries it; both shoes use the same numbers, mirrored.
+
+    Attributes:
+        position_m: In the body's frame: forward, aside, up. Aside is towards the other foot on shoes, and left on head
+            and chest.
+        faces_rad: From forward aside, and up: viewing direction of a camera or sonar, or normal of a board.
+    """
+
+    position_m: Annotated[tuple[_Length, _Length, _Length], Field(alias="position_mm")]
+    faces_rad: Annotated[tuple[_Angle, _Angle], Field(alias="faces_deg")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seat(Facing):
+    """Pose with a roll about the viewing direction.
+
+    Attributes:
+        roll_rad: Rotation of a camera about its viewing direction, positive when the top of the image moves aside.
+    """
+
+    roll_rad: Annotated[_Angle, Field(alias="roll_deg")] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorConfig:
+    """Differences of a group of sensors from the standard one.
+
+    Attributes:
+        part: Part in place of the standard one.
+        ideal: Whether to use the noise-free version of the part.
+        rate_hz: Rate in place of the part's.
+        clock: Clock of every sensor of the group.
+        strike: Residual error after heel strikes, m/s²; for the IMU beside the depth camera only.
+        light: Brightness of the scene relative to the camera's setting; cameras only.
+        exposure_s: Exposure time in place of the camera's.
+        calibration_sd: Accuracy of the nominal calibration; for the depth camera only.
+        pitch_down_rad: Downward pitch of the depth camera and of the IMU beside it.
+        frames: `board`: the shoe cameras render the other shoe's board and its surroundings only; `full`: everything.
+        position_m: Position of a shoe's IMU in the foot's frame: forward, outward, up.
+        rotation_rad: Rotation of a shoe's IMU: roll, pitch, yaw of the left one; the right one is its mirror image.
+        mount: Pose of a shoe's camera or sonar, or of the depth camera (and the IMU beside it).
+        board: Pose of a shoe's board; with the cameras.
+    """
+
+    part: Part | None = None
+    ideal: Annotated[bool, flag()] = False
+    rate_hz: Annotated[float | None, number(1, 2000)] = None
+    clock: Clock = field(default_factory=Clock)
+    strike: Annotated[float, number(0, 5, key="strike_g", scale=G)] = 0.0
+    light: Annotated[float, number(0.001, 10)] = 1.0
+    exposure_s: Annotated[float | None, number(0, 100, key="exposure_ms", scale=1e-3)] = None
+    calibration_sd: CalibrationSd = field(default_factory=CalibrationSd)
+    pitch_down_rad: Annotated[float | None, number(-30, 75, key="pitch_down_deg", scale=DEG)] = None
+    frames: Annotated[str, words(("board", "full"))] = "board"
+    position_m: Annotated[tuple[_Length, _Length, _Length] | None, Field(alias="position_mm")] = None
+    rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle] | None, Field(alias="rotation_deg")] = None
+    mount: Seat | None = None
+    board: Seat | None = None
+
+
+def part_of(
+    fittings: Mapping[str, SensorConfig], group: str, every_ideal: bool, standard: str | None = None
+) -> tuple[Any, Any]:
+    """The simulated part of a group, and its data sheet; a noise-free part keeps the data sheet of the real one.
+
+    Args:
+        fittings: Differences from the standard, by group.
+        group: Group of sensors.
+        every_ideal: Whether all parts are noise-free.
+        standard: Name of the default part; None for the group's.
+    """
+    sensor_config = fittings.get(group, SensorConfig())
+    nominal: Any = sensor_config.part or part(standard or STANDARD[group])
+    if sensor_config.rate_hz is not None:
+        nominal = replace(nominal, rate_hz=sensor_config.rate_hz)
+    if sensor_config.exposure_s is not None:
+        nominal = replace(nominal, imager=replace(nominal.imager, exposure_s=sensor_config.exposure_s))
+    return (ideal(nominal) if every_ideal or sensor_config.ideal else nominal), nominal

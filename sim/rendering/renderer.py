@@ -1,0 +1,367 @@
+"""Images of the twin: calibrated sensor views with colour and depth from one render, and a film camera.
+
+A sensor view needs no camera in the model: it is drawn from any pose with any pinhole intrinsics, so that a
+mount can move without compiling again. Rendering is off screen, by EGL, or by OSMesa where there is no EGL;
+the environment variable MUJOCO_GL overrules that. An OpenGL context belongs to the thread that made it.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stridetwin.sim.rendering.sky import Sky, endless_planes
+from stridetwin.sim.wearer.sensor_bodies import UPPERS
+from stridetwin.sim.world.textures import PERIOD_M
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Array
+
+NEAR_M = 0.02
+FAR_M = 200.0
+SEEN_M = 50.0  # largest depth
+_MAX_GEOMS = 2000
+_GROUND_M = 81 * PERIOD_M  # half an edge of the rendered ground; odd, otherwise its texture is half a period off
+_HIDDEN_GROUP = 5  # of geoms; not rendered by default
+_OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
+
+Rgb = NDArray[np.uint8]
+DepthImage = NDArray[np.float32]
+
+
+def swap_camera_convention(T: ArrayLike) -> Array:
+    """Converts the frame of a MuJoCo camera to the optical frame of the same camera, and back.
+
+    MuJoCo's camera has x right, y up and looks down −z; the optical frame has x right, y down, z forward.
+
+    Args:
+        T: (..., 4, 4) pose of a camera in some frame.
+
+    Returns:
+        (..., 4, 4) pose of the same camera in the other convention. Applied twice it is the identity.
+    """
+    return np.asarray(T, dtype=float) @ _OPTICAL_MUJOCO
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Quality:
+    """Render settings that a context takes from the model when it is created.
+
+    Attributes:
+        samples: Samples per pixel; 0 keeps depth exact at discontinuities.
+        shadow_size: Edge of the shadow map, pixels; 0 for no shadows.
+        slices: Facets about the axis of round shapes.
+        stacks: Facets along it.
+    """
+
+    samples: int
+    shadow_size: int
+    slices: int
+    stacks: int
+
+
+_SENSOR = _Quality(samples=0, shadow_size=0, slices=12, stacks=8)
+_FILM = _Quality(samples=4, shadow_size=2048, slices=16, stacks=10)
+
+
+class _OffScreen:
+    """OpenGL context and scene for one image size; freed by `close` or at the end of a `with` block."""
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> None:
+        self.model, self.width, self.height = model, width, height
+        self._gl = _gl_context(width, height)
+        self._gl.make_current()
+        with _set_for_a_moment(model, width, height, quality):
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self.scene = mujoco.MjvScene(model, _MAX_GEOMS)
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = quality.shadow_size > 0
+        self._option = mujoco.MjvOption()
+        self._option.sitegroup[:] = 0
+
+    def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
+        """Copies the poses of the bodies to the scene."""
+        mujoco.mjv_updateScene(
+            self.model, data, self._option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, self.scene
+        )
+
+    def draw(self, rgb: Rgb | None, depth: DepthImage | None, rect: mujoco.MjrRect | None = None) -> None:
+        """Renders the scene into upside-down images of this size, or of a smaller one."""
+        rect = rect or self._rect
+        self._gl.make_current()
+        mujoco.mjr_render(rect, self.scene, self._context)
+        mujoco.mjr_readPixels(rgb, depth, rect, self._context)
+
+    def close(self) -> None:
+        """Frees the context; may be called repeatedly."""
+        if self._gl is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._gl = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class SensorView(_OffScreen):
+    """Renders the view of a calibrated camera: no shadows, reflections or smoothing, so that depth is exact.
+
+    The sky is painted afterwards (`sim.rendering.sky`).
+
+    Args:
+        model: Compiled model.
+        width: Width of the largest image, pixels.
+        height: Height of the largest image, pixels.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
+        self._endless = endless_planes(model)
+        with _bounded_planes(model, self._endless):
+            super().__init__(model, width, height, _SENSOR)
+        self._anywhere = mujoco.MjvCamera()
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
+        self._sky = Sky.of(model, FAR_M)
+
+    def frame(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        size: tuple[int, int] | None = None,
+    ) -> tuple[Rgb, DepthImage]:
+        """Colour and depth from one render.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            T_world_camera: (4, 4) pose of the optical frame in the world.
+            intrinsics: (fu, fv, pu, pv) in pixels; the centre of the top-left pixel is (0, 0).
+            size: (W, H) of the image, up to the view's own, which is the default.
+
+        Returns:
+            (H, W, 3) uint8 RGB, and (H, W) float32 depth along the optical axis, m; 0 where no surface is nearer than
+            `SEEN_M`.
+        """
+        rgb, depth = self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))
+        depth[depth > SEEN_M] = 0
+        return rgb, depth
+
+    def color(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        size: tuple[int, int] | None = None,
+    ) -> Rgb:
+        """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as in `frame`."""
+        return self._look(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
+
+    def crop(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        rows: slice,
+        columns: slice,
+    ) -> Rgb:
+        """Some rows and columns of `color` alone, (h, w, 3): the same pixels, faster."""
+        fu, fv, pu, pv = intrinsics
+        width, height = columns.stop - columns.start, rows.stop - rows.start
+        shifted = fu, fv, pu - columns.start, pv - rows.start
+        return self._look(data, T_world_camera, shifted, width, height)[0]
+
+    def _look(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        width: int,
+        height: int,
+    ) -> tuple[Rgb, DepthImage]:
+        """Colours (height, width, 3), and depth (height, width), inf where nothing is rendered."""
+        self._aim(data, T_world_camera, intrinsics, width, height)
+        rgb, z = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        self.draw(rgb, z, mujoco.MjrRect(0, 0, width, height))
+        rgb, depth = np.ascontiguousarray(rgb[::-1]), _metric_depth(z)
+        if self._sky is not None:
+            self._sky.paint(rgb, depth, np.asarray(T_world_camera, float), intrinsics)
+        return rgb, depth
+
+    def _aim(
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: tuple[float, float, float, float],
+        width: int,
+        height: int,
+    ) -> None:
+        """Copies the poses of visible bodies and points the camera."""
+        shown = self.model.geom_group.copy()
+        seen = _in_view(self.model, data, np.asarray(T_world_camera), intrinsics, width, height)
+        self.model.geom_group[~seen] = _HIDDEN_GROUP
+        with _bounded_planes(self.model, self._endless, data, np.asarray(T_world_camera)[:2, 3]):
+            self.update(data, self._anywhere)
+        self.model.geom_group[:] = shown
+        T_world_mujoco = swap_camera_convention(T_world_camera)
+        fu, fv, pu, pv = intrinsics
+        for camera in self.scene.camera:  # the left and the right eye, which a mono view averages
+            camera.pos = T_world_mujoco[:3, 3]
+            camera.forward, camera.up = -T_world_mujoco[:3, 2], T_world_mujoco[:3, 1]
+            # Image borders lie half a pixel outside the outermost pixel centres.
+            camera.frustum_top = NEAR_M * (pv + 0.5) / fv
+            camera.frustum_bottom = NEAR_M * (pv + 0.5 - height) / fv
+            camera.frustum_center = NEAR_M * (width / 2 - pu - 0.5) / fu
+            camera.frustum_width = NEAR_M * width / 2 / fu
+            camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
+
+
+class FilmCamera(_OffScreen):
+    """Third-person view with shadows and smooth edges, for viewers.
+
+    Args:
+        model: Compiled model.
+        width: Pixels.
+        height: Pixels.
+    """
+
+    def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
+        super().__init__(model, width, height, _FILM)
+        self._camera = mujoco.MjvCamera()
+
+    def frame(self, data: mujoco.MjData, lookat: ArrayLike, azimuth: float, elevation: float, distance: float) -> Rgb:
+        """One image.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            lookat: (3,) point in the world at the centre of the image, m.
+            azimuth: Direction of view about the vertical, degrees; 0 looks along +x, 90 along +y.
+            elevation: Degrees; negative looks down.
+            distance: From the camera to `lookat`, m.
+
+        Returns:
+            (H, W, 3) uint8 RGB.
+        """
+        self._camera.lookat[:] = lookat
+        self._camera.azimuth, self._camera.elevation, self._camera.distance = azimuth, elevation, distance
+        self.update(data, self._camera)
+        rgb = np.empty((self.height, self.width, 3), np.uint8)
+        self.draw(rgb, None)
+        return np.ascontiguousarray(rgb[::-1])
+
+
+def camera_pose(data: mujoco.MjData, camera: CameraCalibration, T_body_frame: ArrayLike | None = None) -> Array:
+    """(4, 4) pose of a camera's optical frame in the world, from the body that carries it.
+
+    Args:
+        data: State of the model, kinematics up to date.
+        camera: Its calibration.
+        T_body_frame: (4, 4) pose on the body of the frame that holds its mount, after slips.
+    """
+    body = data.body(UPPERS.get(camera.mount.body, camera.mount.body))
+    T_world_body = np.eye(4)
+    T_world_body[:3, :3], T_world_body[:3, 3] = body.xmat.reshape(3, 3), body.xpos
+    T_world_frame = T_world_body if T_body_frame is None else T_world_body @ np.asarray(T_body_frame)
+    return T_world_frame @ camera.mount.T_body_sensor
+
+
+@contextmanager
+def _bounded_planes(
+    model: mujoco.MjModel,
+    endless: NDArray[np.intp],
+    data: mujoco.MjData | None = None,
+    about: ArrayLike = (0.0, 0.0),
+) -> Iterator[None]:
+    """Bounds endless level planes temporarily, around a place in the world: MuJoCo draws them as 40 000 tiles."""
+    sizes = model.geom_size[endless]
+    model.geom_size[endless] = _GROUND_M, _GROUND_M, 2 * _GROUND_M
+    if data is not None:
+        places = data.geom_xpos[endless]
+        data.geom_xpos[endless, :2] += PERIOD_M * np.round((about - places[:, :2]) / PERIOD_M)
+    try:
+        yield
+    finally:
+        model.geom_size[endless] = sizes
+        if data is not None:
+            data.geom_xpos[endless] = places
+
+
+def _in_view(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    T_world_camera: Array,
+    intrinsics: tuple[float, float, float, float],
+    width: int,
+    height: int,
+) -> NDArray[np.bool_]:
+    """Geoms whose bounding sphere reaches into the view frustum; drawing the others costs as much as drawing these."""
+    fu, fv, pu, pv = intrinsics
+    inward = np.array([
+        [fu, 0.0, pu + 0.5], [-fu, 0.0, width - 0.5 - pu], [0.0, fv, pv + 0.5], [0.0, -fv, height - 0.5 - pv],
+        [0.0, 0.0, 1.0],
+    ])  # fmt: skip
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    centre = (data.geom_xpos - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+    reach = np.where(model.geom_rbound > 0, model.geom_rbound, np.inf)  # 0: a plane, which has no end
+    return np.asarray(np.all(centre @ inward.T >= -reach[:, None], axis=1))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _metric_depth(z: DepthImage) -> DepthImage:
+    """Depth, m, from an upside-down z-buffer, in which 1 is the near plane and 0 the far one."""
+    near, far = np.float32(NEAR_M), np.float32(FAR_M)
+    depth = np.empty_like(z)
+    for i in range(len(z)):
+        row, height = depth[i], z[len(z) - 1 - i]
+        for j in range(z.shape[1]):
+            away = near * far / (height[j] * (far - near) + near)
+            row[j] = away if height[j] > 0 else np.float32(np.inf)
+    return depth
+
+
+def _gl_context(width: int, height: int) -> Any:
+    if os.environ.get("MUJOCO_GL"):
+        from mujoco.gl_context import GLContext
+    elif ctypes.util.find_library("EGL"):
+        from mujoco.egl import GLContext
+    else:
+        from mujoco.osmesa import GLContext
+    return GLContext(width, height)
+
+
+@contextmanager
+def _set_for_a_moment(model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> Iterator[None]:
+    """Sets image size and quality of the model temporarily."""
+    screen, look = model.vis.global_, model.vis.quality
+    values = (
+        (screen, "offwidth", width),
+        (screen, "offheight", height),
+        (look, "offsamples", quality.samples),
+        (look, "shadowsize", quality.shadow_size),
+        (look, "numslices", quality.slices),
+        (look, "numstacks", quality.stacks),
+    )
+    kept = [getattr(group, name) for group, name, _ in values]
+    for group, name, value in values:
+        setattr(group, name, value)
+    try:
+        yield
+    finally:
+        for (group, name, _), value in zip(values, kept):
+            setattr(group, name, value)

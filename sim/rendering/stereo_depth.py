@@ -1,0 +1,164 @@
+"""Stereo depth: noise and quantisation of the disparity, and areas without a match."""
+
+from __future__ import annotations
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import DepthSensor
+from stridetwin.sim.rendering.imager import SPARE, Pixels
+
+# Relative difference of a disparity from the mean around it, beside a depth discontinuity; 0 on a plane.
+_OUTLINE = np.float32(0.012)
+Grid = NDArray[np.float32]
+_FINEST_STEP_PER_M = 1e-4
+
+
+class DepthModel:
+    """Converts exact depth to measured depth.
+
+    A disparity is f b / z, so its constant noise and steps give errors of depth that grow with z². The noise is
+    correlated over a matching window. There is no depth beside discontinuities, on dark surfaces and at glancing
+    angles, and some pixels beside a discontinuity are between the two surfaces (flying pixels).
+
+    Args:
+        shape: (H, W).
+        focal: Pixels.
+        centre: (pu, pv).
+        part: True parameters of the sensor.
+        noise: Source of its errors.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], focal: float, centre: tuple[float, float], part: DepthSensor, noise: Noise
+    ) -> None:
+        self._shape, self._part, self._noise = shape, part, noise
+        self._step = part.disparity_step or _FINEST_STEP_PER_M
+        self._bank = self._mixed = np.zeros(shape, np.float32)
+        if part.noise:
+            self._bank = _smooth(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
+            self._mixed = _smooth(noise.at(0), shape, 1.0)
+        counts = np.arange(1, np.iinfo(np.int16).max + 1)
+        depth = np.concatenate([[0.0], 1 / (self._step * counts)])
+        if part.resolution:
+            depth = part.resolution * np.round(depth / part.resolution)
+        depth[(depth < part.range_min) | (depth > part.range_max)] = 0.0
+        self._depth_of_count = depth.astype(np.float32)
+        v, u = np.mgrid[: shape[0] : 2, : shape[1] : 2]
+        x, y = (u - centre[0]) / focal, (v - centre[1]) / focal
+        self._rays = tuple(a.astype(np.float32) for a in (x, y, np.sqrt(1 + x * x + y * y)))
+        self._focal = focal
+        self._window = 2 * round(part.edge_px) + 1
+
+    def image(self, t_ns: int, depth: NDArray[np.float32], grey: Pixels | None = None) -> NDArray[np.float32]:
+        """Measured depth (H, W), m, 0 without a match.
+
+        Args:
+            t_ns: Time of the image.
+            depth: (H, W) exact depth, m; 0 without a surface.
+            grey: (H, W) brightness of the surfaces; None: bright enough.
+        """
+        part = self._part
+        if not part.noise and not part.disparity_step:
+            measured = depth.copy()
+            measured[(measured < part.range_min) | (measured > part.range_max)] = 0
+            return measured
+        counts = _counts(depth, np.float32(1 / self._step))
+        near = np.ascontiguousarray(counts[::2, ::2])
+        mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
+        unmatched = self._unmatched(near, mean, grey)
+        row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
+        window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
+        front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
+        beside = mean if part.noise else counts  # without noise, discontinuities are sharp
+        return _measured(
+            depth, counts, beside, unmatched, front, back, self._mixed, self._bank, (row, column), self._depth_of_count
+        )
+
+    def _unmatched(self, near: Grid, mean: Grid, grey: Pixels | None) -> NDArray[np.bool_]:
+        """Pixels without a match for other reasons than discontinuities, at half the resolution."""
+        part = self._part
+        unmatched = np.zeros(near.shape, bool)
+        if part.slant:
+            a, b = (np.asarray(cv2.Sobel(near, cv2.CV_32F, *d, scale=0.5 / 8), np.float32) for d in ((1, 0), (0, 1)))
+            x, y, length = self._rays
+            sine, focal = np.float32(np.sin(part.slant)), np.float32(self._focal)
+            unmatched = _slanted(near, mean, a, b, x, y, length, focal, sine)
+        if part.dark and grey is not None:
+            unmatched |= grey[::2, ::2] < 255 * part.dark
+        return unmatched
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _counts(depth: Grid, per_m: np.float32) -> Grid:
+    """(H, W) disparity in its steps, 0 without depth."""
+    counts = np.empty_like(depth)
+    for i in range(depth.shape[0]):
+        for j in range(depth.shape[1]):
+            counts[i, j] = per_m / depth[i, j] if depth[i, j] else np.float32(0)
+    return counts
+
+
+@numba.njit(cache=True)
+def _slanted(
+    near: Grid, mean: Grid, a: Grid, b: Grid, x: Grid, y: Grid, length: Grid, focal: np.float32, sine: np.float32
+) -> NDArray[np.bool_]:
+    """Surfaces at a glancing angle, away from discontinuities; (h, w), like all arguments but `mean`, (H, W).
+
+    For a plane the count is linear in the image: its normal is (f a, f b, c), and the sine of the ray against the plane
+    is the count over both lengths (a, b its slopes, c the rest on the axis).
+    """
+    slanted = np.empty(near.shape, np.bool_)
+    for i in range(near.shape[0]):
+        for j in range(near.shape[1]):
+            count, p, q = near[i, j], a[i, j], b[i, j]
+            c = count - focal * (p * x[i, j] + q * y[i, j])
+            normal = np.sqrt(focal * focal * (p * p + q * q) + c * c)
+            outline = abs(count - mean[2 * i, 2 * j]) > _OUTLINE * count
+            slanted[i, j] = (count < sine * normal * length[i, j]) & ~outline
+    return slanted
+
+
+@numba.njit(cache=True)
+def _measured(
+    depth: Grid,
+    counts: Grid,
+    mean: Grid,
+    unmatched: NDArray[np.bool_],
+    front: Grid,
+    back: Grid,
+    mixed: Grid,
+    noise: Grid,
+    start: tuple[int, int],
+    depth_of_count: NDArray[np.float32],
+) -> Grid:
+    """(H, W) m with missing and flying pixels at discontinuities, noise and steps; halves as in `_slanted`."""
+    measured, last = np.zeros_like(depth), len(depth_of_count) - 1
+    (top, left), width = start, depth.shape[1]
+    for i in range(depth.shape[0]):
+        luck, error = mixed[top + i, left : left + width], noise[top + i, left : left + width]
+        for j in range(width):
+            count = counts[i, j]
+            if depth[i, j] == 0 or unmatched[i // 2, j // 2]:
+                continue
+            if abs(count - mean[i, j]) > _OUTLINE * count:
+                if luck[j] > 0:
+                    continue
+                weight = min(-luck[j] / np.float32(2), np.float32(1))  # a flying pixel
+                count = back[i // 2, j // 2] + weight * (front[i // 2, j // 2] - back[i // 2, j // 2])
+            at = max(int(np.rint(count + error[j])), 0)
+            measured[i, j] = depth_of_count[at] if at <= last else np.float32(0.0)  # nearer than the range
+    return measured
+
+
+def _smooth(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:
+    """Bank of unit normal deviates that are correlated over some pixels."""
+    height, width = shape[0] + SPARE, shape[1] + SPARE
+    coarse = noise.normal(1.0, (round(height / alike_px) + 1, round(width / alike_px) + 1)).astype(np.float32)
+    if alike_px == 1:
+        return np.ascontiguousarray(coarse[:height, :width])
+    bank = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(bank / bank.std(), np.float32)

@@ -1,0 +1,142 @@
+"""Mount slip: sensors that rotate and move on the body that carries them during a walk.
+
+A slip is physical: inertial sensors measure it, cameras change their view, and the ground truth of an IMU's frame
+includes it. The nominal calibration in the recording does not change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stridetwin.sim.faults.faults import Event, Events, Fault, LooseStrap
+from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.smooth import ease, ease_rate
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.wearer.sensor_bodies import visible
+from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.samples import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Slip:
+    """A slip from one pose to another, smooth up to the acceleration.
+
+    Attributes:
+        from_ns: Start time.
+        until_ns: End time; the new pose is permanent.
+        turn: (3,) rad, rotation vector in the body's axes.
+        shift: (3,) m, translation in the body's axes.
+        pivot: (3,) m in the body, pivot of the rotation.
+    """
+
+    from_ns: int
+    until_ns: int
+    turn: Array
+    shift: Array
+    pivot: Array
+
+    def carried(self, body: Track) -> Track:
+        """Track of a frame that initially coincides with the body's and slips on it."""
+        share, speed = self._share(body.t_ns)
+        way = share[:, None], speed[:, None]
+        (shift, shifting), (turn, turning) = ([x * whole for x in way] for whole in (self.shift, self.turn))
+        return body.displaced(self.pivot, shift, turn, shifting, turning)
+
+    def T_body_frame(self, t_ns: int) -> Array:
+        """(4, 4) pose of that frame in the body at one time."""
+        share, _ = self._share(np.array([t_ns]))
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_rotvec(share[0] * self.turn).as_matrix()
+        T[:3, 3] = self.pivot - T[:3, :3] @ self.pivot + share[0] * self.shift
+        return T
+
+    def _share(self, t_ns: NDArray[np.int64]) -> tuple[Array, Array]:
+        """(N,) completed share, 0-1, and its rate, 1/s."""
+        length = self.until_ns - self.from_ns
+        s = (t_ns - self.from_ns) / length
+        return ease(s), ease_rate(s) * 1e9 / length
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MountSlips:
+    """Slips of the sensor mounts.
+
+    Attributes:
+        slips: Slips in order of their start, by topic; topics without slips are missing.
+        housings: Body of the model, and mount, of visible sensors with slips, by topic.
+    """
+
+    slips: Mapping[str, tuple[Slip, ...]] = field(default_factory=dict)
+    housings: Mapping[str, tuple[str, Mount]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> MountSlips:
+        """The slips of planned faults."""
+        slips: dict[str, list[Slip]] = {}
+        for fault, events in planned:
+            if isinstance(fault, LooseStrap):
+                for body, topics in _by_body(events, rig).items():
+                    pivot = np.mean([_mounts(rig)[t][1] for t in topics], axis=0)
+                    for event in events[topics[0]]:
+                        slip = _slip(fault, event, pivot, body)
+                        for topic in topics:
+                            slips.setdefault(topic, []).append(slip)
+        return cls(
+            slips={t: tuple(sorted(s, key=lambda slip: slip.from_ns)) for t, s in slips.items()},
+            housings={topic: (name, mount) for name, _, topic, mount in visible(rig) if topic in slips},
+        )
+
+    def carried(self, topic: str, body: Track) -> Track:
+        """Track of the frame of a sensor's mount, given that of its body."""
+        for slip in self.slips.get(topic, ()):
+            body = slip.carried(body)
+        return body
+
+    def T_body_frame(self, topic: str, t_ns: int) -> Array:
+        """(4, 4) pose of that frame in the sensor's body at one time."""
+        T = np.eye(4)
+        for slip in self.slips.get(topic, ()):
+            T = T @ slip.T_body_frame(t_ns)
+        return T
+
+    def place(self, model: mujoco.MjModel, t_ns: int) -> None:
+        """Moves the housings in a model to their poses at one time."""
+        for topic, (name, mount) in self.housings.items():
+            T, housing = self.T_body_frame(topic, t_ns) @ mount.T_body_sensor, model.body(name)
+            housing.pos, housing.quat = T[:3, 3], quat_from_matrix(T[:3, :3])
+
+
+def _slip(fault: LooseStrap, event: Event, pivot: Array, body: str) -> Slip:
+    axis, way = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
+    length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
+    return Slip(
+        from_ns=event.from_ns,
+        until_ns=event.from_ns + length,
+        turn=fault.angle_rad * axis,
+        shift=fault.shift_m * way,
+        pivot=pivot,
+    )
+
+
+def _by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
+    bodies: dict[str, list[str]] = {}
+    for topic, (body, _) in _mounts(rig).items():
+        if topic in events:
+            bodies.setdefault(body, []).append(topic)
+    return bodies
+
+
+def _mounts(rig: Rig) -> dict[str, tuple[str, Array]]:
+    """Body and position of every sensor; a depth image has those of its camera."""
+    sensors: Sequence[tuple[str, str, Array]] = [
+        (topic, s.mount.body, s.mount.T_body_sensor[:3, 3])
+        for group in (rig.imus, rig.cameras, rig.others)
+        for topic, s in group.items()
+    ]
+    return {topic: (body, p) for topic, body, p in sensors}

@@ -1,0 +1,417 @@
+"""The standard rig: every sensor of the wearer, its mount, and its nominal calibration from the data sheet.
+
+Data sheets give no random walks: the nominal one lets a bias vary by its in-run instability in 100 s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stridetwin.sim.config import SIDES, TwinConfig
+from stridetwin.sim.kinematics.rotation import from_euler
+from stridetwin.sim.parts.calibration_error import nominal_rig
+from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
+from stridetwin.sim.parts.nominal import NOMINAL
+from stridetwin.sim.parts.sensor_config import (
+    KIND,
+    STANDARD_BACK_AHRS,
+    STANDARD_BACK_IMU,
+    Clock,
+    Seat,
+    SensorConfig,
+    part_of,
+)
+from stridetwin.sim.wearer.actuation import modules
+from stridetwin.sim.wearer.own_exo import OnLink
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
+from stridetwin.streams.samples import Array
+
+GROUPS = tuple(KIND)
+EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")
+_DEG = math.pi / 180
+_WALK_S = 100.0
+
+_FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
+FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
+FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
+RGBD_PITCH_RAD = 25 * _DEG
+_RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
+_AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
+# D455 data sheet: the IMU relative to the imagers, optical axes.
+_P_IMU_IN_RGBD = (-0.0302, 0.0074, 0.0160)
+
+Calibration = ImuCalibration | CameraCalibration | OtherSensor
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MountedSensor:
+    """A mounted sensor.
+
+    Attributes:
+        group: Group of the sensor.
+        calibration: Nominal calibration.
+        part: True parameters.
+        sensor_config: Differences from the standard sensor.
+    """
+
+    group: str
+    calibration: Calibration
+    part: Part
+    sensor_config: SensorConfig
+
+    @property
+    def clock(self) -> Clock:
+        """Its clock."""
+        return self.sensor_config.clock
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorRig:
+    """All sensors of a walk.
+
+    Attributes:
+        rig: True calibration.
+        sensors: Sensors with their true parameters, by topic.
+    """
+
+    rig: Rig
+    sensors: dict[str, MountedSensor]
+
+    def nominal(self, seed: int) -> Rig:
+        """Nominal rig, which estimators get on the walk with this seed."""
+        return nominal_rig(
+            self.rig, ((t, self.sensors[t].sensor_config.calibration_sd) for t in self.rig.cameras), seed
+        )
+
+
+def standard_rig(config: TwinConfig) -> Rig:
+    """True calibration of a walk's rig; arguments and errors as for `sensor_rig`."""
+    return sensor_rig(config).rig
+
+
+def sensor_rig(config: TwinConfig) -> SensorRig:
+    """The sensors of a walk.
+
+    Args:
+        config: Groups of sensors that are on, their parts, and the place of the RGB-D camera. Without exoskeleton, its
+            groups are omitted.
+
+    Raises:
+        ConfigError: An unknown group of sensors or an unknown place for the RGB-D camera.
+    """
+    for i, group in enumerate(config.sensors):
+        if group not in GROUPS:
+            raise ConfigError(config.name, f"sensors[{i}]", group, ", ".join(GROUPS))
+    if config.rig_mount not in _RGBD_MOUNT:
+        raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(_RGBD_MOUNT))
+    on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
+    sensors = {s.calibration.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
+    calibrations = [s.calibration for s in sensors.values()]
+    rig = Rig(
+        imus={s.topic: s for s in calibrations if isinstance(s, ImuCalibration)},
+        cameras={s.topic: s for s in calibrations if isinstance(s, CameraCalibration)},
+        boards={b.name: b for b in _boards(config)} if "foot_camera" in on else {},
+        others={s.topic: s for s in calibrations if isinstance(s, OtherSensor)},
+    )
+    return SensorRig(rig=rig, sensors=sensors)
+
+
+def _fit(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
+    """True part and nominal part of a group, and the group's configuration.
+
+    `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
+    """
+    sensor_config = config.fittings.get(group, SensorConfig())
+    if isinstance(standard, Part):
+        given = (
+            config.fittings if sensor_config.part else {**config.fittings, group: replace(sensor_config, part=standard)}
+        )
+        return *part_of(given, group, config.ideal), sensor_config
+    return *part_of(config.fittings, group, config.ideal, standard), sensor_config
+
+
+def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
+    part, nominal, sensor_config = _fit(config, group, standard)
+    return MountedSensor(
+        group=group, calibration=_nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
+    )
+
+
+def _nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
+    gyroscope, accelerometer = part.gyroscope, part.accelerometer
+    return ImuCalibration(
+        topic=topic,
+        part=part.description,
+        rate_hz=part.rate_hz,
+        mount=mount,
+        gyroscope_noise_density=gyroscope.noise_density,
+        gyroscope_random_walk=gyroscope.bias_instability / math.sqrt(_WALK_S),
+        accelerometer_noise_density=accelerometer.noise_density,
+        accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
+        gyroscope_bias_sd=gyroscope.turn_on_bias,
+        accelerometer_bias_sd=accelerometer.turn_on_bias,
+        gyroscope_range=_finite(gyroscope.range),
+        accelerometer_range=_finite(accelerometer.range),
+    )
+
+
+def _finite(range_: float) -> float:
+    return range_ if math.isfinite(range_) else 0.0
+
+
+def foot_imu_place(config: TwinConfig, side: str) -> Array:
+    """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
+    forward, outward, up = config.fittings.get("foot_imu", SensorConfig()).position_m or _FOOT_IMU
+    return np.array([forward, outward * _outward(side), up])
+
+
+def _foot_imu_turn(config: TwinConfig, side: str) -> Array:
+    """(3, 3) rotation of a shoe's IMU in the foot's frame."""
+    rotation = config.fittings.get("foot_imu", SensorConfig()).rotation_rad
+    if rotation is None:
+        return np.eye(3)
+    roll, pitch, yaw = rotation
+    return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
+
+
+def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
+    for side in SIDES:
+        pose = _pose(_foot_imu_turn(config, side), foot_imu_place(config, side))
+        yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
+
+
+def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
+    camera = _rgbd_mount(config)
+    mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
+    yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
+
+
+def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
+    part, nominal, sensor_config = _fit(config, group)
+    imager: Imager = nominal.imager
+    width, height = round(imager.width), round(imager.height)
+    calibration = CameraCalibration(
+        topic=f"/{place}/color" if depth else f"/{place}/camera",
+        part=part.description,
+        rate_hz=part.rate_hz,
+        mount=mount,
+        width=width,
+        height=height,
+        intrinsics=(imager.focal, imager.focal, (width - 1) / 2, (height - 1) / 2),
+        distortion_model=imager.distortion_model,
+        distortion=imager.distortion,
+        depth_topic=f"/{place}/depth" if depth else "",
+        imu_topic=f"/{place}/imu",
+        timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
+    )
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
+
+
+def _nominal_shift(config: TwinConfig, group: str) -> float:
+    clock = config.fittings.get(group, SensorConfig()).clock
+    return clock.shift_s if clock.told else 0.0
+
+
+def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
+    sits = config.fittings.get("foot_camera", SensorConfig()).mount or FOOT_CAMERA
+    for side in SIDES:
+        position, forward = _on_shoe(sits, side)
+        pose = _pose(_looking(forward, roll=sits.roll_rad * -_outward(side)), position)
+        mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
+        yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
+
+
+def _on_shoe(sits: Seat, side: str) -> tuple[Array, Array]:
+    """(3,) position, m, and (3,) viewing direction in the foot's frame."""
+    forward, inward, up = sits.position_m
+    towards, upward = sits.faces_rad
+    return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
+
+
+def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
+    mount = _rgbd_mount(config)
+    yield _camera(config, "head_camera", "head_imu", config.rig_mount, mount, depth=True)
+
+
+def _rgbd_mount(config: TwinConfig) -> Mount:
+    body, position = _RGBD_MOUNT[config.rig_mount]
+    sensor_config = config.fittings.get("head_camera", SensorConfig())
+    pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
+    sits = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
+    turn = _looking(_direction(*sits.faces_rad), roll=sits.roll_rad)
+    return Mount(body=body, T_body_sensor=_pose(turn, sits.position_m))
+
+
+def _boards(config: TwinConfig) -> Iterator[Board]:
+    sits = config.fittings.get("foot_camera", SensorConfig()).board or FOOT_BOARD
+    for side in SIDES:
+        position, out = _on_shoe(sits, side)
+        up = np.array([0.0, 0.0, 1.0]) - out[2] * out
+        up /= np.linalg.norm(up)
+        rotation = np.column_stack([np.cross(up, out), up, out])
+        yield Board(
+            name=f"foot_{side}",
+            mount=Mount(body=f"foot_{side}", T_body_sensor=_pose(rotation, position)),
+            squares=(6, 9),
+            square_m=0.005,
+        )
+
+
+def _other(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
+    part, nominal, sensor_config = _fit(config, group, more.pop("standard", None))
+    calibration = OtherSensor(
+        topic=topic,
+        kind=kind,
+        part=more.pop("named", nominal.description),
+        rate_hz=nominal.rate_hz,
+        mount=mount,
+        parameters=NOMINAL[kind](nominal) | more,
+    )
+    return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
+
+
+def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
+    sits = config.fittings.get("sonar", SensorConfig()).mount
+    for side in SIDES:
+        out = _outward(side)
+        inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
+        if sits is not None:
+            place, inward = _on_shoe(sits, side)
+        pose = _pose(_x_along(inward), place)
+        yield _other(
+            config, "sonar", "range", f"/foot_{side}/sonar", Mount(body=f"foot_{side}", T_body_sensor=pose)
+        )  # fmt: skip
+
+
+def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
+    for side in SIDES:
+        out = _outward(side)
+        # heel, lateral ball, medial ball, toe: x and y in the foot frame
+        cells = [[0.000, 0.0], [0.125, 0.028 * out], [0.140, -0.024 * out], [0.200, -0.010 * out]]
+        yield _other(config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells)
+
+
+def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
+    own = config.exo.own if config.exo is not None else None
+    for place, seat in own.ahrs.items() if own is not None else ():
+        standard = STANDARD_BACK_AHRS if place == "back" else None
+        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", _on(seat), standard=standard)
+    for place in _AHRS_PLACES if own is None else ():
+        standard = STANDARD_BACK_AHRS if place == "back" else None
+        yield _other(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", Mount(body=f"exo_{place}"), standard=standard)
+
+
+def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
+    own = config.exo.own if config.exo is not None else None
+    for place, (seat, part) in own.imus.items() if own is not None else ():
+        yield _imu(config, "exo_imu", f"/exo/{place}/imu", _on(seat), part)
+    for place in _AHRS_PLACES if own is None else ():
+        standard = STANDARD_BACK_IMU if place == "back" else None
+        yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
+
+
+def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
+    own = config.exo.own if config.exo is not None else None
+    if own is None:
+        moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
+    else:
+        moved = {name: own.body_moved_by(name) for name in own.encoders}
+    for name, body in moved.items():
+        yield _other(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
+
+
+def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
+    own = config.exo.own if config.exo is not None else None
+    for cuff in own.cuffs if own is not None else ():
+        if cuff.force_cells:
+            yield _other(
+                config, "interaction", "interaction", f"/exo/{cuff.body}/interaction", Mount(body=cuff.link)
+            )  # fmt: skip
+    for place in (f"{part}_{side}" for part in ("thigh", "shank") for side in SIDES) if own is None else ():
+        yield _other(
+            config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=f"exo_{place}")
+        )  # fmt: skip
+
+
+def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
+    mounted = {} if config.exo is None else modules(config.exo)
+    own = config.exo.own if config.exo is not None else None
+    if own is not None:
+        for name, module in mounted.items():
+            yield _other(
+                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=own.body_moved_by(name)),
+                standard=own.motors[name], torque_max_nm=float(module.torque_max_nm),
+                speed_max_radps=float(module.speed_max_radps),
+            )  # fmt: skip
+        return
+    for joint, body in (("hip", "thigh"), ("knee", "shank")):
+        for side in SIDES:
+            name, limits = f"{joint}_{side}", {}
+            if name in mounted:
+                limits = {
+                    "torque_max_nm": float(mounted[name].torque_max_nm),
+                    "speed_max_radps": float(mounted[name].speed_max_radps),
+                }
+            yield _other(
+                config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=f"exo_{body}_{side}"),
+                named="actuation module" if name in mounted else "no actuation module", **limits,
+            )  # fmt: skip
+
+
+_SENSORS = {
+    "foot_imu": _foot_imus,
+    "foot_camera": _foot_cameras,
+    "sonar": _sonars,
+    "insole": _insoles,
+    "ahrs": _ahrs,
+    "exo_imu": _exo_imus,
+    "encoder": _encoders,
+    "interaction": _interactions,
+    "actuator": _actuators,
+    "head_imu": _head_imu,
+    "head_camera": _rgbd,
+}
+
+
+def _on(seat: OnLink) -> Mount:
+    return Mount(body=seat.link, T_body_sensor=seat.T_link)
+
+
+def _outward(side: str) -> float:
+    return 1.0 if side == "l" else -1.0
+
+
+def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation, position
+    return T
+
+
+def _direction(left: float, up: float) -> Array:
+    """Unit vector rotated from forward to the left and then up, rad."""
+    return np.array([math.cos(up) * math.cos(left), math.cos(up) * math.sin(left), math.sin(up)])
+
+
+def _looking(forward: Array, roll: float = 0.0) -> Array:
+    """Rotation of an optical frame with viewing direction `forward`, upright and then rolled clockwise."""
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    cos, sin = math.cos(roll), math.sin(roll)
+    return np.column_stack([cos * right + sin * down, cos * down - sin * right, forward])
+
+
+def _x_along(axis: ArrayLike) -> Array:
+    """Rotation of a frame whose x axis is `axis`, not vertical, and whose y axis is horizontal."""
+    x = np.asarray(axis, dtype=float)
+    y = np.cross([0.0, 0.0, 1.0], x)
+    y /= np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])

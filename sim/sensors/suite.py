@@ -1,0 +1,148 @@
+"""All sensors of a rig, read from the motion: one block per topic and chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.noise import Noise
+from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart, ForceCellPart, ImuPart, SonarPart
+from stridetwin.sim.playback import Loads, Motion, Player
+from stridetwin.sim.sensors.ahrs import AhrsModel
+from stridetwin.sim.sensors.imu import ImuModel
+from stridetwin.sim.sensors.insole import InsoleModel
+from stridetwin.sim.sensors.joint import ActuatorModel, EncoderModel, InteractionModel
+from stridetwin.sim.sensors.mount_slip import MountSlips
+from stridetwin.sim.sensors.sonar import SonarModel
+from stridetwin.sim.sensors.stamps import Stamps
+from stridetwin.sim.sensors.standard_rig import MountedSensor, SensorRig
+from stridetwin.sim.world.bystanders import Crowd
+from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
+from stridetwin.streams.samples import Array, Block
+
+Instants = NDArray[np.int64]
+
+
+def instants(rate_hz: float, after_ns: int, until_ns: int) -> Instants:
+    """Whole sample times k / rate with after < t <= until, rounded to nanoseconds."""
+    first = int(np.floor(after_ns * 1e-9 * rate_hz))
+    last = int(np.ceil(until_ns * 1e-9 * rate_hz))
+    t = np.round(np.arange(first, last + 1) * (1e9 / rate_hz)).astype(np.int64)
+    return t[(t > after_ns) & (t <= until_ns)]
+
+
+def step_ends(rate_hz: float, steps: int, t_ns: Instants) -> Instants:
+    """Ends of the steps of consecutive samples at (N,) whole sample times: `steps` per sample, one for the one at 0."""
+    samples = np.round(t_ns * (rate_hz * 1e-9)).astype(np.int64)
+    first = max(steps * (int(samples[0]) - 1) + 1, 0)
+    return np.round(np.arange(first, steps * int(samples[-1]) + 1) * (1e9 / (rate_hz * steps))).astype(np.int64)
+
+
+class SensorSuite:
+    """Every sensor of the rig except the cameras.
+
+    Args:
+        sensor_rig: The sensors with their true calibration.
+        terrain: Ground, for the sonars.
+        crowd: Bystanders, for the sonars.
+        seed: Seed of the walk.
+        mount_slips: Slip of the sensor mounts.
+    """
+
+    def __init__(
+        self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None
+    ) -> None:
+        self._mount_slips = mount_slips or MountSlips()
+        self._models: list[tuple[MountedSensor, Any, Stamps]] = []
+        for topic, sensor in sensor_rig.sensors.items():
+            if not isinstance(sensor.calibration, CameraCalibration):
+                stamps = Stamps(sensor.clock, sensor.calibration.rate_hz, Noise.of_topic(seed, f"{topic}#clock"))
+                self._models.append((sensor, _model(sensor, terrain, crowd, Noise.of_topic(seed, topic)), stamps))
+
+    @property
+    def rates(self) -> set[float]:
+        """Sample rates at which the motion of the whole body is needed, Hz."""
+        return {s.calibration.rate_hz for s, _, _ in self._models if not isinstance(s.calibration, ImuCalibration)}
+
+    @property
+    def latency_s(self) -> float:
+        """Largest delay from an instant to the motion that an inertial sensor's filter needs for it, s."""
+        return max((m.delay_s for s, m, _ in self._models if isinstance(s.calibration, ImuCalibration)), default=0.0)
+
+    def read(self, player: Player, motion: Motion, loads: Loads, after_ns: int, until_ns: int) -> Iterator[Block[Any]]:
+        """One block per topic, with the samples after `after_ns` and up to `until_ns`.
+
+        Args:
+            player: Player of the walk, for inertial sensors.
+            motion: Motion at the instants of all `rates`.
+            loads: Loads at evenly spaced instants up to `until_ns`.
+            after_ns: True time.
+            until_ns: True time.
+        """
+        for sensor, model, stamps in self._models:
+            t_ns = instants(sensor.calibration.rate_hz, after_ns, until_ns)
+            if not len(t_ns):
+                continue
+            if isinstance(sensor.calibration, ImuCalibration):
+                ends = step_ends(sensor.calibration.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
+                carrier = player.track(sensor.calibration.mount.body, ends)
+                block = model.read(self._mount_slips.carried(sensor.calibration.topic, carrier), t_ns)
+            elif isinstance(sensor.calibration, OtherSensor):
+                body = sensor.calibration.mount.body  # an insole moves with the foot, not with the shoe's upper
+                carrier = motion.tracks[body] if sensor.calibration.kind == "insole" else motion.carrier(body)
+                carrier = self._mount_slips.carried(sensor.calibration.topic, carrier[motion.rows(t_ns)])
+                block = _read(sensor.calibration, model, carrier, motion, loads, t_ns)
+            yield stamps.on(block)
+
+
+def _model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
+    calibration, part = sensor.calibration, sensor.part
+    match calibration, part:
+        case ImuCalibration(), ImuPart():
+            return ImuModel(calibration, part, noise)
+        case OtherSensor(kind="range"), SonarPart():
+            return SonarModel(calibration, part, terrain, crowd, noise)
+        case OtherSensor(kind="insole"), ForceCellPart():
+            return InsoleModel(calibration, part, noise)
+        case OtherSensor(kind="ahrs"), AhrsPart():
+            return AhrsModel(calibration, part, noise)
+        case OtherSensor(kind="encoder"), EncoderPart():
+            return EncoderModel(calibration, part, noise)
+        case OtherSensor(kind="interaction"), ForceCellPart():
+            return InteractionModel(calibration, part, noise)
+        case OtherSensor(kind="actuator"), ActuatorPart():
+            return ActuatorModel(calibration, part, noise)
+    raise ValueError(f"no model for {calibration.topic} of {part.name}")
+
+
+def _read(sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants) -> Block[Any]:
+    rows = motion.rows(t_ns)
+    place, _, side = sensor.topic.split("/")[-2].rpartition("_")  # foot_l, thigh_r, knee_l; the back has no side
+    match sensor.kind:
+        case "range":
+            other = "foot_r" if side == "l" else "foot_l"
+            return model.read(carrier, motion.tracks[other][rows])
+        case "insole":
+            load = loads.feet[side]
+            force, torque = (_between(loads.t_ns, x, t_ns) for x in (load.force, load.torque))
+            return model.read(carrier, force, torque)
+        case "ahrs":
+            return model.read(carrier)
+        case "encoder":
+            return model.read(t_ns, motion.angle[f"exo_{place}_flexion_{side}"][rows])
+        case "interaction":
+            return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # forward push: sensed behind
+        case _:
+            hinge = f"exo_{place}_flexion_{side}"
+            torque = np.interp(t_ns, loads.t_ns, loads.motors.get(hinge, np.zeros(len(loads.t_ns))))
+            return model.read(t_ns, torque, torque, motion.speed[hinge][rows])
+
+
+def _between(at_ns: Instants, values: Array, t_ns: Instants) -> Array:
+    """(N, 3) linear interpolation, at (N,) instants, of values at known ones."""
+    return np.column_stack([np.interp(t_ns, at_ns, column) for column in values.T])

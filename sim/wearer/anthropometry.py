@@ -1,0 +1,188 @@
+"""Body segments from height and mass: de Leva 1996, J. Biomech. 29(9):1223-1230, table 4.
+
+Lengths scale with height, masses with body mass; centres of mass and radii of gyration are fractions of the
+segment's length. Segments run from proximal to distal, with x forward, y left, z up in the segment's frame.
+
+The people who walked in the papers, by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stridetwin.sim.config import Person
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.samples import Array
+
+# Shim et al. 2019, table 3: sex, stature m, mass kg, shoe mm
+_SHIM = (
+    ("male", 1.70, 68, 260), ("male", 1.68, 74, 260), ("male", 1.76, 67, 265), ("male", 1.80, 74, 270),
+    ("male", 1.76, 88, 275), ("female", 1.61, 60, 240), ("female", 1.65, 70, 250),
+)  # fmt: skip
+# Zhao et al. 2023, IV-A: statures alone, cm. Mass is set by a body mass index of 22.5 kg/m²; the sex is taken as male
+_ZHAO_CM = {
+    "i": (165.10, 165.50, 164.80),
+    "ii": (170.80, 172.00, 171.10),
+    "iii": (175.80, 175.20, 174.10),
+    "iv": (181.50, 180.80, 183.10),
+    "v": (188.00, 186.90, 188.20),
+}
+_ZHAO_BMI = 22.5
+
+PEOPLE: dict[str, Person] = {
+    f"shim_s{i}": Person(sex=sex, height_m=height, mass_kg=float(mass), shoe_m=shoe * 1e-3)
+    for i, (sex, height, mass, shoe) in enumerate(_SHIM, start=1)
+} | {
+    f"zhao_{group}_{i}": Person(height_m=cm * 1e-2, mass_kg=round(_ZHAO_BMI * (cm * 1e-2) ** 2, 1))
+    for group, heights in _ZHAO_CM.items()
+    for i, cm in enumerate(heights, start=1)
+}
+"""Subjects S1-S7 of Shim et al. as `shim_s1` ... and the 15 of Zhao et al. as `zhao_i_1` ... `zhao_v_3`."""
+
+
+# mass %, length mm, centre of mass % of length from the proximal end, radii of gyration % (sagittal, transverse,
+# longitudinal axis: about x, y, z here)
+_TABLE: dict[str, dict[str, tuple[float, ...]]] = {
+    "male": {
+        "head": (6.94, 203.3, 59.76, 36.2, 37.6, 31.2),
+        "upper_trunk": (15.96, 170.7, 29.99, 71.6, 45.4, 65.9),
+        "middle_trunk": (16.33, 215.5, 45.02, 48.2, 38.3, 46.8),
+        "lower_trunk": (11.17, 145.7, 61.15, 61.5, 55.1, 58.7),
+        "upper_arm": (2.71, 281.7, 57.72, 28.5, 26.9, 15.8),
+        "forearm": (1.62, 268.9, 45.74, 27.6, 26.5, 12.1),
+        "hand": (0.61, 86.2, 79.00, 62.8, 51.3, 40.1),
+        "thigh": (14.16, 422.2, 40.95, 32.9, 32.9, 14.9),
+        "shank": (4.33, 434.0, 44.59, 25.5, 24.9, 10.3),
+        "foot": (1.37, 258.1, 44.15, 25.7, 24.5, 12.4),
+    },
+    "female": {
+        "head": (6.68, 200.2, 58.94, 33.0, 35.9, 31.8),
+        "upper_trunk": (15.45, 142.5, 20.77, 74.6, 50.2, 71.8),
+        "middle_trunk": (14.65, 205.3, 45.12, 43.3, 35.4, 41.5),
+        "lower_trunk": (12.47, 181.5, 49.20, 43.3, 40.2, 44.4),
+        "upper_arm": (2.55, 275.1, 57.54, 27.8, 26.0, 14.8),
+        "forearm": (1.38, 264.3, 45.59, 26.1, 25.7, 9.4),
+        "hand": (0.56, 78.0, 74.74, 53.1, 45.4, 33.5),
+        "thigh": (14.78, 368.5, 36.12, 36.9, 36.4, 16.2),
+        "shank": (4.81, 432.3, 44.16, 27.1, 26.7, 9.3),
+        "foot": (1.29, 228.3, 40.14, 29.9, 27.9, 13.9),
+    },
+}
+_STATURE_M = {"male": 1.741, "female": 1.735}
+_HIP_HALF_WIDTH = 0.050  # of stature, between the hip centres / 2
+_ANKLE_HEIGHT = 0.043  # of stature, ankle centre above the bare sole
+_FOOT_LENGTH = 0.148  # of stature
+_SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
+SHOE_SOLE_M = 0.025
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inertial:
+    """Mass properties of a body.
+
+    Attributes:
+        mass: kg.
+        com: (3,) m, centre of mass in the body's frame.
+        inertia: (3,) kg m² about the centre of mass, body axes.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Anthropometry:
+    """Dimensions and masses of one person (shoes on).
+
+    Attributes:
+        thigh_m: Hip centre to knee centre.
+        shank_m: Knee centre to ankle centre.
+        ankle_height_m: Ankle centre above the shoe's sole.
+        hip_half_width_m: Half the distance of the hip centres.
+        shoe_length_m: Outer length of the shoe.
+        trunk_m: Hip centres to the top of the head.
+        inertials: Mass properties by body: pelvis, torso, head, upper_arm, forearm, hand, thigh, shank, foot, toe.
+    """
+
+    thigh_m: float
+    shank_m: float
+    upper_arm_m: float
+    forearm_m: float
+    ankle_height_m: float
+    hip_half_width_m: float
+    shoe_length_m: float
+    trunk_m: float
+    inertials: dict[str, Inertial]
+
+
+def anthropometry(person: Person) -> Anthropometry:
+    """Dimensions and mass properties of `person`.
+
+    Raises:
+        ConfigError: Height, mass, sex or shoe size outside the range of the tables.
+    """
+    if not 1.50 <= person.height_m <= 1.95:
+        raise ConfigError("person", "height_m", person.height_m, "1.50-1.95")
+    if not 45.0 <= person.mass_kg <= 110.0:
+        raise ConfigError("person", "mass_kg", person.mass_kg, "45-110")
+    if person.sex not in _TABLE:
+        raise ConfigError("person", "sex", person.sex, "male, female")
+    if person.shoe_m is not None and not 0.20 <= person.shoe_m <= 0.32:
+        raise ConfigError("person", "shoe_m", person.shoe_m, "0.20-0.32")
+    table, k = _TABLE[person.sex], person.height_m / _STATURE_M[person.sex]
+
+    def length(name: str) -> float:
+        return table[name][1] * 1e-3 * k
+
+    def segment(name: str, z_proximal: float) -> Inertial:
+        """Segment that hangs down (−z) from a proximal end at height `z_proximal` of its body's frame."""
+        percent, _, com, *radii = table[name]
+        mass, size = person.mass_kg * percent / 100.0, length(name)
+        inertia = mass * (np.array(radii) / 100.0 * size) ** 2
+        return Inertial(mass=mass, com=np.array([0.0, 0.0, z_proximal - com / 100.0 * size]), inertia=inertia)
+
+    bare_ankle = _ANKLE_HEIGHT * person.height_m
+    trunk = person.height_m - bare_ankle - length("shank") - length("thigh")
+    lumbar = trunk * 0.133  # where the torso's joint sits above the hip centres (trunk.xml)
+    lower = length("lower_trunk")
+    middle = lower + length("middle_trunk")
+    torso = _combine(
+        segment("middle_trunk", middle - lumbar),
+        segment("upper_trunk", middle + length("upper_trunk") - lumbar),
+    )
+    foot = segment("foot", 0.0)
+    toe_share, ankle_height = 0.12, bare_ankle + SHOE_SOLE_M
+    toe_mass = toe_share * foot.mass
+    about = np.array([foot.inertia[2], foot.inertia[0], foot.inertia[1]])  # the foot lies: its long axis is x
+    inertials = {
+        "pelvis": segment("lower_trunk", lower),
+        "torso": torso,
+        "head": segment("head", 0.286 * trunk),
+        "upper_arm": segment("upper_arm", 0.0),
+        "forearm": segment("forearm", 0.0),
+        "hand": segment("hand", 0.0),
+        "thigh": segment("thigh", 0.0),
+        "shank": segment("shank", 0.0),
+        "foot": Inertial(mass=foot.mass - toe_mass, com=np.array([0.050, 0.0, 0.045]), inertia=0.7 * about),
+        "toe": Inertial(mass=toe_mass, com=np.array([0.030, 0.0, 0.0]), inertia=0.05 * about),
+    }
+    return Anthropometry(
+        thigh_m=length("thigh"), shank_m=length("shank"), upper_arm_m=length("upper_arm"),
+        forearm_m=length("forearm"), ankle_height_m=ankle_height,
+        hip_half_width_m=_HIP_HALF_WIDTH * person.height_m,
+        shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + _SHOE_OVER_FOOT_M,
+        trunk_m=trunk, inertials=inertials,
+    )  # fmt: skip
+
+
+def _combine(a: Inertial, b: Inertial) -> Inertial:
+    mass = a.mass + b.mass
+    com = (a.mass * a.com + b.mass * b.com) / mass
+    inertia = np.zeros(3)
+    for part in (a, b):
+        d2 = (part.com - com) ** 2
+        inertia += part.inertia + part.mass * (d2.sum() - d2)
+    return Inertial(mass=mass, com=com, inertia=inertia)

@@ -1,0 +1,200 @@
+"""The wearer: a person scaled to height and mass, shoes and exoskeleton, composed with MjSpec from leaf files.
+
+Every body's frame is x forward, y left, z up when the wearer stands upright. The foot's frame has its origin on the
+sole under the heel's centre.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from importlib import resources
+
+import mujoco
+import numpy as np
+
+from stridetwin.sim.config import SIDES, Exo, Person
+from stridetwin.sim.wearer.actuation import modules
+from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry
+from stridetwin.sim.wearer.exo_body import add_exoskeleton
+from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links
+from stridetwin.sim.wearer.own_exo import OwnExo
+from stridetwin.sim.wearer.own_exo_body import add_own_exo
+
+LEG_JOINTS = (
+    "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
+    "toe_extension",
+)  # fmt: skip
+_TRACKED = ("pelvis", "torso", "head", *(f"{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot", "toe")))
+_TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot")))
+_TOE_SPRING_M = 0.018
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shoe:
+    """Sole in the foot's frame, m: where it ends and where it bends."""
+
+    heel_back_x: float
+    toe_hinge_x: float
+    toe_hinge_z: float
+    toe_tip_x: float
+    half_width: float
+
+    @property
+    def flat_tip_x(self) -> float:
+        """Where the sole begins to curve up; nothing in front of it presses on the ground."""
+        return self.toe_tip_x - _TOE_SPRING_M
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wearer:
+    """Dimensions of the person and the exoskeleton, as the gait planner needs them."""
+
+    body: Anthropometry
+    girth: float
+    shoe: Shoe
+    ankle_x: float
+    exo: ExoLinks | OwnExo | None
+
+
+def wearer(person: Person, with_exo: bool = True) -> Wearer:
+    """Dimensions of `person` in shoes, and of the exoskeleton fitted to them.
+
+    Raises:
+        ConfigError: A person outside the range of the tables.
+    """
+    body = anthropometry(person)
+    girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
+    k = body.shoe_length_m / 0.270
+    shoe = Shoe(heel_back_x=-0.045, toe_hinge_x=0.145 * k, toe_hinge_z=0.024,
+                toe_tip_x=body.shoe_length_m - 0.045, half_width=0.037)  # fmt: skip
+    ankle_x = 0.020
+    links = fit_links(body, girth, ankle_x, shoe.heel_back_x) if with_exo else None
+    return Wearer(body=body, girth=girth, shoe=shoe, ankle_x=ankle_x, exo=links)
+
+
+def tracked(size: Wearer) -> tuple[str, ...]:
+    """Bodies whose motion is reported."""
+    if size.exo is None:
+        return _TRACKED
+    return _TRACKED + (_TRACKED_EXO if isinstance(size.exo, ExoLinks) else size.exo.bodies)
+
+
+def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
+    """Attaches person, shoes and exoskeleton to the world of `spec` with a free root.
+
+    Raises:
+        ConfigError: A person outside the range of the tables, or an unknown mode of the exoskeleton.
+    """
+    spec.compiler.degree = False  # as in the leaf files
+    size = wearer(person, exo is not None)
+    if exo is not None and exo.own is not None:
+        size = replace(size, exo=exo.own)
+    body, girth = size.body, size.girth
+    root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
+    trunk_scale = body.trunk_m / 0.826
+    trunk = _leaf("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth)
+    _attach(root, trunk, "pelvis")
+    spec.body("root").add_freejoint(name="root")
+    pelvis, torso = spec.body("pelvis"), spec.body("torso")
+
+    for side in SIDES:
+        y = 1.0 if side == "l" else -1.0
+        leg = _leaf("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
+        leg.body("foot").pos = [-size.ankle_x, 0, -body.shank_m - body.ankle_height_m]
+        for joint in ("ankle_dorsiflexion", "ankle_inversion"):
+            leg.joint(joint).pos = [size.ankle_x, 0, body.ankle_height_m]
+        leg.body("toe").pos = [size.shoe.toe_hinge_x, 0, size.shoe.toe_hinge_z]
+        _attach(pelvis, leg, "thigh", [0, y * body.hip_half_width_m, 0], side)
+        for part, carrier in (("shoe_rear", "foot"), ("shoe_toe", "toe")):
+            shoe = _leaf(part, {}, 1.0)
+            _stretch_foot(shoe, body.shoe_length_m / 0.270)
+            _attach(spec.body(f"{carrier}_{side}"), shoe, part, None, side)
+        arm = _leaf("arm", {"upper_arm": body.upper_arm_m / 0.2817, "forearm": body.forearm_m / 0.2689}, girth)
+        _attach(torso, arm, "upper_arm", np.array([0.0, y * 0.185, 0.395]) * trunk_scale, side)
+    _set_inertials(spec, body)
+    if exo is not None and isinstance(size.exo, ExoLinks):
+        add_exoskeleton(spec, pelvis, size.exo, girth, modules(exo))
+    elif isinstance(size.exo, OwnExo):
+        add_own_exo(spec, pelvis, size.exo)
+    return size
+
+
+def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compiled model."""
+    with warnings.catch_warnings():
+        # names without a prefix are unique by their side's suffix; the spec itself is never saved
+        warnings.filterwarnings("ignore", message="Attaching a spec with an empty prefix")
+        return spec.compile()
+
+
+def _leaf(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
+    text = resources.files("stridetwin.assets").joinpath("mjcf", f"{name}.xml").read_text()
+    spec = mujoco.MjSpec.from_string(text)
+    for body in spec.bodies[1:]:
+        k = length_scale.get(body.name, 1.0)
+        for child in body.bodies:
+            child.pos = np.asarray(child.pos) * k
+        for geom in body.geoms:
+            geom.pos = np.asarray(geom.pos) * k
+            if length_scale:
+                geom.size = np.asarray(geom.size) * _size_scale(geom.type, k, girth)
+    return spec
+
+
+def _size_scale(kind: mujoco.mjtGeom, length: float, girth: float) -> np.ndarray:
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return np.array([girth, length, 1.0])
+    return np.array([girth, girth, length])
+
+
+def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
+    """Stretches the shoe along the foot; the heel stays as it is, so that heel mounts fit every shoe."""
+    for geom in [g for b in shoe.bodies for g in b.geoms]:
+        stretch = 1.0 if geom.name in ("sole_heel", "upper_heel", "ankle") else k
+        geom.pos = np.asarray(geom.pos) * [stretch, 1.0, 1.0]
+        geom.size = np.asarray(geom.size) * [stretch, 1.0, 1.0]
+
+
+def _mirror(spec: mujoco.MjSpec) -> None:
+    """Reflects a left leaf on the sagittal plane; axes of rotation and quaternions are axial."""
+    for body in spec.bodies[1:]:
+        body.pos = np.asarray(body.pos) * [1, -1, 1]
+        body.ipos = np.asarray(body.ipos) * [1, -1, 1]
+        for geom in body.geoms:
+            geom.pos = np.asarray(geom.pos) * [1, -1, 1]
+            geom.quat = np.asarray(geom.quat) * [1, -1, 1, -1]
+        for joint in body.joints:
+            joint.pos = np.asarray(joint.pos) * [1, -1, 1]
+            joint.axis = np.asarray(joint.axis) * [-1, 1, -1]
+
+
+def _attach(
+    parent: mujoco.MjsBody,
+    leaf: mujoco.MjSpec,
+    body: str,
+    pos: np.ndarray | list[float] | None = None,
+    side: str = "",
+) -> None:
+    if side == "r":
+        _mirror(leaf)
+    frame = parent.add_frame(pos=[0, 0, 0] if pos is None else list(pos))
+    warn = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)  # the same warning as in compile_model, on the terminal
+    try:
+        frame.attach_body(leaf.body(body), "", f"_{side}" if side else "")
+    finally:
+        mujoco.set_mju_user_warning(warn)
+
+
+def _set_inertials(spec: mujoco.MjSpec, body: Anthropometry) -> None:
+    for target in spec.bodies[1:]:
+        name = target.name.removesuffix("_l").removesuffix("_r")
+        for geom in target.geoms:
+            geom.mass = 0.0
+            geom.contype = geom.conaffinity = 0
+        if name in body.inertials:
+            part = body.inertials[name]
+            target.explicitinertial = True
+            target.mass, target.ipos, target.inertia = part.mass, part.com, part.inertia
+            target.iquat = [1, 0, 0, 0]

@@ -1,0 +1,225 @@
+"""Occlusion by a walker's own limbs: rays against the shapes of person, shoes and exoskeleton, in bulk, compiled.
+
+A line of sight is a segment. Every shape is convex, so that the part of a line inside it is an interval: the shape
+occludes where this interval and the segment overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.sim.kinematics import rigid_tree
+from stridetwin.sim.kinematics.quaternions import Vec3, dot, mat3, matvec, minus, plus, times, transposed, vec3
+from stridetwin.sim.kinematics.rigid_tree import Tree
+from stridetwin.sim.kinematics.rotation import matrix_from_quat
+from stridetwin.streams.samples import Array
+
+NEAR_M = SUNK_M = 0.02
+"""Shapes nearer to an eye than this do not occlude it, and an eye may be this deep inside its carrier's crude shape."""
+_SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = 2, 3, 4, 5, 6  # mjtGeom
+_NOTHING = (math.inf, -math.inf)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limbs:
+    """Shapes of a walker at N instants.
+
+    Attributes:
+        kind: (G,) number of `mjtGeom`.
+        size: (G, 3) m, as in MuJoCo.
+        reach: (G,) m, radius of the bounding sphere.
+        p: (N, G, 3) m, middles in the world.
+        R: (N, G, 3, 3), shape to world.
+    """
+
+    kind: NDArray[np.int64]
+    size: Array
+    reach: Array
+    p: Array
+    R: Array
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, q: Array, v: Array) -> Limbs:
+        """The shapes at (N, nq) positions; the velocities (N, nv) have no effect."""
+        tree = Tree.of(model)
+        worn = shapes(model, set(tree.ids.tolist()))
+        p_body, quat, _, _ = rigid_tree.motion(tree, q, v)
+        rows = np.searchsorted(tree.ids, [shape.body for shape in worn])
+        R_body = matrix_from_quat(quat)[:, rows]
+        return cls(
+            kind=np.array([shape.kind for shape in worn], np.int64),
+            size=np.array([shape.size for shape in worn]),
+            reach=np.array([shape.reach for shape in worn]),
+            p=p_body[:, rows] + np.einsum("ngij,gj->ngi", R_body, [shape.p for shape in worn]),
+            R=np.einsum("ngij,gjk->ngik", R_body, [shape.R for shape in worn]),
+        )
+
+    def hide(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
+        """Whether a limb occludes each target from its origin.
+
+        Args:
+            rows: (M,) instants.
+            origins: (M, 3) m in the world, one per instant; deeper than `SUNK_M` inside a limb everything is occluded.
+            targets: (M, K, 3) m in the world.
+
+        Returns:
+            (M, K).
+        """
+        return _hidden(
+            self.kind, self.size, self.reach, self.p, self.R, np.asarray(rows, np.int64),
+            np.ascontiguousarray(origins, float), np.ascontiguousarray(targets, float),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape:
+    """A convex shape on a body.
+
+    Attributes:
+        body: Number of the body.
+        kind: Number of `mjtGeom`.
+        size: (3,) m, as in MuJoCo.
+        reach: m, radius of its bounding sphere.
+        p: (3,) m, its centre in the body's frame.
+        R: (3, 3) its rotation in that frame.
+    """
+
+    body: int
+    kind: int
+    size: Array
+    reach: float
+    p: Array
+    R: Array
+
+    def first_touch(self, origin: Array, direction: Array) -> float:
+        """Distance to the shape in multiples of `direction` (3,) from `origin` (3,), body's frame; inf for a miss."""
+        o, d = self.R.T @ (origin - self.p), self.R.T @ direction
+        enters, leaves = _span(
+            self.kind, (float(self.size[0]), float(self.size[1]), float(self.size[2])),
+            (float(o[0]), float(o[1]), float(o[2])), (float(d[0]), float(d[1]), float(d[2])),
+        )  # fmt: skip
+        return enters if enters <= leaves and leaves >= 0.0 else math.inf
+
+
+def shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
+    """Shapes on some bodies and on bodies that are fixed to these without a joint."""
+    found = []
+    for geom in range(model.ngeom):
+        body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], matrix_from_quat(model.geom_quat[geom])
+        while body and body not in bodies and not model.body_jntnum[body]:
+            turn = matrix_from_quat(model.body_quat[body])
+            p, R, body = model.body_pos[body] + turn @ p, turn @ R, int(model.body_parentid[body])
+        if body in bodies:
+            size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])
+            found.append(Shape(body=body, kind=int(model.geom_type[geom]), size=size, reach=reach, p=p.copy(), R=R))
+    return found
+
+
+@numba.njit(cache=True)
+def _hidden(
+    kind: NDArray[np.int64], size: Array, reach: Array, p: Array, R: Array, rows: NDArray[np.int64], origins: Array,
+    targets: Array,
+) -> NDArray[np.bool_]:  # fmt: skip
+    found = np.zeros(targets.shape[:2], np.bool_)
+    for m in range(len(rows)):
+        n = rows[m]
+        eye = vec3(origins[m])
+        for k in range(targets.shape[1]):
+            d = minus(vec3(targets[m, k]), eye)
+            length = dot(d, d)
+            for g in range(len(kind)):
+                to = minus(eye, vec3(p[n, g]))
+                share = min(max(-dot(to, d) / length, 0.0), 1.0) if length > 0.0 else 0.0
+                near = plus(to, times(share, d))
+                if dot(near, near) > reach[g] * reach[g]:
+                    continue
+                back = transposed(mat3(R[n, g]))
+                if _in_the_way(kind[g], vec3(size[g]), matvec(back, to), matvec(back, d)):
+                    found[m, k] = True
+                    break
+    return found
+
+
+@numba.njit(cache=True)
+def _in_the_way(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
+    """Whether a shape occludes the segment from o to o + d, in its own frame.
+
+    It does not if it begins nearer than `NEAR_M`, or if o is less than `SUNK_M` inside it; images omit it, too.
+    """
+    enters, leaves = _span(kind, size, o, d)
+    if enters > leaves or enters >= 1.0 or leaves <= 0.0:
+        return False
+    if enters > 0.0:
+        return enters * enters * dot(d, d) > NEAR_M * NEAR_M
+    length = size[1] if kind == _CAPSULE else size[1] - SUNK_M
+    core = (size[0] - SUNK_M, length, size[2] - SUNK_M)
+    thin = core[0] <= 0.0 or (core[1] <= 0.0 and kind != _SPHERE) or (core[2] <= 0.0 and kind in (_ELLIPSOID, _BOX))
+    if thin:
+        return False
+    enters, leaves = _span(kind, core, o, d)
+    return enters <= 0.0 <= leaves
+
+
+@numba.njit(cache=True)
+def _span(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
+    """Interval of the line o + t d, in the shape's own frame, inside it; empty: (inf, -inf)."""
+    if kind == _BOX:
+        enters, leaves = -math.inf, math.inf
+        for i in range(3):
+            a, b = _slab(o[i], d[i], size[i])
+            enters, leaves = max(enters, a), min(leaves, b)
+        return enters, leaves
+    if kind == _CYLINDER:
+        a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
+        c, e = _slab(o[2], d[2], size[1])
+        return max(a, c), min(b, e)
+    if kind == _CAPSULE:
+        a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
+        c, e = _slab(o[2], d[2], size[1])
+        enters, leaves = max(a, c), min(b, e)
+        if enters > leaves:
+            enters, leaves = _NOTHING
+        for end in (-size[1], size[1]):  # the union is convex, so that the spans are one
+            z = o[2] - end
+            a, b = _quadric(
+                d[0] ** 2 + d[1] ** 2 + d[2] ** 2, o[0] * d[0] + o[1] * d[1] + z * d[2],
+                o[0] ** 2 + o[1] ** 2 + z**2 - size[0] ** 2,
+            )  # fmt: skip
+            enters, leaves = min(enters, a), max(leaves, b)
+        return enters, leaves
+    sx, sy, sz = size[0], size[1], size[2]
+    if kind == _SPHERE:
+        sy, sz = sx, sx
+    elif kind != _ELLIPSOID:
+        return _NOTHING
+    ox, oy, oz = o[0] / sx, o[1] / sy, o[2] / sz
+    dx, dy, dz = d[0] / sx, d[1] / sy, d[2] / sz
+    return _quadric(dx**2 + dy**2 + dz**2, ox * dx + oy * dy + oz * dz, ox**2 + oy**2 + oz**2 - 1.0)
+
+
+@numba.njit(cache=True)
+def _slab(o: float, d: float, half: float) -> tuple[float, float]:
+    """Interval where o + t d is between -half and half."""
+    if d == 0.0:
+        return (-math.inf, math.inf) if abs(o) <= half else (math.inf, -math.inf)
+    a, b = (-half - o) / d, (half - o) / d
+    return (a, b) if a < b else (b, a)
+
+
+@numba.njit(cache=True)
+def _quadric(a: float, b: float, c: float) -> tuple[float, float]:
+    """Interval where a t² + 2 b t + c is at most 0, for a >= 0."""
+    if a == 0.0:
+        return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
+    inside = b * b - a * c
+    if inside < 0.0:
+        return (math.inf, -math.inf)
+    root = math.sqrt(inside)
+    return (-b - root) / a, (-b + root) / a

@@ -1,0 +1,343 @@
+"""An exoskeleton's MJCF or URDF file, read by MuJoCo's own compiler, as a base and two chains of hinges.
+
+Links without a joint are merged into their carriers. Joint axes, ranges, damping, friction and armature, masses and
+inertias are the model's; its actuators, sensors, contacts and keyframes are not used. Models that cannot be worn this
+way are rejected: other joints than hinges, more than one on a link, legs that branch, closed chains.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import mujoco
+import numpy as np
+
+from stridetwin.sim.wearer.own_exo import Link, Shape
+from stridetwin.streams.bounded import read_bytes
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.samples import Array
+
+MOST_JOINTS = 8
+"""Largest number of joints of a leg."""
+MOST_LINKS = 100
+MASS_KG = (0.05, 60.0)
+"""Least and largest mass of the whole exoskeleton."""
+_URDF = 'discardvisual="false" fusestatic="false" strippath="false"'
+_LARGEST_FILE = 4 << 20
+_MOST_FACES = 100_000
+_LIGHTEST_KG = 1e-3
+_FULL_TURN = np.array([-np.pi, np.pi])
+_SHAPES = {
+    int(kind)
+    for kind in (
+        mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_MESH,
+    )
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chains:
+    """The exoskeleton's links.
+
+    Attributes:
+        base: Link fixed to the pelvis.
+        legs: The two chains that hang on it.
+        carrier: Link that each of the model's bodies is merged into: -1 is the base, otherwise leg and number in it.
+        T_carrier: (4, 4) pose of each of the model's bodies in the frame of that link.
+    """
+
+    base: Link
+    legs: tuple[tuple[Link, ...], ...]
+    carrier: dict[str, tuple[int, int]]
+    T_carrier: dict[str, Array]
+
+
+def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[str, str]) -> Chains:
+    """Reads a model.
+
+    Args:
+        path: MJCF or URDF file.
+        base: Name of the link that is fixed to the pelvis.
+        p_base: (3,) m, origin of that link in the pelvis' frame.
+        R_base: (3, 3) rotation of that link in the pelvis' frame.
+        names: Name in the wearer's model of each joint, by its name in the file; other joints get a generated name.
+
+    Raises:
+        ConfigError: An invalid value; the message names file, field, value and what is valid.
+        StrideTwinError: The file cannot be read or compiled.
+    """
+    model = _compiled(path)
+    _check_kinds(path, model)
+    if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base) < 1:
+        known = ", ".join(model.body(b).name for b in range(1, model.nbody))
+        raise ConfigError(path, "base", base, f"a link of the model: {known}")
+    root = model.body(base).id
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    owners = _owners(path, model, root)
+    chains = _chains(path, model, root, owners)
+    _check_names(path, model, [root, *(b for leg in chains for b in leg)], names)
+    to_pelvis = R_base @ data.xmat[root].reshape(3, 3).T
+    origin = {root: data.xpos[root]} | {b: data.xanchor[model.body_jntadr[b]] for leg in chains for b in leg}
+
+    def link(b: int, parent: int | None) -> Link:
+        joint = model.joint(model.body_jntadr[b]) if parent is not None else None
+        offset = p_base if parent is None else to_pelvis @ (origin[b] - origin[parent])
+        own = [i for i, owner in owners.items() if owner == b]
+        mass, com, inertia = _weight(model, data, own, origin[b], to_pelvis)
+        if parent is not None and mass < _LIGHTEST_KG:
+            raise ConfigError(path, f"mass of {model.body(b).name}", mass, f"at least {_LIGHTEST_KG:g} kg")
+        dof = model.jnt_dofadr[joint.id] if joint is not None else 0
+        return Link(
+            name=_called(model.body(b).name), joint="" if joint is None else names.get(joint.name, _called(joint.name)),
+            offset=np.array(offset), axis=np.zeros(3) if joint is None else to_pelvis @ data.xaxis[joint.id],
+            stops=np.array(joint.range) if joint is not None and model.jnt_limited[joint.id] else _FULL_TURN.copy(),
+            damping=float(model.dof_damping.reshape(model.nv, -1)[dof, 0]) if joint is not None else 0.0,
+            friction=float(model.dof_frictionloss[dof]) if joint is not None else 0.0,
+            armature=float(model.dof_armature[dof]) if joint is not None else 0.0,
+            mass=mass, com=com, inertia=inertia,
+            shapes=tuple(_shapes(path, model, data, own, origin[b], to_pelvis)),
+        )  # fmt: skip
+
+    made = link(root, None)
+    legs = tuple(tuple(link(b, ([root, *leg])[i]) for i, b in enumerate(leg)) for leg in chains)
+    whole = made.mass + sum(part.mass for leg in legs for part in leg)
+    if not MASS_KG[0] <= whole <= MASS_KG[1]:
+        raise ConfigError(path, "mass", round(whole, 4), f"{MASS_KG[0]:g}-{MASS_KG[1]:g} kg in all")
+    place = {root: (-1, 0)} | {b: (k, i) for k, leg in enumerate(chains) for i, b in enumerate(leg)}
+    T_carrier = {}
+    for b, owner in owners.items():
+        T = np.eye(4)
+        T[:3, :3] = to_pelvis @ data.xmat[b].reshape(3, 3)
+        T[:3, 3] = to_pelvis @ (data.xpos[b] - origin[owner])
+        T_carrier[model.body(b).name] = T
+    carrier = {model.body(b).name: place[o] for b, o in owners.items() if model.body(b).name}
+    return Chains(base=made, legs=legs, carrier=carrier, T_carrier=T_carrier)
+
+
+def files_of(path: Path) -> list[str]:
+    """Files that a model references, such as meshes, as paths relative to its folder.
+
+    Raises:
+        ConfigError: The file has elements that a model of an exoskeleton may not have.
+        StrideTwinError: It cannot be read.
+    """
+    text, folder = _text(path), path.absolute().parent
+    try:
+        if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
+            spec = _parsed(path, text)
+            names = (mesh.file.removeprefix("package://") for mesh in spec.meshes)
+            found = [os.path.join(folder, spec.meshdir, name) for name in names]
+        else:
+            found = mujoco.mju_getXMLDependencies(str(path.absolute()))
+    except Exception as error:  # MuJoCo raises several kinds
+        words = " ".join(str(error).split())
+        raise StrideTwinError(f"{path}: MuJoCo cannot read it: {words[:400]}") from error
+    return sorted({os.path.relpath(file, folder) for file in found if Path(file) != path.absolute()})
+
+
+def _text(path: Path) -> str:
+    try:
+        text = read_bytes(path, _LARGEST_FILE).decode()
+    except (OSError, UnicodeDecodeError) as error:
+        raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if found := re.search(r"<\s*(include|plugin|extension|replicate|composite|flexcomp|hfield|skin)\b", text):
+        raise ConfigError(path, found[1], f"<{found[1]}>", "one file of bodies, joints, geoms, meshes and materials")
+    return text
+
+
+def _is_urdf(text: str) -> bool:
+    """Whether the root element is a robot; comments and declarations may contain any name."""
+    before, *comments = text.split("<!--")
+    root = re.search(r"<(\w+)", before + "".join(rest.partition("-->")[2] for rest in comments))
+    return root is not None and root[1] == "robot"
+
+
+def _parsed(path: Path, text: str) -> mujoco.MjSpec:
+    if not _is_urdf(text) or "<mujoco" in text:
+        return mujoco.MjSpec.from_file(str(path))
+    folder = quoteattr(str(path.absolute().parent))
+    text = text.replace("</robot>", f"<mujoco><compiler {_URDF} meshdir={folder}/></mujoco></robot>")
+    return mujoco.MjSpec.from_string(text)
+
+
+def _compiled(path: Path) -> mujoco.MjModel:
+    text = _text(path)
+    try:
+        spec = _parsed(path, text)
+        spec.compiler.fusestatic = False  # otherwise a base that is fixed to the world would lose its mass
+        return spec.compile()
+    except Exception as error:  # MuJoCo raises several kinds
+        words = " ".join(str(error).split())
+        raise StrideTwinError(f"{path}: MuJoCo cannot compile it: {words[:400]}") from error
+
+
+def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
+    """Rejects models that are not chains of hinges."""
+    if model.nbody - 1 > MOST_LINKS:
+        raise ConfigError(path, "links", model.nbody - 1, f"up to {MOST_LINKS}")
+    if model.neq:
+        name = model.equality(0).name or "unnamed"
+        raise ConfigError(path, "equality", name, "no closed chains: legs that are chains of hinges")
+    if model.ntendon:
+        raise ConfigError(path, "tendon", model.tendon(0).name or "unnamed", "no tendons")
+    for i in range(model.njnt):
+        joint, body = model.joint(i), model.body(model.jnt_bodyid[i])
+        where = f"joint {joint.name or 'unnamed'} of {body.name}"
+        if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_HINGE:
+            kind = mujoco.mjtJoint(int(model.jnt_type[i])).name.removeprefix("mjJNT_").lower()
+            raise ConfigError(path, where, kind, "hinge (the base is fixed to the pelvis by its rig file)")
+        if not joint.name:
+            raise ConfigError(path, where, "", "a name")
+        if not body.name:
+            raise ConfigError(path, f"link of joint {joint.name}", "", "a name")
+        if model.body_jntnum[body.id] > 1:
+            raise ConfigError(path, where, f"{model.body_jntnum[body.id]} joints", "one hinge a link")
+        if np.any(model.jnt_stiffness.reshape(model.njnt, -1)[i]):
+            raise ConfigError(path, f"{where}, stiffness", np.max(model.jnt_stiffness[i]), "0: no springs in joints")
+        if model.qpos0[i]:
+            raise ConfigError(path, f"{where}, ref", float(model.qpos0[i]), "0")
+        low, high = model.jnt_range[i]
+        if model.jnt_limited[i] and not low <= 0.0 <= high:
+            limits = np.round(np.degrees(model.jnt_range[i]), 2).tolist()
+            raise ConfigError(path, f"{where}, range", f"{limits} deg", "a range with 0, the pose of standing upright")
+
+
+def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: dict[str, str]) -> None:
+    """Rejects links and joints whose names collide in the wearer's model."""
+    links = [model.body(b).name for b in bodies]
+    joints = [model.joint(model.body_jntadr[b]).name for b in bodies[1:]]
+    for kind, called in (
+        ("link", {name: _called(name) for name in links}),
+        ("joint", {name: names.get(name, _called(name)) for name in joints}),
+    ):
+        first: dict[str, str] = {}
+        for name, there in called.items():
+            other = first.setdefault(there, name)
+            if other != name:
+                raise ConfigError(path, kind, name, f"another name: {other} is {there} in the wearer's model, too")
+
+
+def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
+    """Body with a joint (or the base) that each body is merged into."""
+    owners: dict[int, int] = {}
+    up = model.body_parentid[root]
+    while up:
+        if model.body_jntnum[up]:
+            raise ConfigError(path, "base", model.body(root).name, "a link that no joint carries")
+        up = model.body_parentid[up]
+    if model.body_jntnum[root]:
+        raise ConfigError(
+            path, "base", model.body(root).name, "a link without a joint: its rig file says where it sits"
+        )
+    for b in range(1, model.nbody):
+        at = b
+        while at and at != root and not model.body_jntnum[at]:
+            at = model.body_parentid[at]
+        top = at
+        while top and top != root:
+            top = model.body_parentid[top]
+        if top != root:
+            raise ConfigError(path, f"link {model.body(b).name}", "beside the base", "links that hang on the base")
+        owners[b] = at
+    return owners
+
+
+def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
+    """Bodies with a joint, from the base to the tip, of each leg."""
+    below: dict[int, list[int]] = {}
+    for b in range(1, model.nbody):
+        if model.body_jntnum[b]:
+            below.setdefault(owners.get(int(model.body_parentid[b]), root), []).append(b)
+    legs = []
+    for first in below.get(root, []):
+        leg = [first]
+        while on := below.get(leg[-1], []):
+            if len(on) > 1:
+                names = " and ".join(model.body(b).name for b in on)
+                raise ConfigError(path, f"link {model.body(leg[-1]).name}", names, "one link with a joint beyond it")
+            leg += on
+        legs.append(leg)
+    counts = [len(leg) for leg in legs]
+    if len(legs) != 2 or counts[0] != counts[1] or counts[0] > MOST_JOINTS:
+        valid = f"two, one a leg, of the same number of joints, 1-{MOST_JOINTS}"
+        raise ConfigError(path, "chains of hinges on the base, joints of each", counts, valid)
+    return legs
+
+
+def _weight(
+    model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
+) -> tuple[float, Array, Array]:
+    """Mass, (3,) centre of mass and (3, 3) inertia about it of several bodies together."""
+    mujoco.mj_comPos(model, data)
+    masses = model.body_mass[bodies]
+    mass = float(masses.sum())
+    if mass <= 0.0:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    centre = masses @ data.xipos[bodies] / mass
+    inertia = np.zeros((3, 3))
+    for b in bodies:
+        R, d = data.ximat[b].reshape(3, 3), data.xipos[b] - centre
+        inertia += R @ np.diag(model.body_inertia[b]) @ R.T + model.body_mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
+    return mass, to_pelvis @ (centre - origin), to_pelvis @ inertia @ to_pelvis.T
+
+
+def _shapes(
+    path: Path, model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
+) -> list[Shape]:
+    """Visual shapes of bodies; of a URDF, its visual elements if there are any."""
+    geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
+    if path.suffix == ".urdf":
+        visual = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]]
+        geoms = visual or geoms
+    shapes = []
+    if int(model.nmeshface) > _MOST_FACES:
+        raise ConfigError(path, "faces of its meshes", int(model.nmeshface), f"up to {_MOST_FACES}")
+    for g in geoms:
+        kind = int(model.geom_type[g])
+        if kind not in _SHAPES:
+            name = mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
+            raise ConfigError(
+                path, f"geom {model.geom(g).name or g}", name, "sphere, capsule, ellipsoid, cylinder, box or mesh"
+            )
+        quat = np.empty(4)
+        mujoco.mju_mat2Quat(quat, (to_pelvis @ _geom_axes(model, data, g)).ravel())
+        m, vertices, faces = int(model.geom_dataid[g]), np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            at, count = model.mesh_vertadr[m], model.mesh_vertnum[m]
+            vertices = np.array(model.mesh_vert[at : at + count], dtype=float)
+            at, count = model.mesh_faceadr[m], model.mesh_facenum[m]
+            faces = np.array(model.mesh_face[at : at + count], dtype=np.int32)
+        material = int(model.geom_matid[g])
+        shapes.append(
+            Shape(
+                kind=kind, size=np.array(model.geom_size[g]), quat=quat, vertices=vertices, faces=faces,
+                pos=to_pelvis @ (_geom_place(model, data, g) - origin),
+                rgba=np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[g], dtype=float),
+            )
+        )  # fmt: skip
+    return shapes
+
+
+def _geom_axes(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Array:
+    """(3, 3) axes of a geom in the model's world."""
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, model.geom_quat[g])
+    axes: Array = data.xmat[model.geom_bodyid[g]].reshape(3, 3) @ R.reshape(3, 3)
+    return axes
+
+
+def _geom_place(model: mujoco.MjModel, data: mujoco.MjData, g: int) -> Array:
+    b = model.geom_bodyid[g]
+    place: Array = data.xpos[b] + data.xmat[b].reshape(3, 3) @ model.geom_pos[g]
+    return place
+
+
+def _called(name: str) -> str:
+    """Name of a link or joint in the wearer's model."""
+    return "exo_" + re.sub(r"\W", "_", name)

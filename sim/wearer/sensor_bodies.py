@@ -1,0 +1,47 @@
+"""Visual bodies of the sensors on the wearer: housings, boards and pods, placed by the rig's mounts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import resources
+
+import mujoco
+
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.streams.rig import Mount, Rig
+
+UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
+"""Body that carries the mounts of a foot: the shoe's upper, which moves a little (`shock.UpperMotion`)."""
+
+
+def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
+    """Attaches massless bodies that do not collide to the wearer's bodies, one per visible sensor or board.
+
+    Those of a shoe hang on a separate body (`UPPERS`), which coincides with the foot at rest.
+
+    Args:
+        spec: Model with the wearer's bodies.
+        rig: Rig with the true mounts.
+    """
+    for foot, upper in UPPERS.items():
+        spec.body(foot).add_body(name=upper)
+    for name, leaf, _, mount in visible(rig):
+        text = resources.files("stridetwin.assets").joinpath("mjcf", f"{leaf}.xml").read_text()
+        T = mount.T_body_sensor
+        frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
+        frame.attach_body(mujoco.MjSpec.from_string(text).body(leaf), name.removesuffix(leaf), "")
+
+
+def visible(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
+    """Name of the body, leaf file, topic (empty for a board) and mount of each visible item."""
+    shown: list[tuple[str, str, Mount]] = []
+    for topic, camera in rig.cameras.items():
+        shown.append(("rgbd_camera" if camera.depth_topic else "shoe_camera", topic, camera.mount))
+    shown += [("checkerboard", "", board.mount) for board in rig.boards.values()]
+    inside = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
+    inside |= {topic for topic, imu in rig.imus.items() if imu.mount.body.startswith("exo_")}  # of an AHRS
+    shown += [("imu_pod", topic, imu.mount) for topic, imu in rig.imus.items() if topic not in inside]
+    shown += [("sonar_pod", topic, s.mount) for topic, s in rig.others.items() if s.kind == "range"]
+    for i, (leaf, topic, mount) in enumerate(shown):
+        yield f"rig_{i}_{leaf}", leaf, topic, mount

@@ -1,0 +1,316 @@
+"""People who walk around the walker and enter the view of their cameras and sonars (Zhao et al. 2023, Fig. 3c).
+
+They circle around the walker along the way, all in one sense and evenly spaced, so that they never meet. Each one
+crosses the way some metres ahead of the walker and again behind, and passes them on both sides. Their stance feet do
+not slip. The state defined here is rendered by the cameras, sensed by the sonars, and written as ground truth.
+
+Bystanders in the model: bodies placed along their paths, visible to every camera and without contacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.smooth import ease
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.world.route import RUN_OUT_M, Strip
+from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.samples import Array
+
+PARTS = ("trunk", *(f"{part}_{side}" for side in "lr" for part in ("thigh", "shank", "foot", "upper_arm", "forearm")))
+THIGH_M, SHANK_M, ANKLE_M, BALL_M, HIP_M, SHOULDER_M = 0.43, 0.41, 0.08, 0.13, 0.085, (0.0, 0.19, 0.49)
+UPPER_ARM_M = 0.29
+# Sonar targets: spheres (x, y, z, radius) in the frames of the parts, m.
+BALLS = {
+    "trunk": [(0.0, 0.0, z, 0.13) for z in (0.0, 0.15, 0.30, 0.42)] + [(0.02, 0.0, 0.68, 0.10)],
+    "thigh": [(0.0, 0.0, -z, 0.075) for z in (0.05, 0.15, 0.25, 0.35)],
+    "shank": [(0.0, 0.0, -z, 0.052) for z in (0.02, 0.12, 0.22, 0.32, 0.40)],
+    "foot": [(x, 0.0, -0.04, 0.042) for x in (-0.03, 0.05, 0.13)],
+}
+_AHEAD_M, _TURNS_PER_S = 2.5, 0.45 / (2 * np.pi)
+_SQUARE = 3.0  # how soon a crossing bystander is back at the side
+_BESIDE_M, _EDGE_M = 0.72, 0.08  # least distance from the middle of the way when passing; from the border to a foot
+_KEEP_M = 0.80  # from the walker's pelvis
+_GRID_S = 0.02
+_STEP_M, _CARRY = 0.56, 0.60  # step length; half of the distance that a stance foot supports, in steps
+_STANCE_HALF_M = 0.07
+_OFF_RAD, _TOUCH_RAD, _LIFT_M = 0.75, -0.22, 0.06
+_SMOOTHING_S = 0.5
+_YAW_SMOOTHING_S = 0.30
+_CORNER_S = 0.35  # over which a corner is rounded
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bystander:
+    """One bystander.
+
+    Attributes:
+        t: (N,) uniform s.
+        p: (N, 3) m, middle of the hips in the world.
+        yaw: (N,) rad, unwrapped.
+        steps: (N,) number of steps made so far, as a real number that grows.
+        holds: (K, 3) m, footholds (balls of the feet) in order, left first; the first one lies before step `first`.
+        hold_yaw: (K,) rad.
+        first: Number of the first foothold.
+        size: Stature as a share of 1.75 m.
+    """
+
+    t: Array
+    p: Array
+    yaw: Array
+    steps: Array
+    holds: Array
+    hold_yaw: Array
+    first: int
+    size: float
+
+    def parts(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+        """Frames of `PARTS` at (M,) s: (M, 11, 3) origins in the world and (M, 11, 3, 3) axes; limbs along -z."""
+        p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
+        yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
+        ahead = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], -1)
+        left, up = np.stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)], -1), np.array([0.0, 0.0, 1.0])
+        k, origins, axes = self.size, [p], [_frame(left, up + 0.04 * ahead)]
+        for sign, odd in ((1.0, 0), (-1.0, 1)):
+            ankle, R_foot, reach = self._foot(steps, odd)
+            hip = p + sign * HIP_M * k * left
+            knee, ankle = _two_links(hip, ankle, ahead, THIGH_M * k, SHANK_M * k)
+            shoulder = p + np.einsum("nij,j->ni", axes[0], np.array(SHOULDER_M) * [1.0, sign, 1.0]) * k
+            swing = -0.45 * reach / _STEP_M
+            upper = _pitched(left, ahead, swing)
+            origins += [hip, knee, ankle, shoulder, shoulder - UPPER_ARM_M * k * upper[:, :, 2]]
+            axes += [_frame(left, hip - knee), _frame(left, knee - ankle), R_foot, upper]
+            axes.append(_pitched(left, ahead, swing + 0.35))
+        return np.stack(origins, 1), np.stack(axes, 1)
+
+    def track(self, t_ns: NDArray[np.int64]) -> Track:
+        """Track of the middle of the hips, x forward, at (M,) instants."""
+        t = t_ns * 1e-9
+        p, R = (part[:, 0] for part in self.parts(t))
+        v = np.stack([np.interp(t, self.t, column) for column in np.gradient(self.p, self.t, axis=0).T], -1)
+        turning = np.interp(t, self.t, np.gradient(self.yaw, self.t))
+        return Track(
+            t_ns=t_ns, p_body_in_world=p, q_world_body=quat_from_matrix(R), v_body_in_world=v,
+            w_body=turning[:, None] * R[:, 2],
+        )  # fmt: skip
+
+    def balls(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+        """(M, B, 3) centres of the sonar targets in the world, m, and (B,) radii."""
+        p, R = self.parts(t)
+        rows = [
+            (i, ball)
+            for i, part in enumerate(PARTS)
+            for ball in BALLS.get(part.removesuffix("_l").removesuffix("_r"), [])
+        ]
+        which, local = np.array([i for i, _ in rows]), np.array([ball for _, ball in rows]) * self.size
+        return p[:, which] + np.einsum("mbij,bj->mbi", R[:, which], local[:, :3]), local[:, 3]
+
+    def _foot(self, steps: Array, odd: int) -> tuple[Array, Array, Array]:
+        """(M, 3) ankle, (M, 3, 3) axes and (M,) m in front of the hips of one foot."""
+        count = steps - odd
+        cycle = np.floor((count + _CARRY) / 2)
+        r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
+        at = (2 * cycle + odd - self.first).astype(int)
+        a, b = self.holds[at], self.holds[at + 2]
+        share = np.clip((r - _CARRY) / (2 - 2 * _CARRY), 0.0, 1.0)
+        rise = b[:, 2] - a[:, 2]
+        sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)
+        ball = a + ease(share)[:, None] * (b - a)
+        ball[:, 2] = a[:, 2] + ease(sooner) * rise
+        pitch = _OFF_RAD * ease((r - 0.15) / (_CARRY - 0.15)) * (1 - ease(share / 0.55))
+        pitch += _TOUCH_RAD * (ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _CARRY) / 0.2)) * (r < 0))
+        bump = (4 * share * (1 - share)) ** 2
+        ball[:, 2] += bump * (_LIFT_M + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
+        yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
+        ahead = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], -1)
+        left = np.stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)], -1)
+        R = _pitched(left, ahead, -pitch)
+        reach = np.where(share > 0, 2 * ease(share) - r, -r) * _STEP_M
+        return ball - np.einsum("nij,j->ni", R, np.array([BALL_M, 0.0, -ANKLE_M]) * self.size), R, reach
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Crowd:
+    """All bystanders of a walk."""
+
+    people: tuple[Bystander, ...] = field(default=())
+
+
+def bystanders(
+    count: int, terrain: Terrain, t: Array, s: Array, p_walker: Array, rng: np.random.Generator
+) -> Crowd:  # fmt: skip
+    """People who circle around a walker.
+
+    Args:
+        count: Number of bystanders.
+        terrain: Terrain that they walk on.
+        t: (N,) s of the walk.
+        s: (N,) m, arc length of the walker along the way.
+        p_walker: (N, 2) m, pelvis of the walker in the world.
+        rng: Draws their appearance and their start positions.
+    """
+    grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
+    along = gaussian_filter1d(np.interp(grid, t, s), _SMOOTHING_S / _GRID_S, mode="nearest")
+    walker = np.stack([np.interp(grid, t, column) for column in p_walker.T], -1)
+    start = rng.uniform(0.0, 1.0)
+    sense = float(rng.choice([-1.0, 1.0]))
+    people = []
+    for i in range(count):
+        turn = sense * 2 * np.pi * (grid * _TURNS_PER_S + start + i / count)
+        people.append(_one(terrain, grid, along, walker, turn, size=rng.uniform(0.93, 1.05)))
+    return Crowd(people=tuple(people))
+
+
+def _one(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, size: float) -> Bystander:
+    way, profile = terrain.layout.way, terrain.profile
+    beside = max(terrain.route.width_m / 2 - _EDGE_M - _STANCE_HALF_M, _BESIDE_M)
+    low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
+    s = along + _AHEAD_M * np.cos(turn)
+    s = gaussian_filter1d(np.clip(s, low, high), 0.3 / _GRID_S, mode="nearest")
+    left = beside * np.tanh(_SQUARE * np.sin(turn)) / np.tanh(_SQUARE)
+    p = gaussian_filter1d(way.point(s, left), _CORNER_S / _GRID_S, axis=0, mode="nearest")
+    away = p - walker
+    distance = np.linalg.norm(away, axis=1, keepdims=True)
+    p = p + away / np.maximum(distance, 1e-6) * np.maximum(_KEEP_M - distance, 0.0)  # at corners they may come close
+    p = gaussian_filter1d(p, 0.10 / _GRID_S, axis=0, mode="nearest")
+    v = gaussian_filter1d(np.gradient(p, t, axis=0), 0.15 / _GRID_S, axis=0, mode="nearest")
+    yaw = gaussian_filter1d(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _YAW_SMOOTHING_S / _GRID_S, mode="nearest")
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
+    steps = gone / (_STEP_M * size)
+    relative_yaw = yaw - way.heading(s)
+    holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, relative_yaw]), yaw, steps, profile, size)
+    body = Bystander(t=t, p=np.column_stack([p, np.zeros(len(t))]), yaw=yaw, steps=steps, holds=holds,
+                     hold_yaw=hold_yaw, first=first, size=size)  # fmt: skip
+    body.p[:, 2] = _hip_height(body)
+    return body
+
+
+def _footholds(
+    path: Array, yaw: Array, steps: Array, profile: Sequence[Strip], size: float
+) -> tuple[Array, Array, int]:  # fmt: skip
+    """Footholds of the balls of the feet, their yaw, and the number of the first one.
+
+    Args:
+        path: (N, 5) x and y in the world, arc length along the way, distance to its left, m, and yaw relative to it.
+        yaw: (N,) rad in the world.
+        steps: (N,) steps made.
+        profile: Ground along the way; it extends as far to the sides as any bystander walks.
+        size: Stature.
+    """
+    first = -3
+    count = np.arange(first, int(steps[-1]) + 5)
+    beyond = (count - np.clip(count, 0.0, steps[-1])) * _STEP_M * size
+    heading = np.interp(count, steps, yaw)
+    ahead, aside = (np.stack(a, -1) for a in ((np.cos(heading), np.sin(heading)), (-np.sin(heading), np.cos(heading))))
+    sign = np.where(count % 2 == 0, 1.0, -1.0)
+    x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
+    forward = beyond + 0.5 * BALL_M
+    ball = np.stack([x, y], -1) + _STANCE_HALF_M * sign[:, None] * aside + forward[:, None] * ahead
+    # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
+    sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
+    ground = _ground(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
+    return np.column_stack([ball, ground.max(axis=0)]), heading, first
+
+
+def _ground(profile: Sequence[Strip], s: Array, left: Array) -> Array:
+    """(...) height of the ground, m, at (...) arc lengths and distances to the left of the way."""
+    s0, s1, z0, z1, cross = np.array([(p.s0, p.s1, p.z0, p.z1, np.tan(p.cross_slope)) for p in profile]).T
+    i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
+    return z0[i] + (z1 - z0)[i] * np.clip((s - s0[i]) / (s1 - s0)[i], 0.0, 1.0) + cross[i] * left
+
+
+def _hip_height(body: Bystander) -> Array:
+    """(N,) m, height of the hips: as high as the legs reach, smoothed."""
+    reach = (THIGH_M + SHANK_M) * body.size - 0.012
+    limits = []
+    for sign, odd in ((1.0, 0), (-1.0, 1)):
+        ankle, _, _ = body._foot(body.steps, odd)
+        hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
+        level = np.linalg.norm(ankle[:, :2] - hip, axis=1)
+        limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - level**2, 0.3)))
+    return gaussian_filter1d(np.minimum(*limits), 0.07 / _GRID_S, mode="nearest") - 0.01
+
+
+def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: float) -> tuple[Array, Array]:
+    """(N, 3) knee, bent forward, and (N, 3) ankle, as far as the leg reaches."""
+    along = ankle - hip
+    distance = np.linalg.norm(along, axis=1, keepdims=True)
+    unit = along / distance
+    reached = np.minimum(distance, thigh + shank - 1e-4)
+    cos = np.clip((thigh**2 + reached**2 - shank**2) / (2 * thigh * reached), -1.0, 1.0)
+    forward = ahead - np.sum(ahead * unit, axis=1, keepdims=True) * unit
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    return hip + thigh * (cos * unit + np.sqrt(1 - cos**2) * forward), hip + reached * unit
+
+
+def _frame(left: Array, up: Array) -> Array:
+    """(N, 3, 3) axes whose z points up a limb and whose y is nearly left."""
+    z = up / np.linalg.norm(up, axis=1, keepdims=True)
+    x = np.cross(left, z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], -1)
+
+
+def _pitched(left: Array, ahead: Array, flexion: Array) -> Array:
+    """(N, 3, 3) axes of a hanging limb that is swung forward by (N,) rad."""
+    z = np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead
+    return _frame(left, z)
+
+
+# fmt: skip
+
+_SHIRTS = ((0.72, 0.30, 0.22), (0.85, 0.70, 0.25), (0.35, 0.50, 0.28), (0.55, 0.40, 0.62))
+_TROUSERS = ((0.25, 0.28, 0.38), (0.36, 0.30, 0.26), (0.20, 0.20, 0.22), (0.42, 0.44, 0.47))
+_SKIN, _HAIR, _SHOE = (0.82, 0.62, 0.50), (0.22, 0.16, 0.11), (0.15, 0.15, 0.17)
+_ELLIPSOID, _CAPSULE, _BOX = mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_BOX
+_Geom = tuple[mujoco.mjtGeom, tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+
+def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
+    """Adds `count` bystanders; `pose` places them."""
+    for i in range(count):
+        for part in PARTS:
+            body = spec.worldbody.add_body(name=f"bystander_{i}_{part}", mocap=True, pos=(0.0, 0.0, -50.0))
+            for kind, pos, size, colour in _geoms(part.removesuffix("_l").removesuffix("_r"), _SHIRTS[i], _TROUSERS[i]):
+                body.add_geom(
+                    type=kind, pos=pos, size=size, rgba=(*colour, 1.0), contype=0, conaffinity=0, mass=0.0,
+                )  # fmt: skip
+
+
+def pose(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: float) -> None:
+    """Places all bystanders at an instant."""
+    for i, person in enumerate(crowd.people):
+        p, R = person.parts(np.array([t_s]))
+        first = int(model.body(f"bystander_{i}_{PARTS[0]}").mocapid[0])
+        data.mocap_pos[first : first + len(PARTS)] = p[0]
+        data.mocap_quat[first : first + len(PARTS)] = quat_from_matrix(R[0])
+
+
+def _geoms(part: str, shirt: tuple[float, float, float], trousers: tuple[float, float, float]) -> list[_Geom]:
+    def limb(length: float, radius: float, colour: tuple[float, float, float]) -> _Geom:
+        return (_CAPSULE, (0.0, 0.0, -length / 2), (radius, length / 2, 0.0), colour)
+
+    shoulder = SHOULDER_M[2]
+    return {
+        "trunk": [
+            (_ELLIPSOID, (0.0, 0.0, 0.02), (0.10, HIP_M + 0.075, 0.11), trousers),
+            (_ELLIPSOID, (0.0, 0.0, 0.20), (0.10, 0.14, 0.16), shirt),
+            (_ELLIPSOID, (0.01, 0.0, shoulder - 0.13), (0.115, 0.18, 0.19), shirt),
+            (_CAPSULE, (0.01, 0.0, shoulder + 0.06), (0.05, 0.04, 0.0), _SKIN),
+            (_ELLIPSOID, (0.025, 0.0, shoulder + 0.21), (0.092, 0.074, 0.118), _SKIN),
+            (_ELLIPSOID, (0.005, 0.0, shoulder + 0.235), (0.094, 0.080, 0.108), _HAIR),
+        ],
+        "thigh": [limb(THIGH_M, 0.075, trousers)],
+        "shank": [limb(SHANK_M, 0.052, trousers)],
+        "foot": [(_ELLIPSOID, (0.055, 0.0, -ANKLE_M / 2), (0.135, 0.046, ANKLE_M / 2), _SHOE)],
+        "upper_arm": [limb(UPPER_ARM_M, 0.045, shirt)],
+        "forearm": [limb(0.30, 0.036, _SKIN)],
+    }[part]

@@ -1,0 +1,320 @@
+"""A mesh as terrain: its levels, ramps and risers along a straight way are replaced by exact boxes and wedges.
+
+The mesh is cut along five parallel lines. On the middle one, height steps are risers, and straight lines between them
+are levels or ramps (Douglas-Peucker); equal treads in a row become stairs. The layout of these segments is compared
+with the mesh over the whole width of the way; a mesh that differs too much is rejected.
+
+Triangles of a mesh file, `.stl`, `.obj` or `.ply`, up to a size limit; materials and other files are ignored.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+from stridetwin.sim.config import Level, Ramp, Route, Stairs
+from stridetwin.sim.world.route_checks import RAMP_MAX_RAD, RISER_RANGE_M, TREAD_MIN_M
+from stridetwin.streams.bounded import read_bytes
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.fields import DEG, file_beside, number, words
+from stridetwin.streams.samples import Array
+
+MOST_TRIANGLES = 100_000
+_LARGEST_FILE = 32 << 20
+_FARTHEST_M = 1000.0
+_SUFFIXES = (".stl", ".obj", ".ply")
+
+
+def read_triangles(path: Path, scale: float) -> Array:
+    """(T, 3, 3) m, corners of the triangles of a mesh.
+
+    Args:
+        path: The file.
+        scale: Metres in its unit.
+
+    Raises:
+        ConfigError: Another kind of file, one that is too large, or one with invalid coordinates.
+        StrideTwinError: The file cannot be read.
+    """
+    import trimesh  # slow to import
+
+    kind = path.suffix.lower()
+    if kind not in _SUFFIXES:
+        raise ConfigError(path, "mesh", path.suffix, ", ".join(_SUFFIXES))
+    try:
+        data = read_bytes(path, _LARGEST_FILE)
+        _check_declared(path, kind, data)
+        more = {"skip_materials": True} if kind == ".obj" else {}
+        mesh: Any = trimesh.load(
+            io.BytesIO(data), file_type=kind[1:], process=False, force="mesh", resolver=None, **more
+        )
+        corners: Array = np.asarray(mesh.vertices, dtype=np.float64)[np.asarray(mesh.faces)]
+    except OSError as error:
+        raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except StrideTwinError:
+        raise
+    except Exception as error:  # the parsers do not validate their input
+        words = " ".join(str(error).split()) or type(error).__name__
+        raise StrideTwinError(f"{path}: no {kind[1:].upper()} mesh: {words[:200]}") from error
+    if not 0 < len(corners) <= MOST_TRIANGLES:
+        raise ConfigError(path, "triangles", len(corners), f"1-{MOST_TRIANGLES}")
+    corners = scale * corners
+    if not np.all(np.abs(corners) < _FARTHEST_M):
+        raise ConfigError(path, "coordinates", "NaN or far away", f"numbers within {_FARTHEST_M:g} m (unit: mm?)")
+    return np.asarray(corners)
+
+
+def _check_declared(path: Path, kind: str, data: bytes) -> None:
+    """Rejects a header that declares more elements than the file can hold."""
+    most = MOST_TRIANGLES
+    if kind == ".stl" and not data[:512].lstrip().startswith(b"solid"):
+        count = int.from_bytes(data[80:84], "little")
+        if count > most or len(data) < 84 + 50 * count:
+            raise ConfigError(path, "triangles declared", count, f"up to {most}, as many as there are")
+    elif kind == ".ply":
+        head = data[: data.find(b"end_header") + 1][:20_000]
+        counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
+        if not counts or max(counts) > 10 * most or sum(counts) > len(data):
+            raise ConfigError(path, "elements declared", counts, f"up to {10 * most}, as many as there are")
+    elif data.count(b"\nf ") > most or data.count(b"\nfacet") > most or data.count(b"\n") > 40 * most:
+        raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
+
+
+LARGEST_ERROR_M = 0.010
+"""Largest distance of the mesh from its replacement, anywhere on the way but beside risers."""
+BESIDE_RISER_M = 0.025
+STEP_M = 0.005
+_JUMP_M = 0.015  # between neighbouring samples: steeper than any ramp
+_STRAIGHT_M = 0.003
+_LEVEL_M = 0.004  # largest rise of a level
+_STEEPEST = 0.5  # least upward part of a walkable triangle's normal
+_REACH_M = 0.45  # surfaces higher than this above the last sample are not ground
+_SAME_TREAD_M = 0.01
+_TREAD_MAX_M = 0.6
+_SHORTEST_M = 0.5
+_ROWS = (-0.9, -0.45, 0.0, 0.45, 0.9)  # of half the width
+
+Part = Level | Ramp | Stairs
+_Start = Annotated[float, number(-1000, 1000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshTerrain:
+    """Terrain made from a mesh.
+
+    Attributes:
+        segments: Segments from its start on.
+        summary: Summary of the replacement and its error, in words.
+    """
+
+    segments: tuple[Part, ...]
+    summary: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshWay:
+    """The way on a mesh.
+
+    Attributes:
+        path: The mesh.
+        scale: Metres per unit of the mesh.
+        up: `z` or `y`, the axis that points up.
+        start_m: Start of the way, in the plane across that axis.
+        heading_rad: Its direction there.
+        length_m: Length of the way; None for the rest of the mesh.
+    """
+
+    path: Annotated[Path, file_beside(key="file")]
+    scale: Annotated[float, words({"m": 1.0, "mm": 1e-3}, key="unit")] = 1.0
+    up: Annotated[str, words(("z", "y"))] = "z"
+    start_m: tuple[_Start, _Start] = (0.0, 0.0)
+    heading_rad: Annotated[float, number(-360, 360, key="heading_deg", scale=DEG)] = 0.0
+    length_m: Annotated[float | None, number(1, 500)] = None
+
+
+def mesh_terrain(way: MeshWay, width_m: float) -> MeshTerrain:
+    """Segments that replace a mesh.
+
+    Args:
+        way: The mesh, and the way on it.
+        width_m: Width of the way.
+
+    Raises:
+        ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
+        StrideTwinError: The file cannot be read.
+    """
+    corners = _in_way(read_triangles(way.path, way.scale), way)
+    length = way.length_m or float(corners[:, :, 0].max()) - STEP_M
+    if not 2 * _SHORTEST_M < length < 500.0:
+        raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _SHORTEST_M:g}-500 m")
+    s = np.arange(0.0, length, STEP_M)
+    heights = np.column_stack([_cut(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
+    middle = heights[:, len(_ROWS) // 2] - heights[0, len(_ROWS) // 2]
+    segments = _segments(s, middle, way)
+    off = _error(segments, s, heights - heights[0, len(_ROWS) // 2], width_m, way)
+    kinds = [type(part).__name__.lower() for part in segments]
+    counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
+    summary = (
+        f"{way.path}: replaced by exact boxes and wedges ({counts}) over {length:.2f} m; the mesh lies up to "
+        f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
+        f"{1e3 * LARGEST_ERROR_M:g} mm is accepted; {1e3 * BESIDE_RISER_M:g} mm beside risers are excluded)"
+    )
+    return MeshTerrain(segments=segments, summary=summary)
+
+
+def _in_way(corners: Array, way: MeshWay) -> Array:
+    """Triangles with x along the way, y to its left and z up, from its start."""
+    x, y, z = np.moveaxis(corners, -1, 0)
+    if way.up == "y":
+        y, z = -z, y
+    cos, sin = math.cos(way.heading_rad), math.sin(way.heading_rad)
+    dx, dy = x - way.start_m[0], y - way.start_m[1]
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, z], -1)
+
+
+def _cut(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
+    """(N,) height of the ground along a line: starts nearest to 0, then the highest surface in reach of a step."""
+    edges = corners[:, 1:] - corners[:, :1]
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    size = np.linalg.norm(normal, axis=1)
+    near = (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
+    flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _STEEPEST * size)
+    if np.any(flat & (normal[:, 2] > 0)):
+        flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
+    near &= flat
+    at: list[list[float]] = [[] for _ in s]
+    for (a, b, c), n in zip(corners[near], normal[near]):
+        first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
+        for i in range(first, last):
+            p = s[i], left
+            sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
+            if min(sides) >= -1e-9 or max(sides) <= 1e-9:
+                at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
+    heights = np.empty(len(s))
+    last_z = min(at[0], default=0.0, key=abs)
+    for i, found in enumerate(at):
+        low = [z for z in found if abs(z - last_z) <= _REACH_M]
+        if not low:
+            where = f"{s[i]:.2f} m along, {left:+.2f} m to the left"
+            valid = f"ground all along the way, without steps of more than {_REACH_M:g} m"
+            raise ConfigError(way.path, where, "no ground that can be stepped onto" if found else "a hole", valid)
+        heights[i] = last_z = max(low)
+    return heights
+
+
+def _segments(s: Array, z: Array, way: MeshWay) -> tuple[Part, ...]:
+    """Levels, ramps and stairs of a profile that begins at height 0."""
+    parts: list[Part] = []
+    jumps = np.flatnonzero(np.abs(np.diff(z)) > _JUMP_M)
+    starts, ends = [0, *(jumps + 1).tolist()], [*jumps.tolist(), len(s) - 1]
+    risers: list[float] = []
+    treads: list[float] = []
+    for i, (a, b) in enumerate(zip(starts, ends)):
+        if i:
+            rise = float(z[a] - z[a - 1])
+            if not RISER_RANGE_M[0] <= abs(rise) <= RISER_RANGE_M[1]:
+                valid = f"{1e3 * RISER_RANGE_M[0]:g}-{1e3 * RISER_RANGE_M[1]:g} mm"
+                raise ConfigError(way.path, f"riser at {s[a]:.2f} m", f"{1e3 * rise:.0f} mm", valid)
+            if risers and risers[-1] * rise < 0:
+                raise ConfigError(way.path, f"riser at {s[a]:.2f} m", f"{1e3 * rise:.0f} mm", "one direction a flight")
+            risers.append(rise)
+        run = _between(s, ends[i - 1] if i else None, a, b, ends[i] < len(s) - 1)
+        flat = abs(z[b] - z[a]) < _LEVEL_M and np.ptp(z[a : b + 1]) < 2 * _LEVEL_M
+        if i and i < len(starts) - 1 and flat and run <= _TREAD_MAX_M and (z[starts[i + 1]] - z[b]) * risers[-1] > 0:
+            if run < TREAD_MIN_M:
+                valid = f"at least {1e3 * TREAD_MIN_M:g} mm"
+                raise ConfigError(way.path, f"tread at {s[a]:.2f} m", f"{1e3 * run:.0f} mm", valid)
+            treads.append(run)
+            continue
+        parts += _flight(risers, treads)
+        risers, treads = [], []
+        parts += _lines(s, z, a, b, run, way)
+    if not isinstance(parts[0], Level) or not isinstance(parts[-1], Level):
+        raise ConfigError(way.path, "start and end", "no level", "a level to start from, and one to stop on")
+    return tuple(parts)
+
+
+def _between(s: Array, before: int | None, a: int, b: int, riser_after: bool) -> float:
+    """Length of a segment, from the middle of the step before it to the middle of the one after it."""
+    start = s[a] if before is None else 0.5 * (s[before] + s[a])
+    return float((0.5 * (s[b] + s[b + 1]) if riser_after else s[b]) - start)
+
+
+def _flight(risers: list[float], treads: list[float]) -> list[Part]:
+    """Risers with the treads between them: one stair if all treads are equal, otherwise riser by riser."""
+    if not risers:
+        return []
+    down, heights = risers[0] < 0, tuple(abs(r) for r in risers)
+    if not treads or max(treads) - min(treads) < _SAME_TREAD_M:
+        tread = float(np.mean(treads)) if treads else Stairs.tread_m
+        return [Stairs(risers=len(risers), riser_m=heights, tread_m=tread, down=down)]
+    parts: list[Part] = []
+    for i, height in enumerate(heights):
+        parts += [Level(length_m=treads[i - 1])] * (i > 0)
+        parts.append(Stairs(risers=1, riser_m=(height,), down=down))
+    return parts
+
+
+def _lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list[Part]:
+    """Levels and ramps between two risers; `run` is their total length."""
+    knots = _knots(s, z, a, b)
+    parts: list[Part] = []
+    for k, (i, j) in enumerate(pairwise(knots)):
+        length, rise = float(s[j] - s[i]), float(z[j] - z[i])
+        if k in (0, len(knots) - 2):  # the half steps at the ends
+            length += (run - float(s[b] - s[a])) / (2 if len(knots) > 2 else 1)
+        if abs(rise) < _LEVEL_M:
+            parts.append(Level(length_m=length))
+            continue
+        angle = math.atan2(abs(rise), length)
+        if angle > RAMP_MAX_RAD:
+            valid = f"up to {math.degrees(RAMP_MAX_RAD):g} deg"
+            raise ConfigError(way.path, f"slope at {s[i]:.2f} m", f"{math.degrees(angle):.1f} deg", valid)
+        parts.append(Ramp(angle_rad=angle, rise_m=abs(rise), down=rise < 0))
+    return parts
+
+
+def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
+    """Vertices of a piecewise linear fit to a part of the profile (Douglas & Peucker 1973)."""
+    done, todo = [a], [b]
+    while todo:
+        i, j = done[-1], todo[-1]
+        line = z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)
+        off = np.abs(z[i : j + 1] - line)
+        worst = int(np.argmax(off))
+        if off[worst] > _STRAIGHT_M and j - i > 1:
+            todo.append(i + worst)
+        else:
+            done.append(todo.pop())
+    return done
+
+
+def _error(segments: tuple[Part, ...], s: Array, heights: Array, width_m: float, way: MeshWay) -> Array:
+    """(K,) m, distance of the mesh from its replacement, over the way except near risers."""
+    from stridetwin.sim.world.terrain import Terrain  # imports the simulator, which is not needed without a mesh
+
+    try:
+        terrain = Terrain.from_route(Route(segments=segments, width_m=width_m))
+    except ConfigError as error:
+        raise ConfigError(way.path, f"the resulting {error.field}", error.value, error.valid) from error
+    left = 0.5 * width_m * np.array(_ROWS)
+    points = np.stack(np.broadcast_arrays(s[:, None], left), -1)
+    edges = [a.s1 for a, b in pairwise(terrain.profile) if abs(a.z1 - b.z0) > 1e-6]
+    edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _JUMP_M)]
+    away = np.ones(len(s), bool)
+    for edge in edges:
+        away &= np.abs(s - edge) > BESIDE_RISER_M
+    off = np.abs(terrain.height(points) - heights)[away]
+    if off.max() > LARGEST_ERROR_M:
+        row, column = np.unravel_index(int(np.argmax(off)), off.shape)
+        where = f"{s[away][row]:.2f} m along, {left[column]:+.2f} m to the left"
+        valid = f"up to {1e3 * LARGEST_ERROR_M:g} mm from levels, ramps and stairs across the way"
+        raise ConfigError(way.path, where, f"{1e3 * off[row, column]:.0f} mm off", valid)
+    return np.asarray(off).ravel()

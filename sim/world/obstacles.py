@@ -1,0 +1,345 @@
+"""Surroundings of the way, clear of the walker: planters and pillars outdoors, walls and furniture in a room.
+
+The walls of a corridor are directly at the borders of the way.
+
+Objects on or beside the way that are not walkable ground: paint, shadows, tables, walls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
+
+import numpy as np
+
+from stridetwin.sim.config import Thing
+from stridetwin.sim.world.route import RUN_OUT_M, Layout, Slab, Strip
+from stridetwin.sim.world.solids import Box, corners
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.samples import Array
+
+_CLEARANCE_M = 0.35
+_SPACING_M = 2.2
+_ROOM_MARGIN_M = 3.0
+_ROOM_HEIGHT_M = 2.7
+_WALL_M, _BRICK_M = 0.12, 0.2  # thickness of a corridor's walls, and length of their parts
+_SEED = 20260  # the world looks the same in every walk
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landmark:
+    """A box beside the way, of one material."""
+
+    box: Box
+    material: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Frame:
+    """A pose beside the way: its position and direction, and the height of the ground on the way there."""
+
+    x: float
+    y: float
+    yaw: float
+    z: float
+
+    def box(self, length: float, width: float, bottom: float, top: float, along: float = 0.0, left: float = 0.0) -> Box:
+        """A box here, or translated along the direction and to its left."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return Box(
+            x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
+            width=width, bottom=bottom, top=top,
+        )  # fmt: skip
+
+
+def surroundings(
+    scenery: str, layout: Layout, bottom_m: float, standing: Sequence[Landmark] = ()
+) -> tuple[Landmark, ...]:
+    """Things in `standing`, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
+    kinds: dict[str, Callable[[Layout, float], Iterator[list[Landmark]]]] = {
+        "outdoor": _outdoor, "room": _room, "corridor": _corridor
+    }  # fmt: skip
+    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
+    kept = list(standing)
+    for group in kinds[scenery](layout, bottom_m):
+        if all(_clear(mark.box, layout, kept, clearance) for mark in group):
+            kept += group
+    return tuple(kept)
+
+
+def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
+    """The floor of a room around the whole layout, at its lowest height; nothing outdoors."""
+    if scenery != "room":
+        return ()
+    low, high = _extent(layout)
+    z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
+    half = (high[1] - low[1]) / 2
+    slab = Slab(x=float(low[0]), y=float(low[1] + high[1]) / 2, heading=0.0, length=float(high[0] - low[0]),
+                left=float(half), right=float(half), z0=z, z1=z, terrain="level")  # fmt: skip
+    return (slab,)
+
+
+def _extent(layout: Layout) -> tuple[Array, Array]:
+    """Lowest and highest x and y of the inside of a room around the way."""
+    s = np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1)
+    points = layout.way.point(s)
+    return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
+
+
+def _clear(box: Box, layout: Layout, others: list[Landmark], clearance: float) -> bool:
+    """Whether a box keeps a distance to all walkable ground, and does not overlap another group."""
+    along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
+    across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
+    u, v = np.meshgrid(along, across)
+    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
+    points = np.stack([box.x + cos * u - sin * v, box.y + sin * u + cos * v], axis=-1)
+    for slab in layout.slabs:
+        p, q = slab.local(points)
+        beside = (p < -clearance) | (p > slab.length + clearance)
+        beside |= (q > slab.left + clearance - 1e-9) | (q < -slab.right - clearance + 1e-9)
+        if not beside.all():
+            return False
+    return all(_apart(box, mark.box) for mark in others)
+
+
+def _apart(a: Box, b: Box) -> bool:
+    """Whether two boxes do not overlap in plan (separating axes)."""
+    reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
+    if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
+        return True
+    p, q = corners(a)[:4, :2], corners(b)[:4, :2]
+    for yaw in (a.yaw, a.yaw + math.pi / 2, b.yaw, b.yaw + math.pi / 2):
+        axis = np.array([math.cos(yaw), math.sin(yaw)])
+        if (p @ axis).max() < (q @ axis).min() + 1e-6 or (q @ axis).max() < (p @ axis).min() + 1e-6:
+            return True
+    return False
+
+
+def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+    """Planters and pillars along both sides of the way and a wall beyond its end."""
+    rng = np.random.default_rng(_SEED)
+    first, last = layout.profile[0], layout.profile[-1]
+    half = layout.slabs[0].left + _CLEARANCE_M
+    for side in (-1.0, 1.0):
+        for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
+            if side < 0:  # the side of the film camera: nothing that occludes the walker
+                yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
+            elif i % 3 == 0:
+                yield _pillar(rng, _beside(layout, s, side, half), bottom, side)
+            else:
+                yield _planter(rng, _beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
+    x, y = layout.way.point(last.s1).tolist()
+    end = _Frame(x=x, y=y, yaw=float(layout.way.heading(last.s1)), z=last.z1)
+    yield [
+        Landmark(box=end.box(0.3, 9.0 + 2 * layout.slabs[0].left, bottom, last.z1 + 2.8, along=2.0), material="brick")
+    ]
+
+
+def _beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
+    """The nearest place beside the way that no slab covers, lanes included."""
+    x, y = layout.way.point(s).tolist()
+    yaw = float(layout.way.heading(s))
+    reach = half
+    for slab in layout.slabs:
+        p, q = slab.local(np.array([x, y]))
+        if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
+            reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _CLEARANCE_M)
+    x, y = layout.way.point(s, side * reach).tolist()
+    return _Frame(x=x, y=y, yaw=yaw, z=_height(layout.profile, s))
+
+
+def _height(profile: tuple[Strip, ...], s: float) -> float:
+    return float(np.interp(s, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)]))
+
+
+def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) -> list[Landmark]:
+    size = rng.uniform(0.3, 0.45)
+    left = side * (size / 2 + rng.uniform(0.0, 0.5) + 0.05)
+    top = at.z + rng.uniform(1.7, 2.6)
+    shaft = at.box(size, size, bottom, top, left=left)
+    cap = at.box(size + 0.1, size + 0.1, top, top + 0.08, left=left)
+    return [Landmark(box=shaft, material="plaster"), Landmark(box=cap, material="stone")]
+
+
+def _planter(
+    rng: np.random.Generator, at: _Frame, bottom: float, side: float, hedge_m: tuple[float, float]
+) -> list[Landmark]:
+    length, depth = rng.uniform(1.0, 1.7), rng.uniform(0.4, 0.55)
+    left = side * (depth / 2 + rng.uniform(0.0, 0.3))
+    rim = at.z + rng.uniform(0.1, 0.2)
+    top = rim + rng.uniform(*hedge_m)
+    trough = at.box(length, depth, bottom, rim, left=left)
+    hedge = at.box(length - 0.1, depth - 0.1, rim - 0.01, top, left=left)
+    return [Landmark(box=trough, material="stone"), Landmark(box=hedge, material="leaves")]
+
+
+def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+    """Walls along both sides of all straight parts, around their ends if there is space, and across both ends."""
+    pieces, profile = layout.way.pieces, layout.profile
+    half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
+    built: list[Landmark] = []
+    for piece, along in ((pieces[0], -_WALL_M), (pieces[-1], pieces[-1].s1 - pieces[-1].s0 + _WALL_M)):
+        end = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0)
+        yield [Landmark(box=end.box(_WALL_M, 2 * half, bottom, top, along=along), material="brick")]
+    for piece in pieces:
+        if piece.curvature:
+            continue
+        start, length = _Frame(x=piece.x, y=piece.y, yaw=piece.heading, z=0.0), piece.s1 - piece.s0
+        for side in (-1.0, 1.0):
+            left = side * (half + _WALL_M / 2)
+            bricks = []
+            for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
+                brick = start.box(_BRICK_M, _WALL_M, bottom, top, along=along, left=left)
+                material = "brick" if math.floor((piece.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
+                if _clear(brick, layout, built, 0.0):
+                    built.append(Landmark(box=brick, material=material))
+                else:
+                    material = ""
+                bricks.append((material, along))
+            for material, run in groupby(bricks, key=itemgetter(0)):
+                if material:
+                    places = [along for _, along in run]
+                    middle, long = (places[0] + places[-1]) / 2, len(places) * _BRICK_M
+                    wall = start.box(long, _WALL_M, bottom, top, along=middle, left=left)
+                    yield [Landmark(box=wall, material=material)]
+
+
+def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+    """Four walls with shelves and posters along them, and tables and chests in between, wherever there is space."""
+    rng = np.random.default_rng(_SEED)
+    low, high = _extent(layout)
+    middle, (length, width) = (low + high) / 2, high - low
+    z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
+    room = _Frame(x=middle[0], y=middle[1], yaw=0.0, z=z)
+    top = max(max(s.z0, s.z1) for s in layout.profile) + _ROOM_HEIGHT_M
+    for sign in (-1.0, 1.0):
+        yield [Landmark(box=room.box(length, 0.1, bottom, top, left=sign * (width / 2 + 0.05)), material="plaster")]
+        yield [Landmark(box=room.box(0.1, width, bottom, top, along=sign * (length / 2 + 0.05)), material="plaster")]
+    for quarter in range(4):  # along the four walls, with the walls' direction as x
+        along, away = (length, width) if quarter % 2 == 0 else (width, length)
+        wall = _Frame(x=middle[0], y=middle[1], yaw=quarter * math.pi / 2, z=z)
+        for u in np.arange(0.9 - along / 2, along / 2 - 0.9, 1.9).tolist():
+            size, tall = rng.uniform(0.8, 1.5), rng.uniform(0.8, 2.0)
+            shelf = wall.box(size, 0.4, z, z + tall, along=u + rng.uniform(-0.2, 0.2), left=0.22 - away / 2)
+            yield [Landmark(box=shelf, material=str(rng.choice(["wood", "brick", "stone"])))]
+            yield _poster(np.random.default_rng([_SEED, quarter, round(100 * (u + along))]), wall, u + 0.95, away)
+    for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
+        for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():
+            x, y, yaw = u + rng.uniform(-0.3, 0.3), v + rng.uniform(-0.3, 0.3), rng.uniform(0, math.pi)
+            at = _Frame(x=x, y=y, yaw=yaw, z=z)
+            yield _table(rng, at) if rng.uniform() < 0.5 else _chest(rng, at)
+
+
+def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -> list[Landmark]:
+    """A sheet on a wall, where no shelf occludes it."""
+    bottom = wall.z + rng.uniform(1.0, 1.5)
+    sheet = wall.box(
+        rng.uniform(0.4, 0.7), 0.02, bottom, bottom + rng.uniform(0.4, 0.9), along=along, left=0.015 - away / 2
+    )
+    return [Landmark(box=sheet, material="poster")]
+
+
+def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
+    length, width, height = rng.uniform(0.9, 1.4), rng.uniform(0.5, 0.7), rng.uniform(0.68, 0.76)
+    sides = [at.box(0.05, width - 0.1, at.z, at.z + height - 0.04, along=e * (length / 2 - 0.08)) for e in (-1, 1)]
+    board = at.box(length, width, at.z + height - 0.04, at.z + height)
+    return [Landmark(box=box, material="wood") for box in (*sides, board)]
+
+
+def _chest(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
+    length, width, height = rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.6), rng.uniform(0.35, 0.6)
+    return [Landmark(box=at.box(length, width, at.z, at.z + height), material=str(rng.choice(["brick", "leaves"])))]
+
+
+LENGTHS_M = {"stripe": 0.30, "shadow": 1.20, "table": 0.70, "wall": 0.15}
+_TABLE_WIDTH_M, _TABLE_M, _BOARD_M, _LEG_M = 1.40, 0.72, 0.04, 0.06
+_WALL_WIDTH_M, _WALL_SIZE_M = 3.0, 2.5
+_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
+_BODY_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Painted:
+    """A level rectangle on the ground: (4, 3) corners, m, anticlockwise seen from above, and its material."""
+
+    corners: Array
+    material: str
+
+
+def painted(things: Sequence[Thing], layout: Layout, width_m: float) -> list[Painted]:
+    """Flat objects on the way, as wide as it: a marking is half white, half black."""
+    found = []
+    for thing in things:
+        middle, end = thing.at_m + LENGTHS_M[thing.kind] / 2, thing.at_m + LENGTHS_M[thing.kind]
+        if thing.kind == "stripe":
+            found.append(_area(thing, thing.at_m, middle, layout, width_m, "white_paint"))
+            found.append(_area(thing, middle, end, layout, width_m, "black_paint"))
+        elif thing.kind == "shadow":
+            found.append(_area(thing, thing.at_m, end, layout, width_m, "shadow"))
+    return found
+
+
+def _area(thing: Thing, start: float, end: float, layout: Layout, width_m: float, material: str) -> Painted:
+    half, s = 0.5 * width_m, np.array([start, start, end, end])
+    xy = layout.way.point(s, thing.left_m + half * np.array([1.0, -1.0, -1.0, 1.0]))
+    z = _strip(layout, start).z0 + _LIFT_M
+    return Painted(corners=np.column_stack([xy, np.full(4, z)]), material=material)
+
+
+def standing(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
+    """Upright objects: tables on two sides, and walls."""
+    found: list[Landmark] = []
+    for thing in things:
+        if thing.kind == "wall":
+            found.append(Landmark(box=_box(thing, layout, _WALL_WIDTH_M, 0.0, _WALL_SIZE_M), material="plaster"))
+        elif thing.kind == "table":
+            found.append(Landmark(box=_box(thing, layout, _TABLE_WIDTH_M, _TABLE_M - _BOARD_M, _TABLE_M),
+                                  material="wood"))  # fmt: skip
+            for side in (-1.0, 1.0):
+                aside = side * (_TABLE_WIDTH_M / 2 - 0.1)
+                leg = _box(thing, layout, _LEG_M, 0.0, _TABLE_M - _BOARD_M, aside)
+                found.append(Landmark(box=leg, material="wood"))
+    return tuple(found)
+
+
+def _box(thing: Thing, layout: Layout, width: float, bottom: float, top: float, aside: float = 0.0) -> Box:
+    """A box across the way on its ground, from one height above it to another."""
+    length = LENGTHS_M[thing.kind]
+    s, z = thing.at_m + length / 2, _strip(layout, thing.at_m).z0
+    x, y = layout.way.point(s, thing.left_m + aside).tolist()
+    return Box(x=x, y=y, yaw=float(layout.way.heading(s)), length=length, width=width, bottom=z + bottom, top=z + top)
+
+
+def _strip(layout: Layout, s: float) -> Strip:
+    return next((strip for strip in layout.profile if s < strip.s1), layout.profile[-1])
+
+
+def check_things(things: Sequence[Thing], layout: Layout) -> None:
+    """Rejects objects that are not on one level, and those that obstruct the walker.
+
+    Raises:
+        ConfigError: The message names the object, its place, and what is valid.
+    """
+    first, last = layout.profile[0].s0, layout.profile[-1].s1
+    walked = layout.way.point(np.arange(0.0, last - RUN_OUT_M, 0.05))
+    for i, thing in enumerate(things):
+        strip, end = _strip(layout, thing.at_m), thing.at_m + LENGTHS_M[thing.kind]
+        level = strip.terrain == "level" and strip.cross_slope == 0.0
+        if not (level and first <= thing.at_m and end <= strip.s1 + 1e-9):
+            valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
+            raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
+        for mark in standing((thing,), layout):
+            if _distance(mark.box, walked).min() < _BODY_M:
+                valid = f"{_BODY_M:g} m clear of where the walker goes"
+                raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)
+
+
+def _distance(box: Box, xy: Array) -> Array:
+    """(N,) m, distance of (N, 2) points from a box in plan view."""
+    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
+    along, left = ((xy - [box.x, box.y]) @ np.array([[cos, -sin], [sin, cos]])).T
+    out = np.maximum(np.abs(np.stack([along, left])) - np.array([[box.length], [box.width]]) / 2, 0.0)
+    return np.asarray(np.hypot(*out))

@@ -1,0 +1,316 @@
+"""Layout of a route in the world: the way, the strips of ground along it, and every slab that it consists of.
+
+Plain data without a simulator; reports and viewers read it from a recording's metadata.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stridetwin.sim.config import Lanes, Level, Ramp, Route, Segment, Stairs, Turn
+from stridetwin.sim.world.route_checks import check_segments
+from stridetwin.sim.world.way import Piece, Way, joined
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.samples import Array
+
+LEAD_IN_M = 2.0
+RUN_OUT_M = 2.0
+SPOT_RADIUS_M = 0.25  # a walker who turns on the spot still steps around a point
+_SLAB_ANGLE_RAD = math.radians(10.0)  # arcs are built of straight slabs
+_CROSSING_STRAIGHT_M = 0.35  # before and after the diagonal part of a crossing
+_CROSSING_RADIUS_M = 1.0
+_SAME_HEIGHT_M = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strip:
+    """One flat or sloping segment of the way.
+
+    Attributes:
+        s0: Arc length of its start, m.
+        s1: Arc length of its end, m.
+        z0: Height of the way at s0, m.
+        z1: Height of the way at s1, m.
+        terrain: level, stair or ramp.
+        cross_slope: Lateral tilt, rad, left side up positive.
+    """
+
+    s0: float
+    s1: float
+    z0: float
+    z1: float
+    terrain: str
+    cross_slope: float = 0.0
+
+    @property
+    def slope(self) -> float:
+        """Inclination along the way, rad, uphill positive."""
+        return math.atan((self.z1 - self.z0) / (self.s1 - self.s0))
+
+    def height(self, s: float, left: float) -> float:
+        """Height of its plane at an arc length and at m to the left of the way."""
+        return self.z0 + math.tan(self.slope) * (s - self.s0) + math.tan(self.cross_slope) * left
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slab:
+    """One flat segment of ground, a rectangle in plan view.
+
+    Attributes:
+        x: Start of its axis in the world, m.
+        y: Start of its axis in the world, m.
+        heading: Direction of its axis, rad.
+        length: Along its axis, m.
+        left: Extent to the left of its axis, m.
+        right: Extent to the right of its axis, m.
+        z0: Height at the start of its axis, m.
+        z1: Height at the end of its axis, m.
+        terrain: level, stair or ramp.
+        cross_slope: Lateral tilt, rad, left side up positive.
+    """
+
+    x: float
+    y: float
+    heading: float
+    length: float
+    left: float
+    right: float
+    z0: float
+    z1: float
+    terrain: str
+    cross_slope: float = 0.0
+
+    def point(self, along: ArrayLike, left: ArrayLike) -> Array:
+        """(..., 3) points of its top in the world, at (...) m along its axis and to the left of it."""
+        along, left = np.asarray(along, dtype=float), np.asarray(left, dtype=float)
+        cos, sin = math.cos(self.heading), math.sin(self.heading)
+        z = self.z0 + (self.z1 - self.z0) * along / self.length + math.tan(self.cross_slope) * left
+        return np.stack([self.x + cos * along - sin * left, self.y + sin * along + cos * left, z], -1)
+
+    def local(self, xy: Array) -> tuple[Array, Array]:
+        """(...) m along its axis and to the left of it, of (..., 2) points in the world."""
+        cos, sin = math.cos(self.heading), math.sin(self.heading)
+        dx, dy = xy[..., 0] - self.x, xy[..., 1] - self.y
+        return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """A route in the world.
+
+    Attributes:
+        way: Plane curve that the walk follows, from `LEAD_IN_M` behind the start to `RUN_OUT_M` beyond the end.
+        profile: Strips along the way in order; there is a riser where one's z1 differs from the next one's z0.
+        slabs: All walkable ground, including that beside the way.
+    """
+
+    way: Way
+    profile: tuple[Strip, ...]
+    slabs: tuple[Slab, ...]
+
+
+def lay_out(route: Route) -> Layout:
+    """Lays out a route from the world's origin, at height 0, along +x.
+
+    Raises:
+        ConfigError: A segment that cannot be built or walked, or that intersects another one; the message names field,
+            value and range.
+    """
+    check_segments(route)
+    half = route.width_m / 2
+    pen = _Pen(x=-LEAD_IN_M, y=0.0, heading=0.0, z=0.0, s=-LEAD_IN_M)
+    pen.straight(LEAD_IN_M, "level", half, half)
+    segments = (*route.segments, Level(length_m=RUN_OUT_M))
+    for i, segment in enumerate(segments):
+        pen.owner = i
+        before = segments[i - 1] if i else None
+        after = segments[i + 1] if i + 1 < len(segments) else None
+        match segment:
+            case Turn(angle_rad=angle, radius_m=radius):
+                pen.arc(angle, radius or SPOT_RADIUS_M, half)
+            case Lanes():
+                _lay_lanes(pen, segment, route.width_m)
+            case Level() if isinstance(before, Lanes) or isinstance(after, Lanes):
+                _lay_landing(pen, segment, before, after, route.width_m)
+            case _:
+                _lay(pen, segment, half)
+    _refuse_conflicts(pen.slabs, pen.owners, len(route.segments))
+    return Layout(way=joined(pen.pieces), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
+
+
+@dataclass(kw_only=True)
+class _Pen:
+    """Start of the next segment, and the layout so far."""
+
+    x: float
+    y: float
+    heading: float
+    z: float
+    s: float
+    owner: int = -1
+    pieces: list[Piece] = field(default_factory=list)
+    strips: list[Strip] = field(default_factory=list)
+    slabs: list[Slab] = field(default_factory=list)
+    owners: list[int] = field(default_factory=list)
+
+    def beside(self, left: float) -> _Pen:
+        """An empty pen on the same line, to the left."""
+        x, y = self.x - left * math.sin(self.heading), self.y + left * math.cos(self.heading)
+        return _Pen(x=x, y=y, heading=self.heading, z=self.z, s=self.s, owner=self.owner)
+
+    def straight(
+        self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0
+    ) -> None:
+        """Lays a slab along a line."""
+        self._slab(
+            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
+                 z1=self.z + rise, terrain=terrain, cross_slope=cross_slope)
+        )  # fmt: skip
+        self._go(length, 0.0, terrain, rise, cross_slope)
+
+    def arc(self, angle: float, radius: float, half_width: float) -> None:
+        """Lays level slabs along an arc; their outer corners meet."""
+        count = math.ceil(abs(angle) / _SLAB_ANGLE_RAD)
+        part = angle / count
+        reach = (radius + half_width) * math.tan(abs(part) / 2)
+        for i in range(count):
+            heading = self.heading + (i + 0.5) * part
+            chord = 2 * radius * math.sin(abs(part) * (i + 0.5) / 2)
+            toward = self.heading + part * (i + 0.5) / 2
+            x = self.x + chord * math.cos(toward) - reach * math.cos(heading)
+            y = self.y + chord * math.sin(toward) - reach * math.sin(heading)
+            self._slab(
+                Slab(x=x, y=y, heading=heading, length=2 * reach, left=half_width, right=half_width, z0=self.z,
+                     z1=self.z, terrain="level")
+            )  # fmt: skip
+        self._go(radius * abs(angle), math.copysign(1.0 / radius, angle))
+
+    def crossing(self, length: float, aside: float, left: float, right: float) -> None:
+        """Lays a level slab on which the way moves `aside` to the left by two equal arcs."""
+        self._slab(
+            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z, z1=self.z,
+                 terrain="level")
+        )  # fmt: skip
+        aslant = length - 2 * _CROSSING_STRAIGHT_M
+        curvature = 4 * aside / (aslant**2 + aside**2)
+        run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
+        heading = self.heading
+        self._go(_CROSSING_STRAIGHT_M, 0.0)
+        self._go(run, curvature)
+        self._go(run, -curvature)
+        self.heading = heading  # exactly, so that lines before and after are one direction
+        self._go(_CROSSING_STRAIGHT_M, 0.0)
+
+    def _go(
+        self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
+    ) -> None:
+        """Advances, and appends to the way and its profile."""
+        here = Piece(s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature)
+        strip = Strip(s0=self.s, s1=self.s + length, z0=self.z, z1=self.z + rise, terrain=terrain,
+                      cross_slope=cross_slope)  # fmt: skip
+        self.pieces.append(here)
+        last = self.strips[-1] if self.strips else None
+        if last and terrain == "level" and replace(last, s0=strip.s0, s1=strip.s1) == strip:
+            self.strips[-1] = replace(last, s1=strip.s1)
+        else:
+            self.strips.append(strip)
+        way = Way(pieces=(here,))
+        self.x, self.y = way.point(here.s1).tolist()
+        self.heading = float(way.heading(here.s1))
+        self.s, self.z = here.s1, strip.z1
+
+    def _slab(self, slab: Slab) -> None:
+        """Adds a slab; merges it with the last one if both are on one level."""
+        if self.slabs and slab.terrain == "level":
+            last = self.slabs[-1]
+            meets = math.dist(last.point(last.length, 0.0), slab.point(0.0, 0.0)) < 1e-9
+            if meets and replace(last, x=slab.x, y=slab.y, length=slab.length) == slab:
+                self.slabs[-1] = replace(last, length=last.length + slab.length)
+                return
+        self.slabs.append(slab)
+        self.owners.append(self.owner)
+
+
+def _lay(pen: _Pen, segment: Segment, half: float) -> None:
+    """Lays one straight segment."""
+    match segment:
+        case Level(length_m=length, cross_slope_rad=cross):
+            pen.straight(length, "level", half, half, cross_slope=cross)
+        case Ramp(angle_rad=angle, rise_m=rise, down=down):
+            pen.straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
+        case Stairs(heights_m=heights, tread_m=tread, down=down):
+            for i, height in enumerate(heights):
+                if i:
+                    pen.straight(tread, "stair", half, half)
+                pen.z += -height if down else height
+
+
+def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
+    """Lays terrains side by side; the pen continues at the end of the walked one."""
+    pens = [pen if i == group.walk else pen.beside((group.walk - i) * width) for i in range(len(group.lanes))]
+    for lane_pen, lane in zip(pens, group.lanes):
+        for segment in lane:
+            _lay(lane_pen, segment, width / 2)
+    end = max(p.s for p in pens)
+    for lane_pen in pens:
+        if end - lane_pen.s > 1e-6:
+            lane_pen.straight(end - lane_pen.s, "level", width / 2, width / 2)
+        if lane_pen is not pen:
+            pen.slabs += lane_pen.slabs
+            pen.owners += lane_pen.owners
+
+
+def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment | None, width: float) -> None:
+    """Lays a level as wide as the lanes beside it, with the way across it to the next walked lane."""
+    sides = []
+    aside = 0.0
+    if isinstance(before, Lanes):
+        sides.append(_sides(before, width, 0.0))
+    if isinstance(after, Lanes):
+        if isinstance(before, Lanes):
+            aside = (before.walk - after.walk) * width
+        sides.append(_sides(after, width, aside))
+    left, right = np.max(sides, axis=0).tolist()
+    if aside == 0.0:
+        pen.straight(level.length_m, "level", left, right)
+        return
+    arcs_m = math.sqrt(max(4 * _CROSSING_RADIUS_M * abs(aside) - aside**2, aside**2))
+    shortest = 2 * _CROSSING_STRAIGHT_M + arcs_m
+    if level.length_m < shortest - 1e-9:
+        at = f"segments[{pen.owner}].length_m"
+        valid = f"at least {shortest:.2f} m, to cross over to a lane {abs(aside):.2f} m away"
+        raise ConfigError("route", at, level.length_m, valid)
+    pen.crossing(level.length_m, aside, left, right)
+
+
+def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
+    """Extent of the lanes to the left and right of a line that is `aside` to the right of the walked one."""
+    return (group.walk + 0.5) * width + aside, (len(group.lanes) - group.walk - 0.5) * width - aside
+
+
+def _refuse_conflicts(slabs: Sequence[Slab], owners: Sequence[int], count: int) -> None:
+    """Rejects ground that overlaps other ground at another height: a way cannot pass under or through it."""
+    for slab, owner in zip(slabs, owners):
+        along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))
+        across = np.linspace(0.02 - slab.right, slab.left - 0.02, max(2, math.ceil((slab.left + slab.right) / 0.25)))
+        points = slab.point(*np.meshgrid(along, across)).reshape(-1, 3)
+        for other, its_owner in zip(slabs, owners):
+            if other is slab:
+                continue
+            u, v = other.local(points[:, :2])
+            inside = (u > 0.01) & (u < other.length - 0.01) & (v > 0.01 - other.right) & (v < other.left - 0.01)
+            gap = np.where(inside, points[:, 2] - other.point(u, v)[:, 2], 0.0)
+            worst = int(np.argmax(np.abs(gap)))
+            if abs(gap[worst]) > _SAME_HEIGHT_M:
+                late, early = max(owner, its_owner), min(owner, its_owner)
+                names = [
+                    "the start" if k < 0 else "the run-out" if k == count else f"segments[{k}]" for k in (late, early)
+                ]
+                x, y, _ = points[worst]
+                valid = f"no overlap with other ground at another height (here {abs(gap[worst]):.2f} m apart)"
+                raise ConfigError("route", names[0], f"over {names[1]} at x = {x:.1f}, y = {y:.1f} m", valid)

@@ -1,0 +1,256 @@
+"""Appearance of the terrain: textured surfaces, sky and sun.
+
+All of it is purely visual: nothing here collides. One mesh per material keeps rendering fast.
+
+Convex polygons in the plane: the part of one that others do not cover.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import mujoco
+import numpy as np
+
+from stridetwin.sim.world.solids import Box, Solid, SolidSet, corners
+from stridetwin.sim.world.textures import FINISHES, PERIOD_M, SIZE, TEXTURES, Pixels
+from stridetwin.streams.samples import Array
+
+_TINY_M = 1e-6
+
+
+def without(polygon: Array, holes: Iterable[Array]) -> list[Array]:
+    """Convex parts of a polygon outside all holes.
+
+    Args:
+        polygon: (N, 2) corners, convex, anticlockwise.
+        holes: Polygons of the same kind.
+
+    Returns:
+        Polygons that do not overlap.
+    """
+    pieces = [polygon]
+    for hole in holes:
+        low, high = hole.min(axis=0), hole.max(axis=0)
+        left = []
+        for piece in pieces:
+            apart = np.any((piece.max(axis=0) < low) | (piece.min(axis=0) > high))
+            left += [piece] if apart else _outside(piece, hole)
+        pieces = left
+    return pieces
+
+
+def split_into_quads(polygon: Array) -> list[Array]:
+    """Cuts a convex polygon (N, 2) into quadrilaterals (4, 2) whose diagonals have areas on both sides."""
+    rest, found = polygon, []
+    while len(rest) > 4:
+        found.append(rest[:4])
+        rest = np.concatenate([rest[:1], rest[3:]])
+    if len(rest) == 3:
+        rest = np.array([rest[0], rest[1], (rest[1] + rest[2]) / 2, rest[2]])
+    return [*found, rest]
+
+
+def _outside(piece: Array, hole: Array) -> list[Array]:
+    """Cuts off the part beyond each side of the hole in sequence; the final rest is inside the hole."""
+    found: list[Array] = []
+    for a, b in zip(hole, np.roll(hole, -1, axis=0)):
+        beyond = _clip(piece, a, b, -1.0)
+        if beyond is not None:
+            found.append(beyond)
+        inside = _clip(piece, a, b, 1.0)
+        if inside is None:
+            return found
+        piece = inside
+    return found
+
+
+def _clip(polygon: Array, a: Array, b: Array, side: float) -> Array | None:
+    """The part of a polygon to the left (1) or right (-1) of the line from a to b; None if empty."""
+    run = (b - a) / np.linalg.norm(b - a)
+    away = side * (run[0] * (polygon[:, 1] - a[1]) - run[1] * (polygon[:, 0] - a[0]))
+    if away.max() < _TINY_M:
+        return None
+    if away.min() > -_TINY_M:
+        return polygon
+    points = []
+    for i, j in zip(range(len(polygon)), np.roll(np.arange(len(polygon)), -1)):
+        if away[i] > -_TINY_M:
+            points.append(polygon[i])
+        if (away[i] > _TINY_M and away[j] < -_TINY_M) or (away[i] < -_TINY_M and away[j] > _TINY_M):
+            points.append(polygon[i] + away[i] / (away[i] - away[j]) * (polygon[j] - polygon[i]))
+    return np.array(points) if len(points) > 2 else None
+
+
+_TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
+_SIDE = "stone"
+_NOSING = "nosing"
+_COLOURS = {_NOSING: (0.93, 0.87, 0.68), "white_paint": (0.92, 0.92, 0.90), "black_paint": (0.02, 0.02, 0.02)}
+_SHADOW, _SHADE = "shadow", 0.25  # of concrete, and the remaining light
+_NOSING_M = 0.03
+_RISER_M = 0.019
+_SEED = 20260  # the world looks the same in every walk
+
+
+@dataclass(frozen=True, eq=False)
+class Quad:
+    """A textured rectangle.
+
+    Attributes:
+        corners: (4, 3) in the world, anticlockwise seen from outside.
+        uv: (4, 2) texture coordinates, m.
+        material: Name of its material.
+    """
+
+    corners: Array
+    uv: Array
+    material: str
+
+
+def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
+    """Textured faces of walkable solids; treads and landings get a pale strip along edges with a drop."""
+    quads: list[Quad] = []
+    for i, solid in enumerate(solids):
+        # where tops coincide, one face would shine through the other
+        painted = [corners(other)[4:] for other in solids[:i] if other.start == solid.start and other.end == solid.end]
+        low, high = (_NOSING_M * _falls(solid, end, surface) for end in (-1.0, 1.0))
+        quads += _sides(solid, _SIDE)
+        for start, end, material in (
+            (0.0, low, _NOSING),
+            (low, solid.length - high, _TOP[solid.terrain]),
+            (solid.length - high, solid.length, _NOSING),
+        ):
+            if end > start:
+                quads += _top(solid, start, end, material, painted)
+    return quads
+
+
+def paint_box(box: Box, material: str) -> list[Quad]:
+    """Textured faces of a box of one material."""
+    return [*_sides(box, material), *_top(box, 0.0, box.length, material)]
+
+
+def paint_area(corners: Array, material: str) -> Quad:
+    """A level rectangle on the ground, textured in world coordinates; (4, 3) corners, anticlockwise from above."""
+    return Quad(corners, corners[:, :2], material)
+
+
+def _falls(solid: Solid, end: float, surface: SolidSet) -> bool:
+    """Whether there is ground one riser lower beyond the start (-1) or the end (1) of a top."""
+    beyond = end * (solid.length / 2 + 0.01)
+    x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
+    height, which = surface.top_facet([x, y])
+    return bool(which >= 0 and height < (solid.start if end < 0 else solid.end) - _RISER_M)
+
+
+def _top(solid: Solid, start: float, end: float, material: str, painted: Sequence[Array] = ()) -> list[Quad]:
+    """Part of the top between two distances along the solid's length, except for areas that are painted already."""
+    cos, sin = math.cos(solid.yaw), math.sin(solid.yaw)
+    axes = np.array([[cos, sin], [-sin, cos]])
+    centre, half = np.array([solid.x, solid.y]), np.array([solid.length, solid.width]) / 2
+    slope = np.array([(solid.end - solid.start) / solid.length, solid.cross])
+    local = np.array([[start, 0.0], [end, 0.0], [end, solid.width], [start, solid.width]]) - half
+    quads = []
+    for piece in without(centre + local @ axes, [other[:, :2] for other in painted]):
+        for quad in split_into_quads(piece):
+            own = (quad - centre) @ axes.T
+            z = (solid.start + solid.end) / 2 + own @ slope
+            # level ground has texture coordinates of the world, so that adjacent slabs show one paving
+            paved = isinstance(solid, Box) and solid.terrain == "level"
+            uv = quad if paved else (own + half) * np.hypot(1.0, slope)
+            quads.append(Quad(np.column_stack([quad, z]), uv, material))
+    return quads
+
+
+def _sides(solid: Solid, material: str) -> list[Quad]:
+    c = corners(solid)
+    quads = []
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        face = np.array([c[i], c[j], c[4 + j], c[4 + i]])
+        run = math.dist(c[i, :2], c[j, :2]) * np.array([0.0, 1.0, 1.0, 0.0])
+        start = c[i, 0] if i % 2 == 0 else c[i, 1]
+        quads.append(Quad(face, np.column_stack([start + run, -face[:, 2]]), material))
+    return quads
+
+
+def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
+    """Adds rectangles to the model's world, one mesh and geom per material, finished as in `textures.FINISHES`."""
+    by_material = defaultdict(list)
+    for quad in quads:
+        by_material[quad.material].append(quad)
+    for material, group in by_material.items():
+        vertices = np.array([q.corners for q in group])
+        normal = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        face = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(len(group))[:, None, None]
+        name = f"scenery_{material}"
+        spec.add_mesh(
+            name=name,
+            uservert=vertices.ravel(),
+            usernormal=np.repeat(normal, 4, axis=0).ravel(),
+            usertexcoord=np.array([q.uv for q in group]).ravel() / PERIOD_M,
+            userface=face.ravel(),
+            userfacenormal=face.ravel(),
+            userfacetexcoord=face.ravel(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+        spec.worldbody.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name,
+            material=_add_material(spec, material, finish).name,
+            contype=0, conaffinity=0,
+        )  # fmt: skip
+
+
+def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMaterial:
+    full = f"scenery_{name}"
+    material = spec.add_material(name=full, specular=0.0, shininess=0.0)
+    if name in _COLOURS:
+        strip = np.array([[_COLOURS[name]]]) * 255
+        material.rgba = (*(FINISHES[finish](strip.astype(np.uint8))[0, 0] / 255.0).tolist(), 1.0)
+        return material
+    texture = spec.add_texture(name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3)
+    texture.data = FINISHES[finish](_texture("concrete" if name == _SHADOW else name)).tobytes()
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = full
+    if name == _SHADOW:
+        material.rgba = (_SHADE, _SHADE, _SHADE, 1.0)
+    return material
+
+
+@cache
+def _texture(name: str) -> Pixels:
+    return TEXTURES[name](np.random.default_rng([_SEED, *name.encode()]))
+
+
+def add_ground(spec: mujoco.MjSpec, height: float, finish: str) -> None:
+    """Adds the surrounding plane, `ground`, which collides."""
+    lawn = _add_material(spec, "grass", finish)
+    lawn.texuniform, lawn.texrepeat = True, (1 / PERIOD_M, 1 / PERIOD_M)  # a plane has no texture coordinates
+    spec.worldbody.add_geom(
+        name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=(0.0, 0.0, height), size=(0.0, 0.0, 1.0),
+        material=lawn.name,
+    )  # fmt: skip
+
+
+def add_sky(spec: mujoco.MjSpec, light: float) -> None:
+    """Adds a sky gradient, a sun and ambient light; `light` 1 is a bright day."""
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.42, 0.62, 0.86), rgb2=(0.90, 0.93, 0.95), width=32, height=192,
+    )  # fmt: skip
+    for name, direction, colour, shadow in (
+        ("sun", (0.35, 0.45, -0.82), (0.62, 0.60, 0.55), True),
+        ("fill", (-0.6, -0.5, -0.3), (0.16, 0.17, 0.19), False),
+    ):
+        spec.worldbody.add_light(
+            name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=(0.0, 0.0, 12.0), dir=direction,
+            diffuse=tuple(light * c for c in colour),
+            specular=(0.1 * shadow,) * 3, ambient=(0.0, 0.0, 0.0), castshadow=shadow,
+        )  # fmt: skip
+    # The headlight gives ambient light only: if it came from the camera, the brightness of a surface would depend on
+    # the viewpoint.
+    spec.visual.headlight.ambient = (0.46 * light, 0.47 * light, 0.50 * light)
+    spec.visual.headlight.diffuse = spec.visual.headlight.specular = (0.0, 0.0, 0.0)

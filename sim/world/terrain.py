@@ -1,0 +1,160 @@
+"""Terrain of a route: exact boxes and wedges, and the properties of the ground anywhere on them.
+
+The walk starts at the world's origin along +x. There is a level lead-in behind the walker and a run-out beyond the last
+segment; a ground plane lies just below the lowest point all around.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stridetwin.sim.config import Route
+from stridetwin.sim.world import obstacles
+from stridetwin.sim.world.obstacles import Landmark, floor, surroundings
+from stridetwin.sim.world.route import Layout, Slab, Strip, lay_out
+from stridetwin.sim.world.scenery import add_ground, add_quads, add_sky, paint_area, paint_box, paint_slabs
+from stridetwin.sim.world.solids import Box, Solid, SolidSet, Wedge, corners
+from stridetwin.streams.samples import Array
+
+_GROUND_BELOW_M = 0.05
+_FOOT_OF_SLABS_M = 0.05  # below the ground plane, so that no gap shows
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Terrain:
+    """Ground to walk on.
+
+    Attributes:
+        layout: The route in the world.
+        ground_m: Height of the plane all around.
+        route: The route, with its scenery, texture and light.
+    """
+
+    layout: Layout
+    ground_m: float
+    route: Route
+
+    @classmethod
+    def from_route(cls, route: Route) -> Terrain:
+        """Lays out a route.
+
+        Args:
+            route: Segments from the world's origin along +x.
+
+        Returns:
+            The terrain; its way begins 2 m behind the origin and reaches 2 m beyond the route's end.
+
+        Raises:
+            ConfigError: A segment that cannot be built or walked; the message names field, value and range.
+        """
+        layout = lay_out(route)
+        obstacles.check_things(route.things, layout)
+        lowest = min(float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
+                     for slab in layout.slabs)  # fmt: skip
+        return cls(layout=layout, ground_m=lowest - _GROUND_BELOW_M, route=route)
+
+    @property
+    def profile(self) -> tuple[Strip, ...]:
+        """Surface along the way, in order."""
+        return self.layout.profile
+
+    @cached_property
+    def solids(self) -> tuple[Solid, ...]:
+        """One solid per slab and the floor of a room, on the ground plane."""
+        slabs = (*self.layout.slabs, *floor(self.route.scenery, self.layout))
+        return tuple(_solid(slab, self.ground_m - _FOOT_OF_SLABS_M) for slab in slabs)
+
+    @cached_property
+    def landmarks(self) -> tuple[Landmark, ...]:
+        """Objects beside the way and at its end, out of the walker's reach."""
+        standing = obstacles.standing(self.route.things, self.layout)
+        return surroundings(self.route.scenery, self.layout, self.ground_m - _FOOT_OF_SLABS_M, standing)
+
+    def add_to(self, spec: mujoco.MjSpec) -> None:
+        """Adds the terrain to a model.
+
+        Collision geoms are `terrain_<i>`, one per solid, and the plane `ground`; the visible geoms are meshes
+        `scenery_<material>` that do not collide. A sky and a sun are added, too.
+        """
+        for i, solid in enumerate(self.solids):
+            _add_collision(spec, f"terrain_{i}", solid)
+        quads = paint_slabs(self.solids, self._set)
+        for mark in self.landmarks:
+            quads += paint_box(mark.box, mark.material)
+        for area in obstacles.painted(self.route.things, self.layout, self.route.width_m):
+            quads.append(paint_area(area.corners, area.material))
+        add_quads(spec, quads, self.route.texture)
+        # Last, so that little of it is rendered where something occludes it.
+        add_ground(spec, self.ground_m, self.route.texture)
+        add_sky(spec, self.route.light)
+
+    @cached_property
+    def _obstacles(self) -> SolidSet:
+        return SolidSet([*self.solids, *(mark.box for mark in self.landmarks)], self.ground_m)
+
+    @cached_property
+    def _set(self) -> SolidSet:
+        return SolidSet(self.solids, self.ground_m)
+
+    def height(self, xy: ArrayLike) -> Array:
+        """Height of the surface, m, (...), at (..., 2) points in the world; on a riser the upper one."""
+        return self._set.top_facet(xy)[0]
+
+    def normal(self, xy: ArrayLike) -> Array:
+        """Unit normal of the surface in the world (..., 3) at (..., 2) points."""
+        return self._set.top_normal(self._set.top_facet(xy)[1])
+
+    def terrain_class(self, xy: ArrayLike) -> NDArray[np.str_]:
+        """level, stair or ramp, (...), at (..., 2) points; landings and the ground around are level."""
+        names = np.array([s.terrain for s in self.solids] + ["level"])  # index -1 is the ground plane
+        return names[self._set.top_facet(xy)[1]]
+
+    def edge_distance(self, xy: ArrayLike) -> Array:
+        """Horizontal distance, m, (...), from (..., 2) points to the nearest jump or bend of the surface."""
+        return self._set.edge_distance(xy)
+
+    def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> Array:
+        """Distance along rays to the surface or a landmark.
+
+        Args:
+            origins: (N, 3) in the world, m.
+            directions: (N, 3) in the world, any length but zero.
+
+        Returns:
+            (N,) m; inf for a miss, 0 for an origin inside a solid.
+        """
+        return self.ray_hit(origins, directions)[0]
+
+    def ray_hit(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+        """As `ray_cast`, and the (N, 3) outward normal of the face that is hit (zero for a miss)."""
+        return self._obstacles.ray_cast(origins, directions)
+
+
+def _solid(slab: Slab, bottom: float) -> Solid:
+    x, y, _ = slab.point(slab.length / 2, (slab.left - slab.right) / 2).tolist()
+    width = slab.left + slab.right
+    if slab.z0 == slab.z1 and slab.cross_slope == 0.0:
+        return Box(x=x, y=y, yaw=slab.heading, length=slab.length, width=width, bottom=bottom, top=slab.z0,
+                   terrain=slab.terrain)  # fmt: skip
+    return Wedge(x=x, y=y, yaw=slab.heading, length=slab.length, width=width, bottom=bottom, start=slab.z0,
+                 end=slab.z1, cross=math.tan(slab.cross_slope), terrain=slab.terrain)  # fmt: skip
+
+
+def _add_collision(spec: mujoco.MjSpec, name: str, solid: Solid) -> None:
+    """Adds the exact shape of a solid, invisible (group 3)."""
+    if isinstance(solid, Box):
+        spec.worldbody.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_BOX, group=3,
+            pos=(solid.x, solid.y, (solid.bottom + solid.top) / 2),
+            size=(solid.length / 2, solid.width / 2, (solid.top - solid.bottom) / 2),
+            quat=(math.cos(solid.yaw / 2), 0.0, 0.0, math.sin(solid.yaw / 2)),
+        )  # fmt: skip
+    else:
+        spec.add_mesh(name=name, uservert=corners(solid).ravel())
+        spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, group=3)

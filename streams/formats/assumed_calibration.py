@@ -1,0 +1,166 @@
+"""Default calibrations of an import for sensors without one; each default is reported by a warning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
+from stridetwin.streams.plausible import mean_rate
+from stridetwin.streams.recording.imported import ImageStream, Notes
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.samples import Block, Depth, Image, Imu
+
+BODY = "head"
+GIVE = "give one with --rig FILE (Kalibr YAML)"
+# Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that vary by their in-run instability
+# (10 °/h, 40 µg) in 100 s
+_GYRO_NOISE = math.radians(0.014)
+_GYRO_WALK = math.radians(10 / 3600) / 10
+_ACCEL_NOISE = 150e-6 * STANDARD_GRAVITY_MPS2
+_ACCEL_WALK = 40e-6 * STANDARD_GRAVITY_MPS2 / 10
+_FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, used by RGB-D datasets without a calibration
+
+
+def completed(
+    rig: Rig,
+    blocks: Mapping[str, Block[Any]],
+    images: Mapping[str, ImageStream],
+    notes: Notes,
+    registered: Collection[str] = (),
+) -> Rig:
+    """A rig with a calibration for every existing IMU and camera, and for nothing else.
+
+    Args:
+        rig: Known calibrations.
+        blocks: Small streams by topic.
+        images: Image streams by topic.
+        notes: Collects warnings about assumptions.
+        registered: Depth streams that are registered to a colour image according to the source.
+    """
+    imus = {
+        t: rig.imus[t] if t in rig.imus else _assumed_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
+    }
+    colour = [t for t, p in images.items() if p.kind is Image]
+    depth = [t for t, p in images.items() if p.kind is Depth]
+    cameras = {t: _camera(rig, t, images[t], notes) for t in colour}
+    for topic in depth:
+        if not any(c.depth_topic == topic for c in cameras.values()):
+            _add_depth(rig, cameras, topic, images, notes, topic in registered)
+    cameras = {t: _of_there(c, imus, images) for t, c in cameras.items()}
+    for camera in cameras.values():
+        _check_intrinsics(camera, notes)
+    return Rig(
+        imus=imus, cameras=cameras, boards=rig.boards, others={t: o for t, o in rig.others.items() if t in blocks}
+    )
+
+
+def body_of(topic: str) -> str:
+    """Body that carries the sensor of a topic: `foot_l` of `/foot_l/imu`."""
+    first = topic.strip("/").split("/")[0]
+    return {"chest": "torso"}.get(first, first if first.startswith("foot_") else BODY)
+
+
+def image_size(images: ImageStream) -> tuple[int, int] | None:
+    """(width, height) of the first image, None if it cannot be read."""
+    try:
+        first = images.load("", 0)
+    except (StrideTwinError, ValueError, IndexError):
+        return None
+    shape = first.depth.shape if isinstance(first, Depth) else first.pixels.shape
+    return shape[1], shape[0]
+
+
+def _assumed_imu(topic: str, t_ns: NDArray[np.int64], notes: Notes) -> ImuCalibration:
+    notes.warn(
+        f"{topic}: no calibration; assumed the noise of a consumer IMU ({math.degrees(_GYRO_NOISE):.3g} °/s/√Hz, "
+        f"{_ACCEL_NOISE:.2g} m/s²/√Hz) at the origin of {body_of(topic)}; {GIVE}"
+    )
+    return ImuCalibration(
+        topic=topic,
+        part="",
+        rate_hz=mean_rate(t_ns) or 1.0,
+        mount=Mount(body=body_of(topic)),
+        gyroscope_noise_density=_GYRO_NOISE,
+        gyroscope_random_walk=_GYRO_WALK,
+        accelerometer_noise_density=_ACCEL_NOISE,
+        accelerometer_random_walk=_ACCEL_WALK,
+    )
+
+
+def _camera(rig: Rig, topic: str, images: ImageStream, notes: Notes) -> CameraCalibration:
+    size = image_size(images)
+    if topic not in rig.cameras:
+        return _assumed_camera(topic, images, size or (640, 480), notes)
+    camera = rig.cameras[topic]
+    if size is not None and size != (camera.width, camera.height):
+        expected = f"{camera.width} x {camera.height}"
+        notes.invalid(ConfigError(notes.path, f"{topic}, size", f"{size[0]} x {size[1]}", f"{expected}, as calibrated"))
+    return camera
+
+
+def _assumed_camera(topic: str, images: ImageStream, size: tuple[int, int], notes: Notes) -> CameraCalibration:
+    width, height = size
+    focal = _FOCAL_PER_WIDTH * width
+    notes.warn(f"{topic}: no calibration; assumed a pinhole of focal length {focal:.0f} px, {GIVE}")
+    return CameraCalibration(
+        topic=topic,
+        part="",
+        rate_hz=mean_rate(images.t_ns),
+        mount=Mount(body=body_of(topic)),
+        width=width,
+        height=height,
+        intrinsics=(focal, focal, (width - 1) / 2, (height - 1) / 2),
+    )
+
+
+def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
+    fu, fv, pu, pv = camera.intrinsics
+    is_lens = 0.2 < fu / camera.width < 5 and 0.5 < fu / fv < 2
+    if not (is_lens and 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8):
+        size = f"{camera.width} x {camera.height}"
+        notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for images of {size}")
+
+
+def _add_depth(
+    rig: Rig,
+    cameras: dict[str, CameraCalibration],
+    topic: str,
+    images: Mapping[str, ImageStream],
+    notes: Notes,
+    is_registered: bool,
+) -> None:
+    """Registers a depth stream to the colour camera of equal size beside it, or makes it a separate camera."""
+    registered_camera = next((c for c in rig.cameras.values() if c.depth_topic == topic), None)
+    if registered_camera is not None:  # a camera whose colour was not recorded
+        cameras[registered_camera.topic] = _camera(rig, registered_camera.topic, images[topic], notes)
+        return
+    size = image_size(images[topic])
+    own = rig.cameras.get(topic)
+    for name, camera in cameras.items():
+        same = is_registered or own is None or np.allclose(own.intrinsics, camera.intrinsics)
+        if not camera.depth_topic and size == (camera.width, camera.height) and same:
+            if own is None and not is_registered:
+                notes.warn(f"{topic}: assumed registered to {name} because of its size; {GIVE}")
+            cameras[name] = replace(camera, depth_topic=topic)
+            return
+    if cameras:
+        notes.warn(f"{topic}: not registered to a colour image; it becomes a separate camera")
+    camera = own or _assumed_camera(topic, images[topic], size or (640, 480), notes)
+    cameras[topic] = replace(camera, topic=topic, depth_topic=topic)
+
+
+def _of_there(
+    camera: CameraCalibration, imus: Mapping[str, ImuCalibration], images: Mapping[str, ImageStream]
+) -> CameraCalibration:
+    """Removes references to missing streams; a camera without an IMU gets one of its body."""
+    beside = [t for t, imu in imus.items() if imu.mount.body == camera.mount.body]
+    imu = camera.imu_topic if camera.imu_topic in beside else (beside[0] if beside else "")
+    depth = camera.depth_topic if camera.depth_topic in images else ""
+    return replace(camera, imu_topic=imu, depth_topic=depth)

@@ -1,0 +1,185 @@
+"""Image files: 8-bit colour or grey, and depth as 16-bit PNG.
+
+Lists of image files with stamps, as in the EuRoC and TUM layouts.
+
+Choice of the camera for an export.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from pathlib import Path, PurePath
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.bounded import LARGEST_IMAGE, MOST_PIXELS, decode_image, read_bytes
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
+from stridetwin.streams.recording.imported import ImageStream, Notes, unreadable
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.ros_images import rgb_from_bgr
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Depth, Image
+
+NONE = (0, 65535)
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def read_image(path: Path, topic: str, t_ns: int) -> Image:
+    """Reads a colour or grey image; of 16-bit grey the upper byte.
+
+    Raises:
+        StrideTwinError: The file is missing or damaged.
+    """
+    pixels = _pixels(path)
+    if pixels.dtype == np.uint16:
+        pixels = (pixels >> 8).astype(np.uint8)
+    if pixels.dtype != np.uint8:
+        raise ConfigError(path, "pixels", str(pixels.dtype), "8 or 16 bits")
+    return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
+
+
+def read_depth(path: Path, topic: str, t_ns: int, per_metre: float) -> Depth:
+    """Reads a depth image of 16 bits; 0 and 65535 both mean no depth.
+
+    Raises:
+        StrideTwinError: The file is missing, damaged or does not have 16 bits.
+    """
+    raw = _pixels(path)
+    if raw.dtype != np.uint16 or raw.ndim != 2:
+        raise ConfigError(path, "pixels", f"{raw.dtype} {raw.shape}", "one channel of 16 bits")
+    none = (raw == NONE[0]) | (raw == NONE[1])
+    return Depth(topic=topic, t_ns=t_ns, depth=np.where(none, 0, raw).astype(np.float32) / np.float32(per_metre))
+
+
+def write_image(path: Path, sample: Image) -> None:
+    """Writes a PNG."""
+    pixels = sample.pixels if sample.pixels.ndim == 2 else cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR)
+    _write(path, pixels)
+
+
+def write_depth(path: Path, sample: Depth, per_metre: float) -> None:
+    """Writes a PNG of 16 bits; depth out of range becomes 0, none."""
+    units = np.rint(sample.depth * np.float32(per_metre))
+    _write(path, np.where((units > 0) & (units < NONE[1]), units, 0).astype(np.uint16))
+
+
+def png_is_sound(data: bytes) -> bool:
+    """Whether the CRC of every chunk of a PNG is correct: OpenCV decodes some damaged ones with just a warning."""
+    at = len(_PNG)
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
+    return False
+
+
+def _pixels(path: Path) -> NDArray[Any]:
+    try:
+        data = read_bytes(path, LARGEST_IMAGE)
+        sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
+        pixels = decode_image(data) if sound else None
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except ValueError as error:
+        raise ConfigError(
+            path, "", f"a damaged image: {error}", f"a PNG or JPEG of up to {MOST_PIXELS} pixels"
+        ) from error
+    if pixels is None:
+        raise ConfigError(path, "", "a damaged image", "one that OpenCV can read")
+    return pixels
+
+
+def _write(path: Path, pixels: NDArray[Any]) -> None:
+    done, data = cv2.imencode(path.suffix, pixels)
+    if not done:
+        raise StrideTwinError(f"{path}: cannot be written: OpenCV refuses {pixels.dtype} {pixels.shape}")
+    path.write_bytes(data.tobytes())
+
+
+def read_image_list(
+    file: Path,
+    folder: Path,
+    separator: str | None,
+    stamp: Callable[[str], int],
+    notes: Notes,
+    per_metre: float | None = None,
+) -> ImageStream:
+    """Reads rows of a stamp and an image file name.
+
+    Args:
+        file: The list.
+        folder: Folder that the names are relative to.
+        separator: Between stamp and name; None is any white space.
+        stamp: Converts a word to nanoseconds.
+        notes: Collects invalid rows, which are omitted when lenient.
+        per_metre: Units of depth per metre; None for colour.
+
+    Raises:
+        StrideTwinError: The list cannot be read, is empty, or a row is invalid, unless lenient.
+    """
+    _, rows = read_text_rows(file, separator)
+    stamps: list[int] = []
+    files: list[Path] = []
+    for row in rows:
+        try:
+            path = _listed(file, folder, row.line, (separator or " ").join(row.words[1:]))
+            stamps.append(row_stamp(file, row, stamp))
+            files.append(path)
+        except ConfigError as error:
+            notes.invalid(error)
+    if not files:
+        notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
+    return image_stream(stamps, files, per_metre)
+
+
+def image_stream(stamps: list[int], files: list[Path], per_metre: float | None) -> ImageStream:
+    """Image files with stamps as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
+
+    def load(topic: str, i: int) -> Image | Depth:
+        if per_metre is None:
+            return read_image(files[i], topic, stamps[i])
+        return read_depth(files[i], topic, stamps[i], per_metre)
+
+    return ImageStream(kind=Image if per_metre is None else Depth, t_ns=np.array(stamps, np.int64), load=load)
+
+
+def _listed(file: Path, folder: Path, line: int, name: str) -> Path:
+    where, valid = f"line {line}, filename", f"an image inside {folder.name}/"
+    parts = PurePath(name).parts
+    if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
+        raise ConfigError(file, where, name, valid)
+    path = folder / name
+    try:
+        there = path.is_file()
+    except OSError:  # a name too long for the file system
+        there = False
+    if not there:
+        raise ConfigError(file, where, name, f"{valid}; there is no such file")
+    return path
+
+
+def chosen_camera(recording: Recording, topic: str | None) -> CameraCalibration:
+    """The camera of a topic, or the first one with depth (otherwise the first one).
+
+    Raises:
+        ConfigError: Unknown camera; the message lists the known ones.
+    """
+    there = [c for t, c in recording.rig.cameras.items() if t in recording.topics]
+    names = ", ".join(c.topic for c in there) or "none (a recording with images)"
+    if topic is not None:
+        camera = recording.rig.cameras.get(topic)
+        if camera is None or camera not in there:
+            raise ConfigError(recording.path, "--camera", topic, names)
+        return camera
+    colour = [c for c in there if recording.topics[c.topic].kind is Image]
+    if not colour:
+        raise ConfigError(recording.path, "cameras", None, "at least one colour or grey camera with a calibration")
+    return next((c for c in colour if c.depth_topic in recording.topics), colour[0])

@@ -1,0 +1,326 @@
+"""Opens any source as a recording: detects its kind by content, and maps its streams to our topics."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
+from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
+from stridetwin.streams.formats.assumed_calibration import completed
+from stridetwin.streams.formats.bag import Bag, read_bag
+from stridetwin.streams.formats.bag_mcap import McapBag
+from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
+from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
+from stridetwin.streams.formats.imu_table import read_imu_table
+from stridetwin.streams.formats.own_recordings import is_ours, read_calibration
+from stridetwin.streams.kalibr import read_rig
+from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
+from stridetwin.streams.recording.imported import ImportedContents, Notes, Source, unreadable
+from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.recording.mcap_writer import MAGIC
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.recording.topic_reader import finite, increasing
+from stridetwin.streams.recording.writer import RIG_NAME
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point
+from stridetwin.streams.yaml_file import read_yaml
+
+KINDS = ("mcap", "rosbag1", "rosbag2", "euroc", "tum", "7scenes", "table")
+TABLE_TOPIC = "/foot_l/imu"
+_BAGS = ("mcap", "rosbag1", "rosbag2")
+_REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
+_REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
+_SQLITE = b"SQLite format 3\0"
+_EVENTS = (Footprint, Point)  # irregular events
+_SHORT = 0.05  # of the longest stream may be missing from another without a warning
+_FEWEST = 10  # samples needed to check a rate or a unit
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """Options for reading a foreign source.
+
+    Attributes:
+        kind: One of `KINDS`; None detects it from the content.
+        names: Topic of a stream, by its name in the source or its default topic.
+        rig: Kalibr YAML whose calibrations replace those of the source.
+        depth_scale: Units of a folder's depth images per metre; None for the layout's.
+    """
+
+    kind: str | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    rig: Path | None = None
+    depth_scale: float | None = None
+
+
+def recognise(path: Path) -> str:
+    """Kind of a source, detected from its content.
+
+    Raises:
+        StrideTwinError: The source does not exist or is none of `KINDS`.
+    """
+    try:
+        if path.is_dir():
+            return _folder_kind(path)
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if not head:
+        raise StrideTwinError(f"{path}: the file is empty")
+    if head.startswith(MAGIC[:5]):
+        return "mcap"
+    if head.startswith(b"#ROSBAG"):
+        return "rosbag1"
+    if head == _SQLITE:
+        return "rosbag2"
+    if path.suffix in (".csv", ".npz"):
+        return "table"
+    by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
+    if path.suffix in by_name:
+        raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
+    raise ConfigError(path, "", "a file of unknown content", f"one of {', '.join(KINDS)}")
+
+
+def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | None = None) -> Recording:
+    """Opens a recording, or another tool's file or folder as one.
+
+    Args:
+        path: Recording, bag, dataset folder or IMU table.
+        lenient: Read everything that is readable; problems are listed in `problems`.
+        options: Options for a foreign source.
+
+    Returns:
+        The recording; assumptions are listed in its `warnings`.
+
+    Raises:
+        StrideTwinError: The source cannot be read or (unless lenient) would corrupt an estimate; names file,
+            field, value and what is valid.
+    """
+    path, options = Path(path), options or ImportOptions()
+    if options.kind is not None and options.kind not in KINDS:
+        raise ConfigError("import", "--as", options.kind, ", ".join(KINDS))
+    kind = options.kind or recognise(path)
+    is_plain = not options.names and options.rig is None
+    own = _own_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
+    if own is not None and is_plain:
+        return Recording(own, lenient)
+    notes = Notes(path, lenient)
+    metadata = {"imported_from": kind, "source": path.name}
+    try:
+        if own is not None:
+            rig, metadata = read_calibration(own, notes)  # first, because recordings of newer releases are rejected
+        source = _read(path, kind, options, notes)
+    except OSError as error:
+        raise unreadable(Path(error.filename or path), error) from error
+    if own is not None:
+        source = replace(source, rig=rig, names={}, assumed={})
+    topics = _topics(source, options.names)
+    streams = streams_of(source, topics, numbered=kind not in _BAGS)
+    registered = _registered(source, topics)
+    source = _renamed(source, topics, bodies_are_known=own is not None)
+    better = _better_rig(path, source.rig, options, streams, notes)
+    rig = completed(_merged(source.rig, better), source.blocks, source.images, notes, registered)
+    for topic, words in source.assumed.items():
+        if topic in rig.cameras and topic not in better.cameras:
+            notes.warn(f"{topic}: {words}")
+    if own is None:  # our own recordings are not checked when read without options
+        _check_plausible(source, notes)
+    contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
+    if own is None:
+        _check_overlap(contents, notes)
+    return Recording(path, lenient, contents)
+
+
+def _folder_kind(path: Path) -> str:
+    if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
+        return "rosbag2"
+    if euroc.euroc_root(path) is not None:
+        return "euroc"
+    if tum_rgbd.is_tum_rgbd(path):
+        return "tum"
+    if seven_scenes.frames_folder(path) is not None:
+        return "7scenes"
+    raise ConfigError(path, "", "a folder of unknown layout", f"one of {', '.join(KINDS[2:6])}")
+
+
+def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
+    if kind == "table":
+        block = read_imu_table(path, topic=TABLE_TOPIC)
+        return Source(kind=kind, blocks={TABLE_TOPIC: block}, images={}, rig=Rig())
+    if kind == "euroc":
+        return euroc.read_euroc(path, notes)
+    if kind == "tum":
+        return tum_rgbd.read_tum_rgbd(path, notes, options.depth_scale or tum_rgbd.PER_METRE)
+    if kind == "7scenes":
+        return seven_scenes.read_seven_scenes(path, notes, options.depth_scale or seven_scenes.PER_METRE)
+    return read_bag(_bag(path, kind, notes), kind, notes)
+
+
+def _own_file(path: Path, is_plain: bool) -> Path | None:
+    """The path of our own MCAP file, which may be in a folder; None for anything else.
+
+    A damaged file counts, too, if nothing else is known about it: `Recording` gives the best error message.
+    """
+    files = _files_of_bag(path) if path.is_dir() else [path]
+    return files[0] if len(files) == 1 and files[0].suffix != ".db3" and is_ours(files[0], is_plain) else None
+
+
+def _bag(path: Path, kind: str, notes: Notes) -> Bag:
+    if kind == "mcap":
+        return McapBag([path], notes)
+    if kind == "rosbag1":
+        return RosBag(path, True, notes)
+    files = _files_of_bag(path) if path.is_dir() else [path]
+    if files and all(f.suffix == ".mcap" for f in files):
+        return McapBag(files, notes)
+    for file in files:
+        if file.suffix != ".db3":
+            continue
+        check_tables(file)
+        if not sqlite_is_sound(file):
+            notes.problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
+    return RosBag(path, False, notes)
+
+
+def _files_of_bag(path: Path) -> list[Path]:
+    """The files of a ROS 2 bag in the order of its metadata, or all files if it has no metadata."""
+    metadata = path / "metadata.yaml"
+    if not metadata.is_file():
+        return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
+    try:
+        info = read_yaml(metadata)["rosbag2_bagfile_information"]
+        names = [str(n) for n in info["relative_file_paths"]]
+        compressed = str(info.get("compression_mode") or "none").lower() != "none"
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        words = " ".join(str(error).split())
+        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {words[:120]}") from error
+    if compressed:
+        raise ConfigError(
+            metadata, "compression_mode", info["compression_mode"], "none: unpack it first (ros2 bag convert)"
+        )
+    files = [path / Path(n).name for n in names]
+    for file in files:
+        if not file.is_file():
+            raise ConfigError(metadata, "relative_file_paths", file.name, "existing files")
+    return files
+
+
+def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
+    """Our topic of every stream of a source, by its name in the source."""
+    there = [*source.blocks, *source.images]
+    defaults = {name: source.names.get(name, name) for name in there}
+    for old, new in given.items():
+        if old not in defaults and old not in defaults.values():
+            raise ConfigError("import", "--map", old, f"one of {', '.join(there)}")
+        if not new.startswith("/") or len(new) < 2:
+            raise ConfigError("import", "--map", new, "a topic that begins with /")
+    topics = {n: given.get(n, given.get(default, default)) for n, default in defaults.items()}
+    twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)
+    if twice is not None:
+        same = " and ".join(n for n, t in topics.items() if t == twice)
+        raise ConfigError("import", "--map", twice, f"a topic of its own for each of {same}")
+    return topics
+
+
+def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
+    """The source under our topics."""
+    blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
+    images = {topics[n]: p for n, p in source.images.items()}
+    assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
+    rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
+    return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
+
+
+def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
+    """Our topics of the depth streams that are registered to colour, by layout, name or intrinsics."""
+    cameras = source.rig.cameras
+    colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
+    found: set[str] = set()
+    for name, images in source.images.items():
+        by_name = source.kind in _REGISTERED_KINDS or bool(_REGISTERED.search(name.lower()))
+        own = cameras.get(name)
+        if images.kind is Depth and (
+            by_name or (own is not None and any(np.allclose(own.intrinsics, c.intrinsics) for c in colour))
+        ):
+            found.add(topics[name])
+    return found
+
+
+def _better_rig(path: Path, source: Rig, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
+    """Calibrations with precedence over those of the source: from `--rig`, and from a `rig.yaml` in the folder."""
+    better = Rig()
+    if (beside := path / RIG_NAME).is_file():
+        try:
+            # it describes the source: its topics are the source's, even if others were given
+            better, _ = given_rig(read_rig(beside), source, streams, as_read=False)
+        except StrideTwinError as error:
+            notes.invalid(error)
+    if options.rig is not None:
+        own_rig = read_rig(options.rig)
+        given, left = given_rig(own_rig, _merged(source, better), streams)
+        report_unmatched(options.rig, own_rig, left, streams, notes)
+        better = _merged(better, given)
+    return better
+
+
+def _merged(rig: Rig, better: Rig) -> Rig:
+    return Rig(
+        imus={**rig.imus, **better.imus},
+        cameras={**rig.cameras, **better.cameras},
+        boards={**rig.boards, **better.boards},
+        others={**rig.others, **better.others},
+    )
+
+
+def _check_plausible(source: Source, notes: Notes) -> None:
+    """Rejects implausible units and rates, which would silently corrupt an estimate."""
+    for topic, block in source.blocks.items():
+        if block.kind in (Imu, Accelerometer):
+            _check_inertial(topic, block, notes)
+    for topic, images in source.images.items():
+        rising = images.t_ns[increasing(images.t_ns, -1)]
+        if len(rising) >= _FEWEST:
+            for doubt in implausible_rates(rising, IMAGE_RATES_HZ):
+                notes.problem(Problem(topic, int(rising[0]), str(doubt)))
+
+
+def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
+    keep = increasing(block.t_ns, -1) & finite(block)
+    t_ns = block.t_ns[keep]
+    if len(t_ns) < _FEWEST:
+        return
+    columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
+    for doubt in (
+        *implausible_rates(t_ns, IMU_RATES_HZ),
+        *implausible_units(t_ns, columns["specific_force"], columns.get("angular_rate")),
+    ):
+        notes.problem(Problem(topic, int(t_ns[0]), str(doubt)))
+
+
+def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
+    """Checks that all streams of a recording share one clock over its whole duration.
+
+    If two streams do not overlap, one has another epoch or unit; if one is short, part of it may be missing.
+    """
+    longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
+    span = longest[1].last_ns - longest[1].first_ns
+    for topic, info in contents.topics.items():
+        late, early = info.first_ns - longest[1].first_ns, longest[1].last_ns - info.last_ns
+        slack = _SHORT * span + 2 * (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        if info.count > 1 and info.kind not in _EVENTS and max(late, early) > slack:
+            notes.warn(
+                f"{topic}: covers {info.first_ns * 1e-9:.3f} to {info.last_ns * 1e-9:.3f} s alone, "
+                f"{longest[0]} {longest[1].first_ns * 1e-9:.3f} to {longest[1].last_ns * 1e-9:.3f} s"
+            )
+        if info.last_ns < longest[1].first_ns or info.first_ns > longest[1].last_ns:
+            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest[1].first_ns else "begins only here"
+            other = f"{longest[1].first_ns * 1e-9:.6f} to {longest[1].last_ns * 1e-9:.6f} s"
+            words = f"{what}, where {longest[0]} runs from {other}; valid: stamps of one clock"
+            notes.problem(Problem(topic, info.first_ns, words))

@@ -1,0 +1,217 @@
+"""Another tool's files as a recording: small streams in memory, images read on request."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.recording.index import LENIENT, Problem, TopicInfo, rate_problems
+from stridetwin.streams.recording.topic_reader import finite, increasing, selected
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Block, Depth, Image, Sample
+
+LATEST_NS = 2**31 * 1_000_000_000
+
+
+class Notes:
+    """Problems of a source, and assumptions about it.
+
+    Args:
+        path: The source.
+        lenient: Collect problems instead of rejecting the source at the first one.
+
+    Attributes:
+        problems: Problems that would corrupt an estimate, when lenient.
+        warnings: Assumptions and unusual values.
+    """
+
+    def __init__(self, path: Path, lenient: bool) -> None:
+        self.path, self.lenient = path, lenient
+        self.problems: list[Problem] = []
+        self.warnings: list[str] = []
+
+    def problem(self, problem: Problem) -> None:
+        """Rejects the source, or (when lenient) records the problem, once.
+
+        Raises:
+            RecordingError: Not lenient.
+        """
+        if not self.lenient:
+            raise RecordingError(f"{self.path}: {problem}{LENIENT}")
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+    def invalid(self, error: StrideTwinError) -> None:
+        """Likewise for an invalid value in a file; the error itself names the file."""
+        if not self.lenient:
+            raise error
+        self.problem(Problem("", None, str(error)))
+
+    def warn(self, words: str) -> None:
+        """Records an assumption, once."""
+        if words not in self.warnings:
+            self.warnings.append(words)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImageStream:
+    """A stream of images that are read on request.
+
+    Attributes:
+        kind: Image or Depth.
+        t_ns: (N,) stamps.
+        load: Loads image i under a topic's name; raises a StrideTwinError or a ValueError if it is damaged.
+    """
+
+    kind: type[Image] | type[Depth]
+    t_ns: NDArray[np.int64]
+    load: Callable[[str, int], Image | Depth]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Source:
+    """Result of an importer: streams under the source's own names.
+
+    Attributes:
+        kind: Kind of the source, such as `euroc`.
+        blocks: Small streams by name, with the source's stamps.
+        images: Image streams by name.
+        rig: The source's calibration, by the same names.
+        unread: Type of every stream that is not read.
+        names: Our topic for each foreign name.
+        assumed: Assumptions in a stream's calibration, in words; reported unless a better calibration replaces it.
+    """
+
+    kind: str
+    blocks: dict[str, Block[Any]]
+    images: dict[str, ImageStream]
+    rig: Rig
+    unread: dict[str, str] = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)
+    assumed: dict[str, str] = field(default_factory=dict)
+
+
+class ImportedContents:
+    """The streams of a source, checked like those of a recording; the `Contents` of a `Recording`.
+
+    Args:
+        blocks: Small streams by topic.
+        images: Image streams by topic.
+        rig: Calibration.
+        metadata: Additional texts.
+        unread: Type of every stream that is not read.
+        notes: Collects problems.
+
+    Raises:
+        RecordingError: Stamps that do not increase or numbers that are not finite, unless lenient.
+    """
+
+    def __init__(
+        self,
+        blocks: dict[str, Block[Any]],
+        images: dict[str, ImageStream],
+        rig: Rig,
+        metadata: dict[str, str],
+        unread: dict[str, str],
+        notes: Notes,
+    ) -> None:
+        self.rig: Rig | None = rig
+        self.metadata, self.unread = metadata, unread
+        self.problems, self.warnings = notes.problems, notes.warnings
+        self._notes = notes
+        self._blocks = {t: kept for t, b in blocks.items() if len(kept := self._sound(t, b))}
+        self._images = {t: seen for t, p in images.items() if len((seen := self._in_order(t, p)).t_ns)}
+        self.topics = {t: _info(b.kind, b.t_ns) for t, b in self._blocks.items()}
+        self.topics |= {t: _info(p.kind, p.t_ns) for t, p in self._images.items()}
+        if not self.topics:
+            raise RecordingError(f"{notes.path}: no readable sample")
+        for problem in rate_problems(rig, self.topics):
+            notes.problem(problem)
+
+    def samples(self, topics: list[str]) -> Iterator[Sample]:
+        """Samples of the topics in time order, images last at equal stamps."""
+        ordered = sorted(topics, key=lambda t: (t in self._images, t))
+        streams = [self._stream(topic, order) for order, topic in enumerate(ordered)]
+        return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
+
+    def block(self, topic: str) -> Block[Any]:
+        """All samples of a topic without images."""
+        return self._blocks[topic]
+
+    def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
+        """The requested images that exist, by number."""
+        count = len(self._images[topic].t_ns)
+        found = {i: self._image(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
+        return {i: image for i, image in found.items() if image is not None}
+
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
+        """(N,) ns, None for a topic without images."""
+        return self._images[topic].t_ns if topic in self._images else None
+
+    def _stream(self, topic: str, order: int) -> Iterator[tuple[int, int, Sample]]:
+        """A topic's samples after their stamps and the topic's rank among equal stamps."""
+        if topic in self._blocks:
+            for sample in self._blocks[topic]:
+                yield sample.t_ns, order, sample
+        else:
+            for i in range(len(self._images[topic].t_ns)):
+                if (image := self._image(topic, i)) is not None:
+                    yield image.t_ns, order, image
+
+    def _image(self, topic: str, i: int) -> Image | Depth | None:
+        images = self._images[topic]
+        try:
+            return images.load(topic, i)
+        except StrideTwinError as error:
+            self._notes.invalid(error)
+        except ValueError as error:
+            self._notes.problem(Problem(topic, int(images.t_ns[i]), str(error)))
+        return None
+
+    def _sound(self, topic: str, block: Block[Any]) -> Block[Any]:
+        keep = self._rising(topic, block.t_ns)
+        sound = finite(block)
+        if not sound.all():
+            at = int(np.argmin(sound))
+            self._notes.problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
+        return selected(block, keep & sound)
+
+    def _in_order(self, topic: str, images: ImageStream) -> ImageStream:
+        keep = self._rising(topic, images.t_ns)
+        if keep.all():
+            return images
+        at = np.flatnonzero(keep)
+        load = images.load
+        return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
+
+    def _rising(self, topic: str, t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
+        if not on_clock.all():
+            at = int(np.argmin(on_clock))
+            what = f"the stamp of row {at + 1} is not valid; valid: 0 to {LATEST_NS // 10**9} s"
+            self._notes.problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
+        rising = increasing(np.where(on_clock, t_ns, -1), -1)
+        late = on_clock & ~rising
+        if late.any():
+            at = int(np.argmax(late))
+            before = int(t_ns[:at][on_clock[:at]].max())
+            what = f"the stamp of row {at + 1} is not after the previous one, {before * 1e-9:.6f} s"
+            self._notes.problem(Problem(topic, int(t_ns[at]), what, int(late.sum())))
+        return np.asarray(on_clock & rising)
+
+
+def _info(kind: type[Sample], t_ns: NDArray[np.int64]) -> TopicInfo:
+    return TopicInfo(kind, len(t_ns), int(t_ns[0]), int(t_ns[-1]))
+
+
+def unreadable(path: Path, error: Exception) -> StrideTwinError:
+    """The error for a file that cannot be read, in one line."""
+    return StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}")

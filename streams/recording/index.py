@@ -1,0 +1,303 @@
+"""Index of a recording's contents and problems, from one pass over the file.
+
+Schema version of a recording: topics, message types, metadata and calibration.
+
+A new minor version adds items that older readers ignore; a new major version changes the meaning of existing items.
+Recordings without a version are those of major version 0, and are read as 1.0.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap import records
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from stridetwin.streams.errors import RecordingError, StrideTwinError
+from stridetwin.streams.kalibr import rig_from_yaml
+from stridetwin.streams.recording.mcap_scan import CutOffError, DamagedError, Messages, Unpacking, parse, top_records
+from stridetwin.streams.recording.ros_types import Definitions
+from stridetwin.streams.recording.topic_reader import READABLE, TopicReader, finite, increasing
+from stridetwin.streams.recording.writer import METADATA_NAME, RIG_NAME
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Sample
+
+RECORD = "stridetwin_schema"
+"""Name of the MCAP metadata record with the version."""
+VERSION = "1.0"
+NO_VERSION = "0.0"
+
+
+def written() -> dict[str, str]:
+    """Contents of the record of a new recording."""
+    return {"version": VERSION}
+
+
+def read(values: Mapping[str, str], source: object) -> str:
+    """The version in a recording's record.
+
+    Raises:
+        RecordingError: The version is invalid, or of a newer major version.
+    """
+    version = values.get("version", "")
+    major, _, minor = version.partition(".")
+    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
+        raise RecordingError(
+            f"{source}: schema version {version[:40]!r} is not valid; valid: MAJOR.MINOR, up to {VERSION}"
+        )
+    if int(major) > int(VERSION.partition(".")[0]):
+        raise RecordingError(
+            f"{source}: made by a newer release: its schema version is {version}, and this release reads "
+            f"up to {VERSION}; update stridetwin to read it"
+        )
+    return version
+
+
+RATE_TOLERANCE = 0.2
+_RATE_SAMPLES = 10
+LENIENT = "; to read it anyway: Recording(..., lenient=True), on the command line --lenient"
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """Summary of a topic.
+
+    Attributes:
+        kind: Type of its samples.
+        count: Samples.
+        first_ns: Stamp of the first.
+        last_ns: Stamp of the last.
+    """
+
+    kind: type[Sample]
+    count: int
+    first_ns: int
+    last_ns: int
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate; 0 for fewer than two samples."""
+        return (self.count - 1) * 1e9 / (self.last_ns - self.first_ns) if self.count > 1 else 0.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem that would corrupt an estimate.
+
+    Attributes:
+        topic: Topic, or "" for the file as a whole.
+        t_ns: Time of its first occurrence, None for the file as a whole.
+        what: Description.
+        count: Number of affected samples.
+    """
+
+    topic: str
+    t_ns: int | None
+    what: str
+    count: int = 1
+
+    def __str__(self) -> str:
+        at = f"{self.topic} at {self.t_ns * 1e-9:.6f} s: " if self.topic and self.t_ns is not None else ""
+        more = f" ({self.count} samples)" if self.count > 1 else ""
+        return f"{at or (self.topic and self.topic + ': ')}{self.what}{more}"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One topic in one chunk: samples kept, first and last stamp, last stamp before the chunk."""
+
+    count: int
+    first: int
+    last: int
+    before: int
+
+
+@dataclass(frozen=True)
+class ChunkInfo:
+    """Position of a chunk in the file, and its contents by topic."""
+
+    offset: int
+    parts: dict[str, Part]
+
+
+def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[Problem]:
+    """Topics whose rate differs much from the one that the rig declares."""
+    if rig is None:
+        return
+    declared = {t: imu.rate_hz for t, imu in rig.imus.items()}
+    declared |= {t: other.rate_hz for t, other in rig.others.items()}
+    for camera in rig.cameras.values():
+        declared |= {camera.topic: camera.rate_hz, camera.depth_topic: camera.rate_hz}
+    for topic, rate in declared.items():
+        info = topics.get(topic)
+        if info and rate > 0 and info.count >= _RATE_SAMPLES and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
+            what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
+            yield Problem(topic, info.first_ns, what)
+
+
+class RecordingIndex:
+    """The contents of one MCAP file.
+
+    Args:
+        path: The file.
+        lenient: Collect problems instead of rejecting the file at the first one.
+
+    Attributes:
+        topics: Summary of each topic that is read.
+        metadata: Texts stored in the file.
+        problems: Problems that would corrupt an estimate.
+        unread: Message type of every topic that is not read.
+        schema_version: Schema version of the file.
+        rig: The calibration, if the file has one.
+        channels: Topic of every channel.
+        readers: Decoder of every topic.
+        chunks: Positions of the samples.
+        image_times: (N,) ns per chunk, for every image topic.
+
+    Raises:
+        RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
+    """
+
+    def __init__(self, path: Path, lenient: bool) -> None:
+        self.path, self.lenient = path, lenient
+        self.topics: dict[str, TopicInfo] = {}
+        self.metadata: dict[str, str] = {}
+        self.problems: list[Problem] = []
+        self.unread: dict[str, str] = {}
+        self.schema_version = NO_VERSION
+        self.rig: Rig | None = None
+        self.channels: dict[int, str] = {}
+        self.readers: dict[str, TopicReader] = {}
+        self.chunks: list[ChunkInfo] = []
+        self.image_times: dict[str, list[NDArray[np.int64]]] = {}
+        self._schemas: dict[int, records.Schema] = {}
+        self._definitions = Definitions()
+        self._scan()
+        for problem in rate_problems(self.rig, self.topics):
+            self.note(problem)
+
+    def _scan(self) -> None:
+        try:
+            self._unpacking = Unpacking(self.path)
+            for opcode, offset, body in top_records(self.path):
+                try:
+                    self._top_record(opcode, offset, body)
+                except DamagedError as error:
+                    self.note(Problem("", None, f"{error} (at byte {offset}, {self._until()})"))
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
+        except CutOffError as error:
+            self.note(Problem("", None, f"{error}; {self._until()}"))
+        except DamagedError as error:
+            if "no MCAP" in str(error):
+                raise RecordingError(f"{self.path}: {error}") from error
+            self.note(Problem("", None, str(error)))
+
+    def _until(self) -> str:
+        last = max((t.last_ns for t in self.topics.values()), default=None)
+        return "there is no sample before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
+
+    def _top_record(self, opcode: int, offset: int, body: bytes) -> None:
+        if opcode == Opcode.CHUNK:
+            found, messages = self._unpacking.contents(parse(records.Chunk, body))
+            for record in found:
+                self._register(record)
+            self._index_chunk(offset, messages)
+        elif opcode == Opcode.ATTACHMENT:
+            self._attachment(body)
+        elif opcode == Opcode.METADATA:
+            metadata = parse(records.Metadata, body)
+            if metadata.name == RECORD:
+                self.schema_version = read(metadata.metadata, self.path)
+            elif metadata.name == METADATA_NAME:
+                self.metadata.update(metadata.metadata)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._unpacking.took(0, 1)
+            self._register(parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body))
+        elif opcode == Opcode.MESSAGE:
+            raise RecordingError(f"{self.path}: messages outside chunks are not read; valid: chunked MCAP")
+
+    def _attachment(self, body: bytes) -> None:
+        attachment = parse(records.Attachment, body)
+        if int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
+            raise DamagedError(f"CRC mismatch of the attachment {attachment.name}")
+        if attachment.name == RIG_NAME:
+            try:
+                self.rig = rig_from_yaml(attachment.data.decode(), RIG_NAME)
+            except (UnicodeDecodeError, StrideTwinError) as error:
+                raise DamagedError(f"invalid calibration: {error}") from error
+
+    def _register(self, record: Any) -> None:
+        if isinstance(record, records.Schema):
+            self._schemas[record.id] = record
+        elif record.id not in self.channels:
+            schema = self._schemas.get(record.schema_id)
+            name = schema.name if schema else ""
+            self.channels[record.id] = record.topic
+            if schema is None or name not in READABLE or record.message_encoding != "cdr":
+                self.unread[record.topic] = name
+            elif record.topic in self.readers:
+                self.note(Problem(record.topic, None, "a second publisher, which is not read"))
+            else:
+                text = schema.data.decode(errors="replace")
+                try:
+                    self._definitions.take(text)
+                    self.readers[record.topic] = TopicReader(record.topic, name, schema.encoding, text)
+                except ValueError as error:
+                    self.unread[record.topic] = name
+                    self.note(Problem(record.topic, None, str(error)))
+
+    def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
+        parts: dict[str, Part] = {}
+        for channel, messages in by_channel.items():
+            topic = self.channels.get(channel, "")
+            if topic in self.readers and topic not in parts:
+                part = self._index_topic(topic, messages)
+                if part is not None and part.count:
+                    parts[topic] = part
+        if parts:
+            self.chunks.append(ChunkInfo(offset, parts))
+
+    def _index_topic(self, topic: str, messages: Messages) -> Part | None:
+        reader = self.readers[topic]
+        known = self.topics.get(topic)
+        before = known.last_ns if known else -1
+        try:
+            block = None if reader.is_image else reader.block(messages)
+            t = reader.times(messages) if block is None else block.t_ns
+        except ValueError as error:
+            self.note(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
+            return None
+        rising = increasing(t, before)
+        if not rising.all():
+            i = int(np.argmin(rising))
+            earlier = max(before, int(t[:i].max(initial=before)))
+            what = f"the stamp is not after the previous one, {earlier * 1e-9:.6f} s"
+            self.note(Problem(topic, int(t[i]), what, int((~rising).sum())))
+        keep = rising
+        if block is not None and not topic.startswith("/truth/"):
+            sound = finite(block)
+            if not sound.all():
+                self.note(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
+            keep = rising & sound
+        kept = t[keep]
+        if not len(kept) or reader.kind is None:
+            return None
+        if block is None:
+            self.image_times.setdefault(topic, []).append(kept)
+        part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
+        count, first = (known.count, known.first_ns) if known else (0, part.first)
+        self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
+        return part
+
+    def note(self, problem: Problem) -> None:
+        """Rejects the recording, or (when lenient) records the problem."""
+        if not self.lenient:
+            raise RecordingError(f"{self.path}: {problem}{LENIENT}")
+        self.problems.append(problem)

@@ -1,0 +1,275 @@
+"""MCAP files read front to back without their summary, so that a cut-off file reads like a whole one.
+
+Every CRC that the file carries is checked on the way. The mcap library's `StreamReader` reads cut-off files, too, but
+it trusts the lengths inside a record: one wrong length ends the reading, where here that record alone is lost, and a
+file of a few bytes may ask for all memory. It does not check the CRC of the summary either.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, TypeVar
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.recording.mcap_writer import MAGIC
+
+MESSAGE_HEAD = 31
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<BQH")
+LARGEST_CHUNK = 64 << 20
+"""Bytes of a chunk, unpacked; writers close theirs at some MB, with the picture that comes last."""
+_LARGEST_RECORD = LARGEST_CHUNK + (1 << 16)
+_MOST_CHANNELS = 2000
+# What a file may unpack to, whatever its size and by its size; sensors give 4-20 times the bytes, a camera that sees
+# nothing 90 times, and no less than 50 bytes a message.
+_FREE_BYTES, _BYTES_PER_BYTE = 256 << 20, 500
+_FREE_MESSAGES, _BYTES_PER_MESSAGE = 20_000, 4
+_LARGEST_WINDOW = 128 << 20  # of zstd, beyond what its highest level takes
+_RECORDS: dict[int, Any] = {Opcode.SCHEMA: records.Schema, Opcode.CHANNEL: records.Channel}
+R = TypeVar("R")
+
+
+class DamagedError(ValueError):
+    """Bytes that are not what the file says they are."""
+
+
+class CutOffError(DamagedError):
+    """The file ends, or stops making sense, before its footer."""
+
+
+class Unpacking:
+    """Unpacks the chunks of one file once, front to back, and stops where they come to more than such a file holds.
+
+    Args:
+        path: The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        size = path.stat().st_size
+        self._path = path
+        self._bytes = _FREE_BYTES + _BYTES_PER_BYTE * size
+        self._messages = _FREE_MESSAGES + size // _BYTES_PER_MESSAGE
+        self._channels = _MOST_CHANNELS
+
+    def contents(self, chunk: records.Chunk) -> tuple[list[records.McapRecord], dict[int, Messages]]:
+        """Schemas and channels of a chunk, and its messages by channel id.
+
+        Raises:
+            DamagedError: It is not what it says it is.
+            RecordingError: The file is a bomb: a little that unpacks to a lot.
+        """
+        self._bytes -= min(chunk.uncompressed_size, LARGEST_CHUNK)
+        self._stop(self._bytes, "bytes unpacked")
+        data = decompress(chunk)
+        return chunk_contents(data, self)
+
+    def took(self, messages: int, others: int) -> None:
+        """Counts so many messages, and schemas and channels.
+
+        Raises:
+            RecordingError: As `contents`.
+        """
+        self._messages -= messages
+        self._stop(self._messages, "messages")
+        self._channels -= others
+        self._stop(self._channels, "schemas and channels")
+
+    def _stop(self, left: int, what: str) -> None:
+        if left < 0:
+            raise RecordingError(f"{self._path}: more {what} than a file of this size can hold; it is not read")
+
+
+@dataclass(frozen=True, eq=False)
+class Messages:
+    """Messages of one channel inside a chunk.
+
+    Attributes:
+        data: The chunk's uncompressed bytes.
+        starts: (N,) offset of each payload in `data`.
+        lengths: (N,) bytes of each payload.
+        log_time: (N,) ns.
+    """
+
+    data: bytes
+    starts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    log_time: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def payload(self, i: int) -> bytes:
+        """Bytes of one message."""
+        return self.data[self.starts[i] : self.starts[i] + self.lengths[i]]
+
+    def some(self, chosen: NDArray[np.int64]) -> Messages:
+        """The messages with the given numbers (K,)."""
+        return Messages(self.data, self.starts[chosen], self.lengths[chosen], self.log_time[chosen])
+
+    def rows(self) -> NDArray[np.void]:
+        """(N,) raw items, for messages of one common length."""
+        return _gather(self.data, np.dtype(f"V{self.lengths[0]}"), self.starts)
+
+
+def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
+    """Yields (opcode, offset of the record, body) of every top-level record up to the footer.
+
+    Raises:
+        CutOffError: The file ends too early, or a record cannot be one.
+        DamagedError: No MCAP file, or the CRC of the data section or the summary is wrong (after the last
+            record).
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise DamagedError("this is no MCAP file")
+        crc, problem = zlib.crc32(MAGIC), ""
+        while True:
+            offset = file.tell()
+            head = file.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                raise CutOffError(f"the file is cut off at byte {offset}")
+            opcode, length = _HEAD.unpack(head)
+            if opcode == 0 or length > size - file.tell():
+                raise CutOffError(f"the file is cut off or damaged at byte {offset}")
+            if length > _LARGEST_RECORD:
+                raise CutOffError(f"a record of {length} bytes at byte {offset}; valid: up to {_LARGEST_RECORD}")
+            body = file.read(length)
+            if opcode == Opcode.DATA_END:
+                (told,) = struct.unpack("<I", body)
+                problem = "CRC mismatch of the data section" if told not in (0, crc) else ""
+                crc = 0
+            elif opcode == Opcode.FOOTER:
+                told = struct.unpack("<I", body[-4:])[0] if len(body) == 20 else -1
+                if told not in (0, zlib.crc32(head + body[:-4], crc)):
+                    problem = problem or "CRC mismatch of the summary"
+                if file.read() != MAGIC:
+                    raise CutOffError(f"the file is cut off at byte {offset}")
+                if problem:
+                    raise DamagedError(problem)
+                return
+            else:
+                crc = zlib.crc32(body, zlib.crc32(head, crc))
+            yield opcode, offset, body
+
+
+def parse(record: type[R], body: bytes) -> R:
+    """A record of the mcap library from its body.
+
+    Raises:
+        DamagedError: The body is no such record.
+    """
+    try:
+        return record.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
+    except (struct.error, EndOfFile, UnicodeDecodeError) as error:
+        raise DamagedError(f"a damaged {record.__name__} record") from error
+
+
+def read_chunk(path: Path, offset: int) -> bytes:
+    """Uncompressed bytes of the chunk whose record starts at `offset`."""
+    with path.open("rb") as file:
+        file.seek(offset)
+        _, length = _HEAD.unpack(file.read(_HEAD.size))
+        return decompress(parse(records.Chunk, file.read(length)))
+
+
+def decompress(chunk: records.Chunk) -> bytes:
+    """Uncompressed bytes of a chunk.
+
+    Raises:
+        DamagedError: They do not come out as the chunk's size and CRC say.
+    """
+    size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise DamagedError(f"a chunk of {size} bytes unpacked; valid: up to {LARGEST_CHUNK}")
+    try:
+        if chunk.compression == "zstd":
+            frame = zstandard.frame_content_size(chunk.data)
+            if frame not in (-1, size):
+                raise DamagedError("a damaged chunk")
+            data = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW).decompress(chunk.data, size)
+        elif chunk.compression == "lz4":
+            data = _unpacked_lz4(chunk.data, size)
+        elif chunk.compression == "":
+            data = chunk.data
+        else:
+            raise DamagedError(f"compression {chunk.compression!r} is not known")
+    except (zstandard.ZstdError, RuntimeError) as error:
+        raise DamagedError(f"a damaged chunk ({error})") from error
+    if len(data) != size or (chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc):
+        raise DamagedError("CRC mismatch of a chunk")
+    return data
+
+
+def _unpacked_lz4(data: bytes, size: int) -> bytes:
+    """One lz4 frame of that size; a larger one is not unpacked further."""
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    unpacked: bytes = unpacker.decompress(data, max_length=size + 1)
+    if not unpacker.eof:
+        raise DamagedError("a damaged chunk")
+    return unpacked
+
+
+def chunk_contents(
+    data: bytes, counted: Unpacking | None = None
+) -> tuple[list[records.McapRecord], dict[int, Messages]]:
+    """Schemas and channels of a chunk, and its messages by channel id.
+
+    Args:
+        data: The chunk, unpacked.
+        counted: Told how much there is of each, the first time that a file is read.
+
+    Raises:
+        DamagedError: The bytes are no sequence of records.
+        RecordingError: As `Unpacking.contents`.
+    """
+    found: list[records.McapRecord] = []
+    offsets: dict[int, list[int]] = {}
+    at, end = 0, len(data)
+    unpack, message = _MESSAGE.unpack_from, int(Opcode.MESSAGE)
+    try:
+        while at < end:
+            opcode, length, channel = unpack(data, at)
+            if opcode == message and length >= MESSAGE_HEAD - 9:
+                offsets.setdefault(channel, []).append(at)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                if counted is not None:
+                    counted.took(0, 1)
+                found.append(parse(_RECORDS[opcode], data[at + 9 : at + 9 + length]))
+            else:  # no other record belongs into a chunk
+                raise DamagedError("a damaged chunk")
+            at += 9 + length
+    except struct.error as error:
+        raise DamagedError("a damaged chunk") from error
+    if at != end:
+        raise DamagedError("a damaged chunk")
+    if counted is not None:
+        counted.took(sum(map(len, offsets.values())), 0)
+    return found, {channel: messages_at(data, np.array(at_, np.int64)) for channel, at_ in offsets.items()}
+
+
+def messages_at(data: bytes, offsets: NDArray[np.int64]) -> Messages:
+    """The messages whose records start at `offsets` (N,)."""
+    head = np.dtype({"names": ["n", "log"], "formats": ["<u8", "<u8"], "offsets": [1, 15], "itemsize": MESSAGE_HEAD})
+    heads = _gather(data, head, offsets)
+    lengths = heads["n"].astype(np.int64) - (MESSAGE_HEAD - 9)
+    return Messages(data, offsets + MESSAGE_HEAD, lengths, heads["log"].astype(np.int64))
+
+
+def _gather(data: bytes, item: np.dtype[Any], starts: NDArray[np.int64]) -> NDArray[np.void]:
+    windows = np.ndarray((max(0, len(data) - item.itemsize + 1),), f"V{item.itemsize}", data, strides=(1,))
+    return windows[starts].view(item)

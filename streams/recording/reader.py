@@ -1,0 +1,179 @@
+"""Reader of recordings: their contents, samples in time order, and problems that would corrupt an estimate.
+
+Opening a recording reads it once and rejects problems that would silently corrupt an estimate; after that, samples are
+streamed from it. `Recording` opens MCAP files; `streams.formats.opening.open_any` opens other tools' files as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.recording.index import Problem, TopicInfo
+from stridetwin.streams.recording.mcap_contents import McapContents
+from stridetwin.streams.recording.writer import RIG_NAME, RecordingWriter
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Block, Depth, Image, Sample
+
+__all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
+
+
+class Contents(Protocol):
+    """Source of a recording's samples: an MCAP file, or the files of another tool.
+
+    Attributes:
+        topics: Contents by topic.
+        metadata: Texts stored with it.
+        problems: Problems that would corrupt an estimate.
+        warnings: Assumptions.
+        unread: Type of the messages of every topic that is not read.
+        rig: The calibration, None if there is none.
+    """
+
+    topics: dict[str, TopicInfo]
+    metadata: dict[str, str]
+    problems: list[Problem]
+    warnings: list[str]
+    unread: dict[str, str]
+    rig: Rig | None
+
+    def samples(self, topics: list[str]) -> Iterator[Sample]:
+        """Samples of the topics in time order, images last at equal stamps."""
+
+    def block(self, topic: str) -> Block[Any]:
+        """All samples of a topic without images."""
+
+    def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
+        """The requested images that exist, by number."""
+
+    def image_times(self, topic: str) -> NDArray[np.int64] | None:
+        """(N,) ns, None for a topic without images."""
+
+
+class Recording:
+    """One recording, opened and checked.
+
+    Args:
+        path: MCAP file (or the source of `contents`).
+        lenient: Read everything that is readable: a truncated file up to its last complete chunk, without invalid
+            samples and damaged chunks. The problems are listed in `problems`.
+        contents: Contents, if `path` is not an MCAP file.
+
+    Attributes:
+        topics: Contents by topic.
+        metadata: Texts stored with it.
+        problems: Problems that would corrupt an estimate; empty unless `lenient`.
+        warnings: Assumptions of an import; empty for our own recordings.
+        unread: Type of the messages of every topic that is not read.
+
+    Raises:
+        RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
+    """
+
+    def __init__(self, path: str | Path, lenient: bool = False, contents: Contents | None = None) -> None:
+        self.path = Path(path)
+        self.lenient = lenient
+        self._contents: Contents = contents if contents is not None else McapContents(self.path, lenient)
+        self.topics = self._contents.topics
+        self.metadata = self._contents.metadata
+        self.problems = self._contents.problems
+        self.warnings = self._contents.warnings
+        self.unread = self._contents.unread
+
+    @property
+    def is_mcap(self) -> bool:
+        """Whether `path` itself is the MCAP file whose messages these are."""
+        return isinstance(self._contents, McapContents)
+
+    @property
+    def schema_version(self) -> str:
+        """Schema version of our own MCAP recordings (`streams.recording.index`); "" for other tools' files."""
+        return self._contents.schema_version if isinstance(self._contents, McapContents) else ""
+
+    @property
+    def rig(self) -> Rig:
+        """The calibration stored with it.
+
+        Raises:
+            RecordingError: The recording has none.
+        """
+        if self._contents.rig is None:
+            raise RecordingError(f"{self.path}: no calibration inside; valid: an attachment {RIG_NAME} (Kalibr YAML)")
+        return self._contents.rig
+
+    @property
+    def has_rig(self) -> bool:
+        """Whether a calibration is stored with it."""
+        return self._contents.rig is not None
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first sample of any topic to the last."""
+        if not self.topics:
+            return 0.0
+        return (max(t.last_ns for t in self.topics.values()) - min(t.first_ns for t in self.topics.values())) * 1e-9
+
+    def samples(self, topics: Iterable[str] | None = None) -> Iterator[Sample]:
+        """The samples of some topics (all by default) in time order, streamed.
+
+        At equal stamps images come last, so that an IMU sample at the end of an interval precedes the image taken then;
+        otherwise topics are sorted by name.
+
+        Raises:
+            RecordingError: Unknown topic; the message lists the known ones. Or an image is damaged.
+        """
+        wanted = list(self.topics) if topics is None else list(dict.fromkeys(topics))
+        for topic in wanted:
+            self._require(topic)
+        return self._contents.samples(wanted)
+
+    def block(self, topic: str) -> Block[Any]:
+        """All samples of a topic as one block; not for images.
+
+        Raises:
+            RecordingError: Unknown topic, or it carries images.
+        """
+        self._require(topic)
+        if self._contents.image_times(topic) is not None:
+            raise RecordingError(f"{self.path}: {topic} carries images; valid: samples() or images()")
+        return self._contents.block(topic)
+
+    def images(
+        self, topic: str, indices: Sequence[int] | None = None, t_ns: Sequence[int] | None = None
+    ) -> list[Image | Depth]:
+        """Some images of a topic, by number or nearest to the given times (all by default).
+
+        Raises:
+            RecordingError: Unknown topic or image, or the topic carries no images.
+        """
+        times = self.image_times(topic)
+        if t_ns is not None:
+            indices = [int(np.argmin(np.abs(times - t))) for t in t_ns]
+        wanted = range(len(times)) if indices is None else indices
+        found = self._contents.images(topic, wanted)
+        missing = [i for i in wanted if i not in found]
+        if missing:
+            raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}; valid: 0 to {len(times) - 1}")
+        return [found[i] for i in wanted]
+
+    def image_times(self, topic: str) -> NDArray[np.int64]:
+        """(N,) ns, stamps of a topic's images.
+
+        Raises:
+            RecordingError: Unknown topic, or it carries no images.
+        """
+        self._require(topic)
+        times = self._contents.image_times(topic)
+        if times is None:
+            raise RecordingError(f"{self.path}: {topic} carries no images; valid: block()")
+        return times
+
+    def _require(self, topic: str) -> None:
+        if topic not in self.topics:
+            there = ", ".join(sorted(self.topics)) or "none"
+            raise RecordingError(f"{self.path}: no topic {topic!r}; it has {there}")

@@ -1,0 +1,154 @@
+"""Images and camera calibrations as ROS 2 messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys.store import Typestore
+
+from stridetwin.streams.bounded import check_pixels, decode_image
+from stridetwin.streams.recording.ros_samples import frame_id
+from stridetwin.streams.recording.ros_types import deserialise, serialise
+from stridetwin.streams.rig import CameraCalibration
+from stridetwin.streams.samples import Depth, Image
+
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+RAW = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+IMAGES = (COMPRESSED, RAW)
+DEPTH_ENCODINGS = ("16UC1", "32FC1")
+_PIXELS = {
+    "mono8": ("u1", 1), "8UC1": ("u1", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3),
+    "16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1),
+}  # fmt: skip
+
+
+def _header(topic: str, t_ns: int) -> dict[str, Any]:
+    sec, nanosec = divmod(t_ns, 1_000_000_000)
+    return {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame_id(topic)}
+
+
+def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
+    """An image's pixels as a JPEG of the given quality, or (None) as a lossless PNG."""
+    pixels = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), np.uint8)
+    if quality is None:
+        _, data = cv2.imencode(".png", pixels)
+    else:
+        _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    return np.asarray(data, np.uint8).ravel()
+
+
+def image_message(sample: Image, quality: int | None, data: NDArray[np.uint8] | None = None) -> bytes:
+    """An image in a CompressedImage, with its `image_data` if already known."""
+    data = image_data(sample.pixels, quality) if data is None else data
+    form = "png" if quality is None else "jpeg"
+    return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": form, "data": data})
+
+
+def depth_message(sample: Depth, encoding: str) -> bytes:
+    """A depth image as an Image: 16UC1 in mm as in the RealSense driver, or 32FC1 in m; 0 = none."""
+    if encoding == "16UC1":
+        # Rounds to 16 bits in one step; NaN gives 0.
+        mm = np.asarray(cv2.multiply(sample.depth, 1000.0, dtype=cv2.CV_16U))  # type: ignore[call-overload]
+        pixels: NDArray[Any] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
+    else:
+        pixels = np.ascontiguousarray(sample.depth, "<f4")
+    height, width = pixels.shape
+    values = {
+        "height": height,
+        "width": width,
+        "encoding": encoding,
+        "step": width * pixels.itemsize,
+        "data": pixels.reshape(-1).view(np.uint8),
+    }
+    return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
+
+
+def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
+    """A camera's intrinsics, under ROS's names, for the image topic `topic`."""
+    fu, fv, pu, pv = camera.intrinsics
+    is_radtan = camera.distortion_model == "radtan"
+    values = {
+        "height": camera.height,
+        "width": camera.width,
+        "distortion_model": "plumb_bob" if is_radtan else camera.distortion_model,
+        "d": np.array([*camera.distortion, 0.0] if is_radtan else camera.distortion),
+        "k": camera.K.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": np.array([fu, 0, pu, 0, 0, fv, pv, 0, 0, 0, 1.0, 0]),
+    }
+    return serialise(CAMERA_INFO, _header(topic, t_ns) | values)
+
+
+def image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
+    """Whether a topic with the first message `payload` carries colour (or grey) or depth.
+
+    Raises:
+        ValueError: The encoding is not supported.
+    """
+    message = deserialise(store, payload, typename)
+    if typename == COMPRESSED:
+        return Depth if "compressedDepth" in message.format else Image
+    return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
+
+
+def read_image_message(payload: bytes, typename: str, store: Typestore, topic: str, t_ns: int) -> Image | Depth:
+    """The sample in a CompressedImage or Image message.
+
+    Raises:
+        ValueError: The encoding is not supported, or the data is damaged.
+    """
+    message = deserialise(store, payload, typename)
+    if typename == COMPRESSED and "compressedDepth" in message.format:
+        return Depth(topic=topic, t_ns=t_ns, depth=_compressed_depth(message))
+    if typename == COMPRESSED:
+        pixels = decode_image(bytes(message.data))
+        if pixels is None or pixels.dtype != np.uint8:
+            raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 8 bits")
+        return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
+    if message.encoding not in _PIXELS:
+        raise ValueError(f"encoding {message.encoding!r} is not read; valid: {', '.join(_PIXELS)}")
+    check_pixels(message.width, message.height)
+    form, channels = _PIXELS[message.encoding]
+    dtype = np.dtype(form).newbyteorder(">" if message.is_bigendian else "<")
+    width = message.width * channels * dtype.itemsize
+    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)[:, :width]
+    raw = np.ascontiguousarray(rows).view(dtype)
+    if dtype.kind == "f":
+        return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
+    if dtype.itemsize == 2:
+        return Depth(topic=topic, t_ns=t_ns, depth=_metres(raw))
+    if channels == 1:
+        return Image(topic=topic, t_ns=t_ns, pixels=raw)
+    colour = raw.reshape(message.height, message.width, 3)
+    return Image(topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy())
+
+
+def _metres(mm: NDArray[Any]) -> NDArray[np.float32]:
+    return np.where(mm == 65535, 0, mm).astype(np.float32) / np.float32(1000.0)
+
+
+def _compressed_depth(message: Any) -> NDArray[np.float32]:
+    """Depth in the format of ROS' compressed_depth_image_transport: 12 bytes of parameters, then a PNG of 16 bits.
+
+    For `32FC1` the PNG contains an inverse depth, a / z + b with a and b in the parameters.
+    """
+    data = np.asarray(message.data, np.uint8)
+    raw = decode_image(bytes(data[12:])) if len(data) > 12 else None
+    if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
+        raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 16 bits")
+    if not message.format.startswith("32FC1"):
+        return _metres(raw)
+    a, b = data[4:12].view("<f4")
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        depth = np.float32(a) / (raw.astype(np.float32) - np.float32(b))
+    return np.where((raw == 0) | ~np.isfinite(depth) | (depth < 0), 0, depth).astype(np.float32)
+
+
+def rgb_from_bgr(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An image as read by OpenCV, converted to three channels of RGB."""
+    code = cv2.COLOR_BGRA2RGB if bgr.shape[2] == 4 else cv2.COLOR_BGR2RGB
+    return np.asarray(cv2.cvtColor(bgr, code))

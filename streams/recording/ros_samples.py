@@ -1,0 +1,349 @@
+"""Small samples as ROS 2 messages: mapping of types and conversion of values.
+
+Standard types wherever one exists, so that any robotics tool opens a recording without plugins. All differences between
+ROS and us are converted here: quaternions are x, y, z, w in ROS, and an odometry's twist is given in the child frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.streams.recording.cdr import Layout, layout_of
+from stridetwin.streams.recording.ros_types import serialise, typestore
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import (
+    Accelerometer,
+    Actuator,
+    Ahrs,
+    Array,
+    Block,
+    Encoder,
+    FootPhase,
+    Footprint,
+    Imu,
+    Insole,
+    Interaction,
+    Joints,
+    Odometry,
+    Point,
+    Range,
+    Sample,
+    Wrench,
+)
+
+Columns = Mapping[str, NDArray[Any]]
+Rows = NDArray[np.void]
+
+FEET = ("l", "r")
+TERRAINS = ("level", "stair", "ramp")
+MODES = ("LG", "SA", "SD", "RA", "RD")
+
+_ABSENT = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # sensor_msgs/Imu: "no such estimate"
+
+
+@dataclass(frozen=True)
+class Small:
+    """Mapping of one kind of small sample to a message type.
+
+    Attributes:
+        kind: The sample's type.
+        typename: The message's type.
+        fixed: (topic, rig, constants) to the values that are equal in all messages of the topic, by dotted path.
+        write: Columns to message fields, by dotted path.
+        read: Message rows to columns.
+        constants: Strings of a message to the block's constants.
+    """
+
+    kind: type[Sample]
+    typename: str
+    fixed: Callable[[str, Rig, Mapping[str, Any]], dict[str, Any]]
+    write: Callable[[Columns], dict[str, NDArray[Any]]]
+    read: Callable[[Rows], dict[str, NDArray[Any]]]
+    constants: Callable[[Layout], dict[str, Any]] = lambda _: {}
+
+    def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, Layout]:
+        """One serialised message of a topic, and the layout of its numbers."""
+        payload = serialise(self.typename, self.fixed(topic, rig, constants))
+        return payload, layout_of(payload, self.typename, typestore())
+
+
+def fill(rows: Rows, small: Small, block: Block[Any]) -> None:
+    """Writes a block's stamps and columns into message rows made from its topic's template."""
+    if "header.stamp.sec" in (rows.dtype.names or ()):
+        rows["header.stamp.sec"], rows["header.stamp.nanosec"] = np.divmod(block.t_ns, 1_000_000_000)
+    for path, values in small.write(block.columns).items():
+        rows[path] = values
+
+
+def stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) ns: the header's stamps, or the log times if there is no header or it is empty."""
+    if "header.stamp.sec" not in (rows.dtype.names or ()):
+        return log_time
+    t = rows["header.stamp.sec"].astype(np.int64) * 1_000_000_000 + rows["header.stamp.nanosec"]
+    return t if t.any() else log_time
+
+
+def block_of(samples: Sequence[Sample]) -> Block[Any]:
+    """Samples of one topic as a block."""
+    first = samples[0]
+    names = [f.name for f in fields(first) if f.name not in ("topic", "t_ns")]
+    constants = {n: getattr(first, n) for n in names if isinstance(getattr(first, n), tuple)}
+    return Block(
+        topic=first.topic,
+        kind=type(first),
+        t_ns=np.array([s.t_ns for s in samples], np.int64),
+        columns={n: np.array([getattr(s, n) for s in samples]) for n in names if n not in constants},
+        constants=constants,
+    )
+
+
+def frame_id(topic: str) -> str:
+    """Frame id of a sensor's messages: the topic without its leading slash."""
+    return topic.removeprefix("/")
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """Rotates vectors (N, 3) by unit quaternions (N, 4) w, x, y, z."""
+    w, u = q[:, :1], q[:, 1:]
+    t = 2.0 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
+
+
+def _conjugate(q: Array) -> Array:
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def _xyzw(q: Array) -> Array:
+    return q[:, [1, 2, 3, 0]]
+
+
+def _wxyz(q: Array) -> Array:
+    return q[:, [3, 0, 1, 2]].astype(np.float64)
+
+
+def _f8(values: NDArray[Any]) -> Array:
+    return values.astype(np.float64)
+
+
+def _in_world(*_: object) -> dict[str, Any]:
+    return {"header.frame_id": "world"}
+
+
+def _in_sensor(topic: str, *_: object) -> dict[str, Any]:
+    return {"header.frame_id": frame_id(topic)}
+
+
+def _imu_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+    fixed = {"header.frame_id": frame_id(topic), "orientation.w": 1.0, "orientation_covariance": _ABSENT}
+    if topic in rig.imus:
+        imu = rig.imus[topic]
+        fixed["angular_velocity_covariance"] = np.eye(3).ravel() * imu.gyroscope_noise_density**2 * imu.rate_hz
+        fixed["linear_acceleration_covariance"] = np.eye(3).ravel() * imu.accelerometer_noise_density**2 * imu.rate_hz
+    return fixed
+
+
+def _accelerometer_fixed(topic: str, *_: object) -> dict[str, Any]:
+    absent = {"orientation_covariance": _ABSENT, "angular_velocity_covariance": _ABSENT}
+    return {"header.frame_id": frame_id(topic), "orientation.w": 1.0} | absent
+
+
+def _ahrs_fixed(topic: str, *_: object) -> dict[str, Any]:
+    return {"header.frame_id": frame_id(topic), "linear_acceleration_covariance": _ABSENT}
+
+
+def _range_fixed(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+    parameters = rig.others[topic].parameters if topic in rig.others else {}
+    named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
+    return {"header.frame_id": frame_id(topic), **{k: parameters.get(v, 0.0) for k, v in named.items()}}
+
+
+def _range_read(rows: Rows) -> dict[str, NDArray[Any]]:
+    distance = _f8(rows["range"])
+    return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
+
+
+def _encoder_fixed(topic: str, *_: object) -> dict[str, Any]:
+    return {"header.frame_id": frame_id(topic), "name": [joint_name(topic)], "position": np.zeros(1)}
+
+
+def joint_name(topic: str) -> str:
+    """Joint of a topic: `knee_l` of `/exo/knee_l/encoder`."""
+    parts = topic.strip("/").split("/")
+    return parts[-2] if len(parts) > 1 else parts[0]
+
+
+def _joints_fixed(topic: str, _: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+    names = list(constants["names"])
+    zeros = np.zeros(len(names))
+    return {
+        "header.frame_id": frame_id(topic),
+        "name": names,
+        "position": zeros,
+        "velocity": zeros,
+        "effort": zeros,
+    }
+
+
+def _joints_read(rows: Rows) -> dict[str, NDArray[Any]]:
+    position = _f8(rows["position"])
+    parts = {"velocity": _f8(rows["velocity"]), "torque": _f8(rows["effort"])}
+    return {"position": position} | {k: v if v.size else np.zeros_like(position) for k, v in parts.items()}
+
+
+def _odometry_fixed(topic: str, *_: object) -> dict[str, Any]:
+    return {"header.frame_id": "world", "child_frame_id": frame_id(topic)}
+
+
+def _odometry_write(c: Columns) -> dict[str, NDArray[Any]]:
+    q = c["q_world_frame"]
+    return {
+        "pose.pose.position": c["p_frame_in_world"],
+        "pose.pose.orientation": _xyzw(q),
+        "twist.twist.linear": rotate(_conjugate(q), c["v_frame_in_world"]),
+        "twist.twist.angular": c["angular_rate"],
+    }
+
+
+def _odometry_read(rows: Rows) -> dict[str, NDArray[Any]]:
+    q = _wxyz(rows["pose.pose.orientation"])
+    return {
+        "p_frame_in_world": _f8(rows["pose.pose.position"]),
+        "q_world_frame": q,
+        "v_frame_in_world": rotate(q, _f8(rows["twist.twist.linear"])),
+        "angular_rate": _f8(rows["twist.twist.angular"]),
+    }
+
+
+def _codes(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.uint8]:
+    return np.array([names.index(str(v)) for v in values], np.uint8)
+
+
+def _footprint_write(c: Columns) -> dict[str, NDArray[Any]]:
+    return {
+        "foot": _codes(c["foot"], FEET),
+        "terrain": _codes(c["terrain"], TERRAINS),
+        "mode": _codes(c["mode"], MODES),
+        "pose.position": c["p_foot_in_world"],
+        "pose.orientation": _xyzw(c["q_world_foot"]),
+    }
+
+
+def _footprint_read(rows: Rows) -> dict[str, NDArray[Any]]:
+    return {
+        "foot": np.array([FEET[i] for i in rows["foot"]], object),
+        "p_foot_in_world": _f8(rows["pose.position"]),
+        "q_world_foot": _wxyz(rows["pose.orientation"]),
+        "terrain": np.array([TERRAINS[i] for i in rows["terrain"]], object),
+        "mode": np.array([MODES[i] for i in rows["mode"]], object),
+    }
+
+
+def _renamed(kind: type[Sample], typename: str, fixed: Callable[..., dict[str, Any]], **paths: str) -> Small:
+    """A sample whose fields are message fields with another name."""
+    return Small(
+        kind,
+        typename,
+        fixed,
+        lambda c: {path: c[name] for name, path in paths.items()},
+        lambda rows: {name: _f8(rows[path]) for name, path in paths.items()},
+    )
+
+
+SMALL: dict[type[Sample], Small] = {
+    small.kind: small
+    for small in (
+        _renamed(
+            Imu,
+            "sensor_msgs/msg/Imu",
+            _imu_fixed,
+            angular_rate="angular_velocity",
+            specific_force="linear_acceleration",
+        ),
+        _renamed(
+            Accelerometer,
+            "sensor_msgs/msg/Imu",
+            _accelerometer_fixed,
+            specific_force="linear_acceleration",
+        ),
+        Small(
+            Ahrs,
+            "sensor_msgs/msg/Imu",
+            _ahrs_fixed,
+            lambda c: {"orientation": _xyzw(c["q_world_sensor"]), "angular_velocity": c["angular_rate"]},
+            lambda r: {"q_world_sensor": _wxyz(r["orientation"]), "angular_rate": _f8(r["angular_velocity"])},
+        ),
+        Small(
+            Range,
+            "sensor_msgs/msg/Range",
+            _range_fixed,
+            lambda c: {"range": np.where(c["distance"] == 0.0, np.inf, c["distance"])},
+            _range_read,
+        ),
+        Small(
+            Encoder,
+            "sensor_msgs/msg/JointState",
+            _encoder_fixed,
+            lambda c: {"position": c["angle"][:, None]},
+            lambda r: {"angle": _f8(r["position"][:, 0])},
+        ),
+        Small(
+            Joints,
+            "sensor_msgs/msg/JointState",
+            _joints_fixed,
+            lambda c: {"position": c["position"], "velocity": c["velocity"], "effort": c["torque"]},
+            _joints_read,
+            lambda layout: {"names": tuple(layout.strings["name"])},
+        ),
+        Small(Odometry, "nav_msgs/msg/Odometry", _odometry_fixed, _odometry_write, _odometry_read),
+        _renamed(
+            Wrench,
+            "geometry_msgs/msg/WrenchStamped",
+            _in_world,
+            force_in_world="wrench.force",
+            torque_in_world="wrench.torque",
+        ),
+        _renamed(Point, "geometry_msgs/msg/PointStamped", _in_world, p_in_world="point"),
+        Small(
+            FootPhase,
+            "std_msgs/msg/UInt8",
+            lambda *_: {},
+            lambda c: {"data": c["phase"]},
+            lambda r: {"phase": r["data"].astype(np.int64)},
+        ),
+        _renamed(Insole, "stridetwin_msgs/msg/Insole", _in_sensor, force="force"),
+        _renamed(Interaction, "stridetwin_msgs/msg/Interaction", _in_sensor, force="force"),
+        _renamed(
+            Actuator,
+            "stridetwin_msgs/msg/Actuator",
+            _in_sensor,
+            torque_command="torque_command",
+            torque="torque",
+            speed="speed",
+        ),
+        Small(Footprint, "stridetwin_msgs/msg/Footprint", _in_world, _footprint_write, _footprint_read),
+    )
+}
+_BY_TYPE = {small.typename: small for small in SMALL.values()}
+
+
+def small_for(typename: str, first: Rows) -> Small:
+    """Sample type of a topic, from its first message (one row) by any writer.
+
+    An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a
+    joint state of one joint and nothing but its position is an encoder.
+    """
+    if typename == "sensor_msgs/msg/Imu":
+        has_orientation = first["orientation_covariance"][0, 0] != -1.0
+        has_force = first["linear_acceleration_covariance"][0, 0] != -1.0
+        if first["angular_velocity_covariance"][0, 0] == -1.0 and has_force:
+            return SMALL[Accelerometer]
+        return SMALL[Ahrs if has_orientation and not has_force else Imu]
+    if typename == "sensor_msgs/msg/JointState":
+        one_angle = first["position"].shape[1] == 1 and not first["velocity"].size and not first["effort"].size
+        return SMALL[Encoder if one_angle else Joints]
+    return _BY_TYPE[typename]

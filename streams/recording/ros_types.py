@@ -1,0 +1,185 @@
+"""ROS 2 message types: the standard ones, our own four, and their definition texts.
+
+Size limits of message definitions: a malicious one declares arrays, or nesting, that no real message has.
+
+rosbags unrolls fixed arrays into code, and reads sequences element by element. The size of an element bounds the
+number of iterations for a message.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+LARGEST_TEXT = 1 << 16
+"""Most characters of a definition; the longest standard one that is read has a sixth of it."""
+LARGEST_TEXTS = 1 << 18
+"""Most characters of all definitions of a file that are read; there are about 25 types of them."""
+MOST_ELEMENTS = 1000
+"""Most fields of a message with every fixed array of messages or texts unrolled; the largest standard one has 87."""
+DEEPEST = 16
+_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*")
+
+
+class Definitions:
+    """The definitions of one file read so far; each takes time to parse."""
+
+    def __init__(self) -> None:
+        self._known: set[str] = set()
+
+    def take(self, text: str) -> None:
+        """Adds one.
+
+        Raises:
+            ValueError: The definition is too long, or there are too many.
+        """
+        check_text(text)
+        if text not in self._known:
+            self._known.add(text)
+            if sum(map(len, self._known)) > LARGEST_TEXTS:
+                raise ValueError(f"definitions of more than {LARGEST_TEXTS} characters in all")
+
+
+def check_text(text: str) -> None:
+    """Rejects a definition that is too long.
+
+    Raises:
+        ValueError: The definition is too long.
+    """
+    if len(text) > LARGEST_TEXT:
+        raise ValueError(f"a definition of {len(text)} characters; valid: up to {LARGEST_TEXT}")
+
+
+def check_types(types: Mapping[str, Any]) -> None:
+    """Rejects types that no real recording needs.
+
+    Args:
+        types: Field definitions by type, as returned by rosbags' parsers.
+
+    Raises:
+        ValueError: Invalid names, recursive types, too many fields, or sequences of empty types.
+    """
+    counts: dict[str, int] = {}
+    for name in types:
+        _elements(name, types, counts, ())
+
+
+def _elements(name: str, types: Mapping[str, Any], counts: dict[str, int], around: tuple[str, ...]) -> int:
+    """Number of fields of one message of a type, including those of its members."""
+    if name in counts or name not in types:
+        return counts.get(name, 1)
+    if name in around or len(around) >= DEEPEST or not _NAME.fullmatch(name):
+        raise ValueError(f"type {name[:80]!r} is not valid; valid: names of up to {DEEPEST} types inside each other")
+    count = 0
+    for field, (node, detail) in types[name][1]:
+        if not _NAME.fullmatch(field):
+            raise ValueError(f"field {field[:80]!r} is not valid; valid: letters, digits and _")
+        inner, size = detail if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ((node, detail), 1)
+        each = _elements(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
+        if node == Nodetype.SEQUENCE and each == 0:
+            raise ValueError(f"{name[:80]}.{field}: a sequence of a type without fields")
+        is_plain = inner[0] == Nodetype.BASE and inner[1][0] != "string"
+        count += each * (size if node == Nodetype.ARRAY and not is_plain else 1)
+        if count > MOST_ELEMENTS or (node == Nodetype.ARRAY and size > 1 << 20):
+            raise ValueError(f"{name[:80]}.{field}: more fields than any message has ({MOST_ELEMENTS})")
+    counts[name] = count
+    return count
+
+
+_MOST_STORES = 256
+OWN_PACKAGE = "stridetwin_msgs"
+OWN_TYPES = ("Insole", "Interaction", "Actuator", "Footprint")
+
+
+@cache
+def typestore() -> Typestore:
+    """The types that are written: ROS 2 Jazzy's and those of `streams/recording/msgs`."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in OWN_TYPES:
+        text = files(__package__).joinpath("msgs", f"{name}.msg").read_text(encoding="utf-8")
+        store.register(get_types_from_msg(text, f"{OWN_PACKAGE}/msg/{name}"))
+    return store
+
+
+@cache
+def definition(typename: str) -> str:
+    """Definition of a type with all types that it needs, in the form of an MCAP `ros2msg` schema."""
+    text, _ = typestore().generate_msgdef(typename, ros_version=2)
+    return text
+
+
+@lru_cache(_MOST_STORES)
+def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
+    """The types that a recording's own schema defines, which may be of another ROS release.
+
+    Raises:
+        ValueError: The schema cannot be parsed.
+    """
+    if encoding == "ros2msg" and text == _definition_or_empty(typename):
+        return typestore()
+    store = get_typestore(Stores.EMPTY)
+    try:
+        check_text(text)
+        types = get_types_from_msg(text, typename) if encoding == "ros2msg" else get_types_from_idl(text)
+        check_types(types)
+        store.register(types)
+        store.generate_msgdef(typename, ros_version=2)  # visits all types that it contains
+    except Exception as error:  # the parser raises several unrelated kinds
+        words = " ".join(str(error).split())
+        raise ValueError(f"schema of {typename} cannot be parsed: {words[:120]}") from error
+    return store
+
+
+def deserialise(store: Typestore, payload: bytes, typename: str) -> Any:
+    """The message in CDR bytes.
+
+    Raises:
+        ValueError: The bytes are not a message of this type.
+    """
+    try:
+        return store.deserialize_cdr(payload, typename)
+    except Exception as error:  # the generated code does not validate its input: struct, index, memory errors and more
+        raise ValueError(f"not a {typename}: {' '.join(str(error).split())[:120]}") from error
+
+
+def _definition_or_empty(typename: str) -> str:
+    return definition(typename) if typename in typestore().fielddefs else ""
+
+
+def message(typename: str, values: Mapping[str, Any]) -> Any:
+    """A message of a type: zeros and empty strings, except for `values`, given by dotted path."""
+    return _blank(typename, "", values)
+
+
+def serialise(typename: str, values: Mapping[str, Any]) -> bytes:
+    """The little-endian CDR bytes of `message(typename, values)`."""
+    return bytes(typestore().serialize_cdr(message(typename, values), typename, little_endian=True))
+
+
+def _blank(typename: str, path: str, values: Mapping[str, Any]) -> Any:
+    store = typestore()
+    members = {}
+    description: Any
+    for name, description in store.fielddefs[typename][1]:
+        node, detail = description
+        inner_path = f"{path}.{name}" if path else name
+        if inner_path in values:
+            members[name] = values[inner_path]
+        elif node == Nodetype.NAME:
+            members[name] = _blank(detail, inner_path, values)
+        elif node == Nodetype.BASE:
+            members[name] = "" if detail[0] == "string" else 0
+        else:
+            (inner, base), size = detail
+            count = size if node == Nodetype.ARRAY else 0
+            is_array = inner == Nodetype.BASE and base[0] != "string"
+            members[name] = np.zeros(count, base[0]) if is_array else []
+    return store.types[typename](**members)

@@ -1,0 +1,161 @@
+"""Decoder of one topic's messages to samples, for any writer."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.serde import SerdeError
+
+from stridetwin.streams.recording.cdr import Layout, layout_of
+from stridetwin.streams.recording.mcap_scan import DamagedError, Messages
+from stridetwin.streams.recording.ros_images import IMAGES, image_kind, read_image_message
+from stridetwin.streams.recording.ros_samples import SMALL, Small, small_for, stamps
+from stridetwin.streams.recording.ros_types import typestore_for
+from stridetwin.streams.samples import Block, Depth, Image, Sample
+
+READABLE = frozenset([*IMAGES, *(small.typename for small in SMALL.values())])
+
+_MOST_UNEQUAL = 20_000  # that are decoded one by one
+
+
+class TopicReader:
+    """Decodes one topic and caches the layout of its messages.
+
+    Args:
+        topic: Topic.
+        typename: ROS 2 message type, one of `READABLE`.
+        encoding: Encoding of the schema, `ros2msg` or `ros2idl`.
+        definition: Text of the schema.
+    """
+
+    def __init__(self, topic: str, typename: str, encoding: str, definition: str) -> None:
+        self.topic, self.typename = topic, typename
+        self._store = typestore_for(typename, encoding, definition)
+        self._layout: Layout | None = None
+        self._small: Small | None = None
+        self.kind: type[Sample] | None = None
+
+    @property
+    def is_image(self) -> bool:
+        """Whether the topic carries images, which are decoded one at a time."""
+        return self.typename in IMAGES
+
+    def times(self, messages: Messages) -> NDArray[np.int64]:
+        """(N,) stamps of images, without decoding them."""
+        if self.kind is None:
+            self.kind = self.image_kind(messages.payload(0))
+        t = np.array([_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
+        return t if t.any() else messages.log_time
+
+    def image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
+        """Whether a message carries colour (or grey) or depth.
+
+        Raises:
+            ValueError: The message cannot be decoded.
+        """
+        try:
+            return image_kind(payload, self.typename, self._store)
+        except SerdeError as error:
+            raise ValueError(str(error)) from error
+
+    def image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
+        """One image, of this topic or (if an import renames it) of another.
+
+        Raises:
+            ValueError: The message cannot be decoded.
+        """
+        try:
+            return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
+        except SerdeError as error:
+            raise ValueError(str(error)) from error
+
+    def block(self, messages: Messages) -> Block[Any]:
+        """All messages as one block, with unchecked stamps.
+
+        Raises:
+            ValueError: A message does not have the topic's type.
+        """
+        if np.all(messages.lengths == messages.lengths[0]):
+            rows = messages.rows()
+            layout = self._layout
+            if layout is None or layout.dtype.itemsize != rows.itemsize or not layout.fits(rows):
+                layout = layout_of(messages.payload(0), self.typename, self._store)
+            if layout.fits(rows):
+                self._layout = layout
+                return self._decode(layout, rows.view(layout.dtype), messages.log_time)
+        if len(messages) > _MOST_UNEQUAL:
+            raise ValueError(f"{len(messages)} messages of unequal layout together; valid: up to {_MOST_UNEQUAL}")
+        return concatenated([self._single(messages, i) for i in range(len(messages))])
+
+    def _single(self, messages: Messages, i: int) -> Block[Any]:
+        payload = messages.payload(i)
+        layout = layout_of(payload, self.typename, self._store)
+        return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
+
+    def _decode(self, layout: Layout, rows: NDArray[np.void], log_time: NDArray[np.int64]) -> Block[Any]:
+        small = self._small = self._small or small_for(self.typename, rows[:1])
+        self.kind = small.kind
+        try:
+            columns = small.read(rows)
+        except (IndexError, KeyError) as error:
+            raise ValueError(f"{self.typename} with an invalid value: {error}") from error
+        constants = small.constants(layout)
+        return Block(
+            topic=self.topic,
+            kind=small.kind,
+            t_ns=stamps(rows, log_time),
+            columns=columns,
+            constants=constants,
+        )
+
+
+def concatenated(blocks: list[Block[Any]]) -> Block[Any]:
+    """Blocks of one topic, one after the other.
+
+    Raises:
+        ValueError: Their constants or their columns' shapes differ.
+    """
+    first = blocks[0]
+    for block in blocks:
+        if block.constants != first.constants:
+            raise ValueError(f"{dict(block.constants)} where the topic had {dict(first.constants)}")
+    return Block(
+        topic=first.topic,
+        kind=first.kind,
+        t_ns=np.concatenate([b.t_ns for b in blocks]),
+        columns={name: np.concatenate([b.columns[name] for b in blocks]) for name in first.columns},
+        constants=first.constants,
+    )
+
+
+def selected(block: Block[Any], keep: NDArray[np.bool_]) -> Block[Any]:
+    """The rows of a block selected by a mask (N,)."""
+    if keep.all():
+        return block
+    columns = {name: values[keep] for name, values in block.columns.items()}
+    return Block(topic=block.topic, kind=block.kind, t_ns=block.t_ns[keep], columns=columns, constants=block.constants)
+
+
+def finite(block: Block[Any]) -> NDArray[np.bool_]:
+    """(N,) whether every number of a sample is finite."""
+    keep = np.ones(len(block), bool)
+    for values in block.columns.values():
+        if values.dtype.kind == "f":
+            keep &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    return keep
+
+
+def increasing(t_ns: NDArray[np.int64], last: int) -> NDArray[np.bool_]:
+    """(N,) whether each stamp is after every previous stamp, and after `last`."""
+    before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]
+    return np.asarray(t_ns > before)
+
+
+def _header_stamp(payload: bytes) -> int:
+    if len(payload) < 12:
+        raise DamagedError("a message too short for its header")
+    sec, nanosec = struct.unpack_from("<iI" if payload[1] else ">iI", payload, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)

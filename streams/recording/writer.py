@@ -1,0 +1,212 @@
+"""Writer of recordings: blocks and samples in, one MCAP file with ROS 2 messages out."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.streams.files import partial_path
+from stridetwin.streams.kalibr import rig_to_yaml
+from stridetwin.streams.recording import index
+from stridetwin.streams.recording.cdr import Layout
+from stridetwin.streams.recording.mcap_writer import McapWriter, message_rows
+from stridetwin.streams.recording.ros_images import (
+    CAMERA_INFO,
+    COMPRESSED,
+    DEPTH_ENCODINGS,
+    RAW,
+    camera_info_message,
+    depth_message,
+    image_data,
+    image_message,
+)
+from stridetwin.streams.recording.ros_samples import SMALL, block_of, fill
+from stridetwin.streams.recording.ros_types import definition
+from stridetwin.streams.rig import CameraCalibration, Rig
+from stridetwin.streams.samples import Block, Depth, Image, Sample
+
+METADATA_NAME = "stridetwin"
+RIG_NAME = "rig.yaml"
+_INFO_PERIOD_NS = 1_000_000_000
+_ENCODERS = 2
+_IMAGE_LANE = 1
+_IMAGES_IN_FLIGHT = 8
+_LATEST_NS = 2**31 * 1_000_000_000
+
+
+class RecordingWriter:
+    """Writes one recording; a context manager.
+
+    The file grows under a hidden name beside `path`, and is renamed only when it is complete. After an error or a kill
+    the hidden file remains, readable up to its last complete chunk. The same input gives the same bytes.
+
+    Args:
+        path: Output file, `.mcap`.
+        rig: Rig of the wearer; stored inside as Kalibr YAML.
+        metadata: Stored inside as text (seed, versions, ...).
+        depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
+        jpeg_quality: 0 to 100; None keeps every pixel (PNG, larger and slower).
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        rig: Rig,
+        metadata: Mapping[str, str] | None = None,
+        *,
+        depth_encoding: str = "16UC1",
+        jpeg_quality: int | None = 90,
+    ) -> None:
+        if depth_encoding not in DEPTH_ENCODINGS:
+            raise ConfigError("RecordingWriter", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS))
+        self.path = Path(path)
+        self._rig = rig
+        self._depth_encoding, self._quality = depth_encoding, jpeg_quality
+        self._last: dict[str, int] = {}
+        self._kinds: dict[str, type[Sample]] = {}
+        self._channels: dict[str, int] = {}
+        self._templates: dict[str, tuple[bytes, Layout, Mapping[str, Any]]] = {}
+        self._next_info: dict[str, int] = {}
+        self._cameras = _by_image_topic(rig)
+        self._queue: deque[tuple[str, Future[bytes], int]] = deque()
+        self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
+        self._pool = ThreadPoolExecutor(_ENCODERS)
+        rig_yaml = rig_to_yaml(rig).encode()
+        try:
+            self._file = McapWriter(partial_path(self.path), "stridetwin")
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be written: {error.strerror}") from error
+        self._file.metadata(index.RECORD, index.written())
+        self._file.attachment(RIG_NAME, "application/yaml", rig_yaml)
+        self._file.metadata(METADATA_NAME, dict(metadata or {}))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._drain(0)
+            if error is None:
+                self._file.finish()
+                os.replace(partial_path(self.path), self.path)
+            else:
+                self._file.abandon()
+        finally:
+            self._pool.shutdown(cancel_futures=True)
+
+    def write(self, item: Block[Any] | Sample, log_ns: ArrayLike | None = None) -> None:
+        """Appends a sample, or a block of samples of one topic.
+
+        Args:
+            item: Item to append.
+            log_ns: Arrival time of each sample, (N,) ns. Stamps may then be arbitrary, as those of faulty sensors; by
+                default samples arrive at their stamps.
+
+        Raises:
+            RecordingError: A stamp (or arrival) of the topic is not after the previous one, or the topic changes its
+                kind.
+        """
+        if isinstance(item, (Image, Depth)):
+            stamps = np.array([item.t_ns], np.int64)
+            self._write_image(item, int(self._checked(item.topic, type(item), stamps, log_ns)[0]))
+        elif isinstance(item, Sample):
+            self.write(block_of([item]), log_ns)
+        elif item.kind in (Image, Depth):
+            times = [None] * len(item) if log_ns is None else np.atleast_1d(np.asarray(log_ns)).tolist()
+            for image, time in zip(item, times, strict=True):
+                self.write(image, time)
+        elif len(item):
+            logged = self._checked(item.topic, item.kind, item.t_ns, log_ns)
+            self._drain(0)
+            self._write_block(item, logged)
+
+    def _checked(
+        self, topic: str, kind: type[Sample], stamps: NDArray[np.int64], log_ns: ArrayLike | None
+    ) -> NDArray[np.int64]:
+        """Arrival times of the samples, checked."""
+        known = self._kinds.setdefault(topic, kind)
+        if known is not kind:
+            raise RecordingError(f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there")
+        t_ns = stamps if log_ns is None else np.broadcast_to(np.asarray(log_ns, np.int64), stamps.shape)
+        before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))
+        early = t_ns <= before if log_ns is None else t_ns < np.maximum(before, 0)
+        bad = np.flatnonzero(early | (np.maximum(t_ns, abs(stamps)) >= _LATEST_NS))
+        if bad.size:
+            i = int(bad[0])
+            valid = "stamps from 0 on that increase strictly" if log_ns is None else "arrivals from 0 on in order"
+            raise RecordingError(
+                f"{self.path}: {topic}: {'stamp' if log_ns is None else 'arrival'} {t_ns[i] * 1e-9:.9f} s "
+                f"after {before[i] * 1e-9:.9f} s is not valid; valid: {valid}"
+            )
+        self._last[topic] = int(t_ns[-1])
+        return t_ns
+
+    def _channel(self, topic: str, typename: str) -> int:
+        if topic not in self._channels:
+            self._channels[topic] = self._file.channel(topic, typename, definition(typename))
+        return self._channels[topic]
+
+    def _write_block(self, block: Block[Any], log_ns: NDArray[np.int64]) -> None:
+        small = SMALL[block.kind]
+        if block.topic not in self._templates:
+            payload, layout = small.template(block.topic, self._rig, block.constants)
+            self._templates[block.topic] = payload, layout, dict(block.constants)
+        payload, layout, constants = self._templates[block.topic]
+        if constants != dict(block.constants):
+            raise RecordingError(f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}")
+        rows, payloads = message_rows(self._channel(block.topic, small.typename), payload, layout.dtype, log_ns)
+        fill(payloads, small, block)
+        self._file.messages(rows)
+
+    def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
+        camera = self._cameras.get(sample.topic)
+        if camera and sample.t_ns >= self._next_info.get(sample.topic, 0):
+            self._next_info[sample.topic] = sample.t_ns + _INFO_PERIOD_NS
+            info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
+            self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
+        if isinstance(sample, Image):
+            encode = partial(image_message, sample, self._quality, self._known_data(sample))
+            self._submit(sample.topic, COMPRESSED, encode, log_ns)
+        else:
+            self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
+        self._drain(_IMAGES_IN_FLIGHT)
+
+    def _known_data(self, sample: Image) -> NDArray[np.uint8] | None:
+        """Encoded pixels of a read-only array: many images of a topic, with nothing in view, share it."""
+        if sample.pixels.flags.writeable:
+            return None
+        pixels, data = self._shared.get(sample.topic, (None, None))
+        if pixels is not sample.pixels or data is None:
+            data = image_data(sample.pixels, self._quality)
+            self._shared[sample.topic] = sample.pixels, data
+        return data
+
+    def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
+        self._channel(topic, typename)
+        self._queue.append((topic, self._pool.submit(encode), log_ns))
+
+    def _drain(self, leave: int) -> None:
+        """Appends encoded images in order, until `leave` are left in the queue."""
+        while len(self._queue) > leave:
+            topic, encoded, log_ns = self._queue.popleft()
+            payload = encoded.result()
+            layout = np.dtype(f"V{len(payload)}")
+            rows, _ = message_rows(self._channels[topic], payload, layout, np.array([log_ns], np.int64))
+            self._file.messages(rows, lane=_IMAGE_LANE)
+
+
+def _by_image_topic(rig: Rig) -> dict[str, CameraCalibration]:
+    cameras = dict(rig.cameras)
+    return cameras | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}

@@ -1,0 +1,139 @@
+"""Help by mode in closed loop: what it saves its wearer by who tells the mode, and whether wrong modes make him fall.
+
+Every way of telling walks the same walk with the same seed: without any exoskeleton; with it, its motors carrying but
+themselves; helped by modes that the legs have felt, that the camera has predicted, and that are true. Each seed is a
+subject of Zhao et al. 2023.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.scenarios.exo_geometry import geometry
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.studies.case import Case
+from stridetwin.studies.closed_loop.assisted_walk import Made, bare_walk, costs, helped_walk, truth_of
+from stridetwin.studies.closed_loop.recognition import Felt, Predicted
+
+SCENARIO = "helped_walk"
+SUBJECTS = tuple(name for name in PEOPLE if name.startswith("zhao_"))
+VARIANTS = {
+    "assistance": (range(1000, 1010), ("none", "carried", "late", "predicted", "known")),
+    "assistance_wrong": (range(1000, 1100), ("wrong",)),
+}
+"""By experiment: its seeds, and the first argument of `run_case`."""
+WRONG = 0.01
+NAMES = {
+    "none": "no exoskeleton",
+    "carried": "motors carry themselves",
+    "late": "helped by felt modes",
+    "predicted": "helped by predicted modes",
+    "known": "helped by true modes",
+    "wrong": f"helped by true modes, {WRONG:.0%} of them wrong",
+}
+_MAKES: Mapping[str, Callable[[TwinConfig, int], Made]] = {
+    "none": bare_walk,
+    "carried": lambda config, seed: helped_walk(config, seed, None),
+    "late": lambda config, seed: helped_walk(
+        config, seed, lambda rig, twin: Felt(geometry(twin.size, rig)), ("ahrs", "encoder")
+    ),
+    "predicted": lambda config, seed: helped_walk(
+        config, seed, lambda rig, twin: Predicted(rig), ("head_imu", "head_camera")
+    ),
+    "known": lambda config, seed: helped_walk(config, seed, lambda rig, twin: truth_of(twin)),
+    "wrong": lambda config, seed: helped_walk(config, seed, lambda rig, twin: truth_of(twin, WRONG)),
+}
+
+
+def run_case(ways: tuple[str, ...], case: Case) -> dict[str, Any]:
+    """One walk, made in each way.
+
+    Returns:
+        `seed`, `subject`, and `ways`: way to `fell_at_s`, and `modes`, what each mode's steps cost (`costs`).
+    """
+    subject = SUBJECTS[case.seed % len(SUBJECTS)]
+    config = replace(load_scenario(SCENARIO).config, person=PEOPLE[subject])
+    found = {}
+    for way in ways:
+        made = _MAKES[way](config, case.seed)
+        found[way] = {"fell_at_s": made.walk.fell_at, "modes": costs(made)}
+    return {"seed": case.seed, "subject": subject, "ways": found}
+
+
+def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Over the walks that nobody fell in.
+
+    Returns:
+        `summary`: way to `walks`, `fell`, `work_j` a walk, and by mode `work_j_per_step`, `more_than_none_pct`,
+        `rest_j_per_step` (`costs`), `rest_more_than_none_pct`,
+        `cuff_n`; and of `predicted` `gain_share`, its part of what the truth gains over what is felt.
+    """
+    ways = [way for way in NAMES if all(way in r["ways"] for r in results)]
+    ended = [r for r in results if all(r["ways"][way]["fell_at_s"] is None for way in ways)]
+    summary: dict[str, Any] = {}
+    for way in ways:
+        fell = sum(r["ways"][way]["fell_at_s"] is not None for r in results)
+        modes = {mode: _of_mode(ended, way, mode, "none" in ways) for mode in _modes(ended, way)}
+        work = [sum(of["work_j"] for of in r["ways"][way]["modes"].values()) for r in ended]
+        mean = float(np.mean(work)) if work else None
+        summary[way] = {"walks": len(results), "fell": fell, "work_j": mean, "modes": modes}
+    if ended and {"late", "predicted", "known"} <= set(ways):
+        late, told, best = (summary[way]["work_j"] for way in ("late", "predicted", "known"))
+        summary["predicted"]["gain_share"] = (late - told) / (late - best) if late > best else None
+    return {"summary": summary, "paper": {}}
+
+
+def _modes(rows: Iterable[Mapping[str, Any]], way: str) -> list[str]:
+    there = {mode for row in rows for mode in row["ways"][way]["modes"]}
+    return [mode for mode in MODES if mode in there]
+
+
+def _of_mode(rows: list[dict[str, Any]], way: str, mode: str, beside_none: bool) -> dict[str, Any]:
+    own = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
+    found: dict[str, Any] = {
+        "work_j_per_step": sum(o["work_j"] for o in own) / sum(o["steps"] for o in own),
+        "rest_j_per_step": sum(o["rest_j"] for o in own) / sum(o["steps"] for o in own),
+        "cuff_n": float(np.mean([o["cuff_n"] for o in own])),
+    }
+    if beside_none:
+        none = [row["ways"]["none"]["modes"][mode] for row in rows]
+        bare = sum(o["work_j"] for o in none) / sum(o["steps"] for o in none)
+        found["more_than_none_pct"] = 100.0 * (found["work_j_per_step"] / bare - 1.0)
+        found["rest_more_than_none_pct"] = 100.0 * (found["rest_j_per_step"] / bare - 1.0)
+    return found
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """As lines of text."""
+    summary = result["summary"]
+    lines = [
+        f"{len(result['cases'])} walks of {SCENARIO}; positive work of hips and knees a step, J, beside that without "
+        "an exoskeleton; r.m.s. of the cuffs' forces, N",
+        f"{'':<40}{'fell':>6}{'J a walk':>10}" + "".join(f"{mode:>22}" for mode in MODES),
+    ]
+    for way, of in summary.items():
+        cells = "".join(_cell(of["modes"].get(mode)) for mode in MODES)
+        work = "-" if of["work_j"] is None else f"{of['work_j']:.0f}"
+        lines.append(f"{NAMES[way]:<40}{of['fell']:>6}{work:>10}{cells}")
+    if "carried" in summary:
+        rest = {mode: of.get("rest_more_than_none_pct") for mode, of in summary["carried"]["modes"].items()}
+        cells = "".join(f"{'' if rest.get(mode) is None else f'{rest[mode]:+.1f} %':>16}{'':>6}" for mode in MODES)
+        lines.append(f"{'helped without any loss':<40}{'':>16}{cells}")
+    if (share := summary.get("predicted", {}).get("gain_share")) is not None:
+        lines.append(f"of what the truth gains over what is felt, a whole walk, prediction gains {share:.0%}")
+    return lines
+
+
+def _cell(of: Mapping[str, Any] | None) -> str:
+    if of is None:
+        return f"{'-':>22}"
+    more = of.get("more_than_none_pct")
+    beside = "" if more is None else f"{more:+.1f} %"
+    return f"{of['work_j_per_step']:>7.1f}{beside:>9}{of['cuff_n']:>6.0f}"

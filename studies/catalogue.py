@@ -1,0 +1,172 @@
+"""Every experiment by name; apart from the runs, so that experiments are listed without the simulator.
+
+An experiment's module declares `SEEDS`, `run_case`, `collect` and `table`. A module of several experiments declares
+`VARIANTS` instead of `SEEDS`: name to seeds and first argument of `run_case`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.studies.case import Case
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One experiment of a paper.
+
+    Attributes:
+        seeds: One case each.
+        run_case: From a case to a result that JSON can hold; runs in a process of its own.
+        collect: From the results to `summary` and `paper`.
+        table: From all of it to lines of text.
+        report: From all of it to an HTML page with its figures; None where it has none.
+    """
+
+    seeds: range
+    run_case: Callable[[Case], dict[str, Any]]
+    collect: Callable[[list[dict[str, Any]]], dict[str, Any]]
+    table: Callable[[dict[str, Any]], list[str]]
+    report: Callable[[dict[str, Any]], str] | None = None
+
+    @property
+    def source(self) -> tuple[str, str]:
+        """The module of `run_case`, and its bound arguments."""
+        run: Any = self.run_case
+        if isinstance(run, partial):
+            return str(run.func.__module__), repr((run.args, run.keywords))
+        return str(run.__module__), ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Where an experiment is declared.
+
+    Attributes:
+        description: One line for lists.
+        module: Declares seeds and `run_case`.
+        tables: Module with `collect` and `table`; "" where it is the same. Apart from `module` where several modules
+            share it, so that a change of the tables does not outdate the rows.
+        report: Module with `report`; "" where there is none.
+        collect_by_name: `collect` takes the experiment's name first.
+    """
+
+    description: str
+    module: str
+    tables: str = ""
+    report: str = ""
+    collect_by_name: bool = False
+
+    def load(self, name: str) -> Experiment:
+        """Imports the experiment's modules."""
+        study, tables = _module(self.module), _module(self.tables or self.module)
+        variants = getattr(study, "VARIANTS", None)
+        if variants is None:
+            seeds, run_case = study.SEEDS, study.run_case
+        else:
+            seeds, argument = variants[name]
+            run_case = partial(study.run_case, argument)
+        return Experiment(
+            seeds=seeds,
+            run_case=run_case,
+            collect=partial(tables.collect, name) if self.collect_by_name else tables.collect,
+            table=tables.table,
+            report=_module(self.report).report if self.report else None,
+        )
+
+
+def _module(name: str) -> ModuleType:
+    return import_module(f"stridetwin.studies.{name}")
+
+
+def _modes(description: str, module: str) -> Study:
+    """A study of the modes of coming steps."""
+    return Study(description, module, tables="mode_tables", report="mode_report", collect_by_name=True)
+
+
+def _jao(description: str) -> Study:
+    return Study(description, "jao_walk", collect_by_name=True)
+
+
+STUDIES = {
+    "jao_simulation": Study("Jao et al. 2020, Table I: a hundred identical strides north", "jao_simulation"),
+    "jao_straight_53m": _jao("Jao et al. 2020, Table II: 53 m straight on the simulated walker, shoe cameras rendered"),
+    "jao_loop_126m": _jao("Jao et al. 2020, Table III: 126 m loop on the simulated walker, shoe cameras rendered"),
+    "stairs_16": _jao("sixteen risers up and down on the simulated walker, shoe cameras rendered"),
+    "jao_faults": Study(
+        "foot-to-foot filter under injected faults: cameras, IMUs, clock, mounts, exchanged shoes", "jao_faults"
+    ),
+    "zhao_closed_loop": Study(
+        "Zhao et al. 2023, Table V: a loop of 60 m with stairs, fifteen subjects, on head and chest", "zhao_closed_loop"
+    ),
+    "zhao_closed_loop_stress": Study(
+        "the same loop with plain walls, blur, heel strikes, clock and mount off", "zhao_closed_loop"
+    ),
+    "zhao_generality": _modes(
+        "Zhao et al. 2023, Tables II and III: modes of coming steps over 540 walks, poses by odometry",
+        "zhao_generality",
+    ),
+    "zhao_generality_given_poses": _modes("the same walks with their true poses", "zhao_generality"),
+    "zhao_generality_shallow": _modes("the same walks with the camera 8 degrees down instead of 25", "zhao_generality"),
+    "zhao_baselines": _modes(
+        "sixty of the same walks, with our prediction from single depth images, without a map", "zhao_generality"
+    ),
+    "zhao_view": _modes(
+        "Zhao et al. 2023, Fig. 3a: between walls and round a corner, with a head that looks about widely",
+        "zhao_trials",
+    ),
+    "zhao_directions": _modes(
+        "Zhao et al. 2023, Fig. 3b: outdoors from stair to ramp to stair side by side", "zhao_trials"
+    ),
+    "zhao_disturbance": _modes(
+        "Zhao et al. 2023, Fig. 3c: a stair while two people walk around the walker", "zhao_trials"
+    ),
+    "mode_fusion": Study(
+        "modes of coming steps by camera, by an exoskeleton's legs, and by both, in light and dark", "mode_fusion"
+    ),
+    "mode_not_fooled": Study(
+        "false positives of stairs and ramps: paint, shadow, kerb, table, wall, legs, mirror", "mode_not_fooled"
+    ),
+    "mode_faults": Study(
+        "mode prediction under injected faults: odometry lost, no depth, a dead insole, a bad view", "mode_faults"
+    ),
+    "assistance": Study(
+        "assistance by mode in closed loop: work saved with modes from legs, camera or truth", "assistance"
+    ),
+    "assistance_wrong": Study("falls in a hundred assisted walks in which 1 % of the modes are wrong", "assistance"),
+    "dvio_bench": Study(
+        "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation", "dvio_bench"
+    ),
+    "dvio_faults": Study(
+        "visual-inertial odometry under injected faults: depth, camera, IMU, passers-by, calibration", "dvio_faults"
+    ),
+    "shim_table5": Study(
+        "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",
+        "shim_table5",
+        report="shim_figures",
+    ),
+    "shim_faults": Study(
+        "contact terrain under injected faults: insoles, encoders, AHRS, wrong lengths, shuffling, modules",
+        "shim_faults",
+    ),
+}
+_LOADED: dict[str, Experiment] = {}
+
+
+def experiment(name: str) -> Experiment:
+    """An experiment, with its modules imported.
+
+    Raises:
+        StrideTwinError: The name is not in `STUDIES`; the message lists the valid ones.
+    """
+    if name not in _LOADED:
+        if name not in STUDIES:
+            raise StrideTwinError(f"there is no experiment {name!r}; valid: {', '.join(STUDIES)}")
+        _LOADED[name] = STUDIES[name].load(name)
+    return _LOADED[name]

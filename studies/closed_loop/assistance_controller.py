@@ -1,0 +1,155 @@
+"""Assistance of hips and knees by locomotion mode: torque in the direction of the joint's motion.
+
+Negative damping, as in Aguirre-Ollinger et al. 2007, Active-impedance control of a lower-limb assistive exoskeleton
+(IEEE ICORR, 188-195): torque proportional to the joint's speed, up to the module's limit. It assists extension in
+stance, which lifts the body, and flexion in swing, which lifts the leg; the mode sets its share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.sim.config import SIDES
+from stridetwin.sim.dynamics.drive import PERIOD_S
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array, Insole, Sample
+from stridetwin.studies.closed_loop.observers import Streams
+from stridetwin.studies.closed_loop.recognition import Recognition, Unaware
+
+LOADED_N = 80.0
+"""Force above which a foot is loaded; an unloaded insole measures far less."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """Share of the torque limit that a joint gets in each direction (0-1).
+
+    Attributes:
+        extending: While it extends.
+        bending: While it flexes.
+    """
+
+    extending: float = 0.0
+    bending: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Help:
+    """Assistance of one mode.
+
+    Attributes:
+        share: Of the torque limit.
+        stance: By joint, of a loaded leg.
+        swing: By joint, of an unloaded leg.
+    """
+
+    share: float
+    stance: Mapping[str, Push] = field(
+        default_factory=lambda: {"hip": Push(extending=1.0, bending=1.0), "knee": Push(extending=1.0)}
+    )
+    swing: Mapping[str, Push] = field(
+        default_factory=lambda: {"hip": Push(extending=0.3, bending=1.0), "knee": Push(bending=1.0)}
+    )
+
+
+HELP = {
+    "LG": Help(share=0.5),
+    "SA": Help(
+        share=1.0,
+        stance={"hip": Push(extending=1.0), "knee": Push(extending=1.0)},
+        swing={"hip": Push(extending=1.0, bending=1.0), "knee": Push(extending=1.0, bending=1.0)},
+    ),
+    "SD": Help(share=0.5),
+    "RA": Help(share=1.0),
+    "RD": Help(share=0.75),
+}
+"""The values that save most work at the wearer's hips and knees; with more the wearer has to brake. Up stairs the hip
+is only assisted in extension under load, and hip and knee also extend the leg onto the next tread."""
+FULL_RADPS, STANCE_RADPS = 0.8, 0.3
+"""Joint speed at which the torque reaches its limit, in general and in extension under load."""
+SMOOTHING_S = 0.05
+"""Time constant of the torque; frame and mounts oscillate with a smaller as with a larger one."""
+
+
+class Helped(Streams):
+    """Observations of an assistance by mode: the streams, which feet are loaded, and their modes.
+
+    Besides `Streams`: `loaded` (2,) 1 for a loaded foot, left first; `mode` (2,) index into
+    `estimators.locomotion_mode.MODES`: of the current step of a loaded foot, of the next step of an unloaded one.
+
+    Args:
+        rig: The sensors.
+        recognition: Makes the mode recognition of each walk.
+    """
+
+    def __init__(self, rig: Rig, recognition: Callable[[], Recognition]) -> None:
+        super().__init__(rig)
+        self._begin = recognition
+        self._recognition: Recognition = Unaware()
+        self._loaded = dict.fromkeys(SIDES, True)
+
+    def reset(self) -> None:
+        """As `Observer`."""
+        super().reset()
+        self._recognition = self._begin()
+        self._loaded = dict.fromkeys(SIDES, True)
+
+    def update(self, samples: Iterable[Sample]) -> None:
+        """As `Observer`."""
+        taken = list(samples)
+        super().update(taken)
+        for sample in taken:
+            self._recognition.update(sample)
+            if isinstance(sample, Insole):
+                self._loaded[sample.topic[len("/foot_")]] = float(sample.force.sum()) > LOADED_N
+
+    def observation(self) -> dict[str, Array]:
+        """As `Observer`."""
+        known = self._recognition
+        modes = [known.standing[foot] if self._loaded[foot] else known.coming[foot] for foot in SIDES]
+        return {
+            **super().observation(),
+            "loaded": np.array([float(self._loaded[foot]) for foot in SIDES]),
+            "mode": np.array([float(MODES.index(mode)) for mode in modes]),
+        }
+
+
+class Helper:
+    """Controller from observations of `Helped` to torques.
+
+    Args:
+        joints: In the order of actions.
+        most: (n,) torque limits, N m.
+    """
+
+    def __init__(self, joints: Sequence[str], most: Array) -> None:
+        self._joints, self._most = joints, most
+        self._torque = np.zeros(len(joints))
+
+    def torques(self, seen: Mapping[str, Array]) -> Array:
+        """(n,) torque commands, N m, flexion positive; call it once per `PERIOD_S` with an observation."""
+        wanted = np.array([_share(joint, seen) for joint in self._joints]) * self._most
+        self._torque += (wanted - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
+        return self._torque.copy()
+
+
+def _share(joint: str, seen: Mapping[str, Array]) -> float:
+    """Share of the torque limit, -1 to 1."""
+    name, side = joint.split("_")
+    foot, speed = SIDES.index(side), float(seen[f"exo/{joint}/actuator"][2])
+    loaded = seen["loaded"][foot] > 0.0
+    modes = [MODES[int(mode)] for mode in seen["mode"]]
+    # a leg that swings up from the last tread has to be lifted, though it comes down on the level
+    of = HELP[modes[foot] if loaded else max(modes, key=lambda mode: HELP[mode].share)]
+    shares = (of.stance if loaded else of.swing).get(name, Push())  # ankles get no torque
+    if speed > 0.0:
+        share, full = shares.bending, FULL_RADPS
+    elif speed < 0.0:
+        share, full = -shares.extending, STANCE_RADPS if loaded else FULL_RADPS
+    else:
+        return 0.0  # NaN: no sample has arrived yet
+    return of.share * share * min(abs(speed) / full, 1.0)

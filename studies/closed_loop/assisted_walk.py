@@ -1,0 +1,122 @@
+"""A walk with assistance, and its cost to the wearer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.locomotion_mode import MODES
+from stridetwin.sim.config import SIDES, Exo, TwinConfig
+from stridetwin.sim.dynamics.simulate import STEP_S
+from stridetwin.sim.dynamics.simulated_walk import Replay, SimulatedWalk
+from stridetwin.sim.gait.footsteps import Footstep
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array
+from stridetwin.studies.closed_loop.assistance_controller import Helped, Helper
+from stridetwin.studies.closed_loop.environment import HELPED, environment, helped_joints, most_nm
+from stridetwin.studies.closed_loop.recognition import Known, Recognition
+
+Recogniser = Callable[[Rig, Twin], Recognition]
+"""Makes the mode recognition of a walk; from the twin it takes measured geometry, or the truth for comparison."""
+_EXO = Exo(mode=1)
+_FELT = ("insole", "encoder", "actuator")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Made:
+    """A simulated walk and its twin."""
+
+    twin: Twin
+    walk: SimulatedWalk
+
+
+def bare_walk(config: TwinConfig, seed: int) -> Made:
+    """The walk without exoskeleton."""
+    twin = Twin(replace(config, exo=None, sensors=(), physics="dynamic", faults=(), shock=False), seed)
+    walk = twin.walk
+    assert isinstance(walk, SimulatedWalk)
+    return Made(twin=twin, walk=walk)
+
+
+def helped_walk(config: TwinConfig, seed: int, recogniser: Recogniser | None, sensors: tuple[str, ...] = ()) -> Made:
+    """The walk in the exoskeleton with all its modules.
+
+    Args:
+        config: Of walker and route.
+        seed: Of the walk.
+        recogniser: Makes the mode recognition; None: the motors only compensate their own inertia.
+        sensors: Sensor groups besides those of the controller.
+    """
+    observer: Callable[[Rig], Any] | None = None
+    if recogniser is not None:
+        make = recogniser
+
+        def observer(rig: Rig) -> Helped:
+            return Helped(rig, lambda: make(rig, env.physics.twin))
+
+    worn = tuple(dict.fromkeys((*_FELT, *sensors)))
+    env = environment(replace(config, exo=_EXO), seed, observer=observer, sensors=worn)
+    physics = env.physics
+    try:
+        step = env.reset()
+        helper = Helper(physics.joints, env.action_spec().maximum)
+        idle = np.zeros(len(physics.joints))
+        while not step.last():
+            step = env.step(idle if recogniser is None else helper.torques(step.observation))
+        return Made(twin=physics.twin, walk=physics.live.simulation.walk())
+    finally:
+        physics.close()
+
+
+def truth_of(twin: Twin, wrong: float = 0.0) -> Known:
+    """The true modes, with the share `wrong` of the steps replaced by other modes."""
+    steps = {side: [(round(s.t_touch * 1e9), s.mode) for s in _made(twin.reference.steps[side])] for side in SIDES}
+    return Known(steps, wrong, np.random.default_rng(np.random.SeedSequence(twin.seed, spawn_key=(2,))))
+
+
+def costs(made: Made) -> dict[str, dict[str, float]]:
+    """Cost of the steps of each mode; a step lasts from a foot's touch-down to the other foot's.
+
+    Returns:
+        By mode: `steps`; `work_j`, the wearer's positive work of hips and knees; `rest_j`, the work that
+        would remain if the motors' torque limits reduced it without loss; `cuff_n`, RMS force of thigh and
+        shank cuffs, 0 without exoskeleton.
+    """
+    walk = made.walk
+    torque, speed = helped_joints(walk)
+    power = np.maximum(torque * speed, 0.0).sum(axis=1)
+    rest = np.maximum(torque * speed - most_nm(HELPED) * np.abs(speed), 0.0).sum(axis=1)
+    cuffs = _cuffs(made)
+    steps = sorted((s for side in SIDES for s in _made(walk.steps[side])), key=lambda s: s.t_touch)
+    found = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
+    last = float(walk.t[-1]) if walk.fell_at is None else walk.fell_at
+    for step, after in zip(steps, [*steps[1:], None]):
+        if after is None or after.t_touch > last:
+            break
+        on = (walk.t >= step.t_touch) & (walk.t < after.t_touch)
+        of = found[step.mode]
+        of["steps"] += 1.0
+        of["work_j"] += float(power[on].sum()) * STEP_S
+        of["rest_j"] += float(rest[on].sum()) * STEP_S
+        of["cuff_n"] += float(cuffs[on].mean())
+    for of in found.values():
+        of["cuff_n"] = float(np.sqrt(of["cuff_n"] / of["steps"])) if of["steps"] else 0.0
+    return {mode: of for mode, of in found.items() if of["steps"]}
+
+
+def _cuffs(made: Made) -> Array:
+    """(N,) N², mean square of the cuffs' forces at the walk's instants."""
+    t = made.walk.t
+    if made.twin.config.exo is None:
+        return np.zeros(len(t))
+    t_ns = np.round(t * 1e9).astype(np.int64)
+    motion = Replay(made.twin.model, made.walk).motion(t_ns)
+    return np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0)
+
+
+def _made(steps: list[Footstep]) -> list[Footstep]:
+    return [s for s in steps if np.isfinite(s.t_touch) and s.t_touch > 0.0]

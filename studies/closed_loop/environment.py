@@ -1,0 +1,242 @@
+"""A simulated walk as `dm_control.rl.control` and `dm_env` drive it.
+
+An action is the torque command of each motor, at 100 Hz; the motor applies it 10 ms later. The wearer follows the
+scenario's route and knows the motors' torques: their own joint torques are what tracking needs in addition.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from itertools import repeat
+from typing import Any
+
+import numpy as np
+from dm_control.rl import control
+from dm_env import specs
+
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import SIDES, TwinConfig
+from stridetwin.sim.dynamics.drive import PERIOD_S
+from stridetwin.sim.dynamics.simulate import STEP_S
+from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
+from stridetwin.sim.live import LiveTwin
+from stridetwin.sim.sensors.standard_rig import sensor_rig
+from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.actuation import modules
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array
+from stridetwin.studies.closed_loop.observers import Observer, Streams
+
+HIP_NM, KNEE_NM = 20.0, 15.0
+"""Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
+SENSORS = ("insole", "ahrs", "encoder", "interaction", "actuator")
+HELPED = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
+_ORDER = ("hip", "knee", "ankle")
+_SEEDS = "a whole number from 0 on, or an iterable of them with one per walk"
+
+
+class WalkPhysics(control.Physics):
+    """Walks in sequence, each with the next seed.
+
+    Args:
+        config: Who walks where; with an exoskeleton.
+        seeds: Of the walks; a repeated seed is not planned again.
+
+    Attributes:
+        joints: Powered joints, in the order of actions: hips, knees, ankles, then others by name; left first.
+        most: (n,) torque limit of each, N m.
+        rig: The nominal sensor rig of the first walk, as estimators read it.
+
+    Raises:
+        ConfigError: No joint is powered, a seed is invalid, or no seed is left.
+    """
+
+    def __init__(self, config: TwinConfig, seeds: Iterator[int]) -> None:
+        mounted = {} if config.exo is None else modules(config.exo)
+        if not mounted:
+            raise _unpowered(config)
+        self.joints = tuple(sorted(mounted, key=_rank))
+        self.most = np.minimum(most_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
+        self._driven = [self.joints.index(joint) for joint in mounted]  # in the order of the motors
+        self._config, self._seeds = config, seeds
+        self._seed = self._next_seed()
+        self.rig: Rig = sensor_rig(config).nominal(self._seed)
+        self._twin: Twin | None = None
+        self._live: LiveTwin | None = None
+        self._walking = ExitStack()
+        self._torque = np.zeros(len(self.joints))
+        self.samples: list[Any] = []
+
+    @property
+    def live(self) -> LiveTwin:
+        """The current walk."""
+        if self._live is None:
+            raise RuntimeError("no walk has begun: call reset first")
+        return self._live
+
+    @property
+    def twin(self) -> Twin:
+        """The twin of the current walk."""
+        assert self._twin is not None
+        return self._twin
+
+    def reset(self) -> None:
+        """Starts the next walk: the wearer stands on both soles."""
+        self.close()
+        if self._twin is None:
+            self._twin = Twin(self._config, self._seed)
+        else:
+            seed = self._next_seed()
+            if seed != self._twin.seed:
+                self._twin = Twin(self._config, seed)
+        self._torque = np.zeros(len(self.joints))
+        self._live = self._walking.enter_context(LiveTwin(self._twin, lambda angle: self._torque[self._driven]))
+        self._live.advance(0.0)
+        self.samples = []
+
+    def _next_seed(self) -> int:
+        seed: Any = next(self._seeds, "used up")
+        number = -1
+        with suppress(TypeError):
+            number = operator.index(seed)
+        if number < 0:
+            raise ConfigError("environment", "seed", seed, _SEEDS)
+        return number
+
+    def after_reset(self) -> None:
+        """Does nothing."""
+
+    def close(self) -> None:
+        """Ends the walk and the processes that render its images."""
+        self._walking.close()
+        self._live = None
+
+    def set_control(self, control: Array) -> None:
+        """Sets the next torque commands, (n,) N m, in the order of `joints`."""
+        self._torque = np.array(control, float)
+
+    def step(self, n_sub_steps: int = 1) -> None:
+        """Advances the walk; `samples` holds the samples that arrived."""
+        self.samples = self.live.advance(self.live.simulation.time_s + n_sub_steps * STEP_S)
+
+    def time(self) -> float:
+        """Time since the start of the walk, s."""
+        return self.live.simulation.time_s
+
+    def timestep(self) -> float:
+        """Time step of the simulation, s."""
+        return STEP_S
+
+    def power(self, seconds: float) -> Array:
+        """(N, 4) W of the wearer's own hips and knees (`HELPED`) in each time step of the last `seconds`."""
+        torque, speed = helped_joints(self.live.simulation.recent(seconds))
+        return torque * speed
+
+
+def helped_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
+    """(N, 4) N m and rad/s of the wearer's own hips and knees (`HELPED`) in each time step of a walk."""
+    _, speed = walk.moving(walk.t)
+    names = walk.coordinates.names[6:]
+    dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in HELPED]
+    return np.asarray(walk.torque[:, dof]), np.asarray(speed[:, dof])
+
+
+def most_nm(joints: Sequence[str]) -> Array:
+    """(n,) torque limits of joints by name, N m, before the motors' own limits."""
+    return np.array([HIP_NM if joint.startswith("hip") else KNEE_NM for joint in joints])
+
+
+def _rank(joint: str) -> tuple[int, str]:
+    """Sort key of a joint among the actions."""
+    name = joint.rpartition("_")[0]
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER), joint
+
+
+def _unpowered(config: TwinConfig) -> ConfigError:
+    found, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
+    if config.exo is not None:
+        found = f"mode {config.exo.mode}"
+        if config.exo.own is not None:
+            found, valid = "no motors", f"motors in {config.exo.own.rig}"
+    return ConfigError(config.name, "exo", found, valid)
+
+
+def _seeds(seed: Any) -> Iterator[Any]:
+    """The same seed for every walk, or one seed per walk."""
+    with suppress(TypeError):
+        return repeat(operator.index(seed))
+    with suppress(TypeError):
+        return iter(seed)
+    raise ConfigError("environment", "seed", seed, _SEEDS)
+
+
+class Assistance(control.Task):
+    """Assistance: the reward is minus the wearer's positive work of hips and knees, J.
+
+    Args:
+        observer: The controller's observations; None: the streams of the exoskeleton's sensors.
+        rig: Of the walk.
+    """
+
+    def __init__(self, observer: Observer | None, rig: Rig) -> None:
+        self.observer: Observer = observer or Streams(rig)
+
+    def initialize_episode(self, physics: WalkPhysics) -> None:
+        """Starts a walk."""
+        self.observer.reset()
+
+    def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
+        """(n,) N m, flexion positive, in the order of the physics' `joints`."""
+        return specs.BoundedArray(physics.most.shape, float, -physics.most, physics.most, name="torque_nm")
+
+    def before_step(self, action: Array, physics: WalkPhysics) -> None:
+        """Clips torques to the limits; refuses values that are not finite."""
+        torque = np.asarray(action, float)
+        if torque.shape != physics.most.shape or not np.isfinite(torque).all():
+            raise ConfigError("action", "torque_nm", torque, f"{len(physics.most)} finite numbers")
+        physics.set_control(np.clip(torque, -physics.most, physics.most))
+
+    def after_step(self, physics: WalkPhysics) -> None:
+        """Passes the samples that arrived to the observer."""
+        self.observer.update(physics.samples)
+
+    def get_observation(self, physics: WalkPhysics) -> dict[str, Array]:
+        """The observer's observation, from which the environment also derives the specification."""
+        return self.observer.observation()
+
+    def get_reward(self, physics: WalkPhysics) -> float:
+        """J, never above 0."""
+        return -float(np.maximum(physics.power(PERIOD_S), 0.0).sum()) * STEP_S
+
+    def get_termination(self, physics: WalkPhysics) -> float | None:
+        """0 after a fall, 1 at the end of the route, else None."""
+        simulation = physics.live.simulation
+        return None if not simulation.over else 0.0 if simulation.fell_at is not None else 1.0
+
+
+def environment(
+    scenario: str | TwinConfig, seed: int | Iterable[int] = 0, *, observer: Callable[[Rig], Observer] | None = None,
+    sensors: tuple[str, ...] = SENSORS, flat_observation: bool = False,
+) -> control.Environment:  # fmt: skip
+    """The walk of a scenario as an environment with a step of 10 ms.
+
+    Args:
+        scenario: Name in the catalogue, path of a file, or a configuration; with an exoskeleton in a mode that powers
+            joints, or one of the user's own with motors. It is simulated with contacts, without faults, on rigid shoes.
+        seed: Of every walk; or an iterable with one seed per walk.
+        observer: Makes the observer from the rig; None: the streams of the exoskeleton's sensors.
+        sensors: Sensor groups of the walk.
+        flat_observation: One vector, `observations`, of all observations in alphabetical order of their names.
+
+    Raises:
+        ConfigError: The walk is infeasible, no joint is powered, a seed is invalid, or, in `reset`, no seed is left.
+    """
+    config = scenario if isinstance(scenario, TwinConfig) else load_scenario(scenario).config
+    config = replace(config, physics="dynamic", sensors=sensors, faults=(), shock=False)
+    physics = WalkPhysics(config, _seeds(seed))
+    task = Assistance(None if observer is None else observer(physics.rig), physics.rig)
+    return control.Environment(physics, task, control_timestep=PERIOD_S, flat_observation=flat_observation)

@@ -1,0 +1,130 @@
+"""Locomotion-mode recognition for the controller: the terrain under each foot, and that of its next step.
+
+The prediction from the camera knows a step in advance; the recognition from the legs knows it once the foot is flat;
+the truth serves for comparison.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain, Exoskeleton
+from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode, ModeEstimate
+from stridetwin.pipeline.run import Led
+from stridetwin.sim.config import SIDES
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Sample
+
+LEVEL = "LG"
+_LATE_NS = 100_000_000
+"""A foot that lands later than planned is still in swing."""
+
+
+class Recognition(Protocol):
+    """Modes of each foot's steps, from samples alone.
+
+    Attributes:
+        standing: By foot, mode of its current step.
+        coming: By foot, mode of its next step.
+    """
+
+    standing: dict[str, str]
+    coming: dict[str, str]
+
+    def update(self, sample: Sample) -> None:
+        """Processes a sample; samples come in time order."""
+        ...
+
+
+class Unaware:
+    """No recognition: level ground everywhere."""
+
+    def __init__(self) -> None:
+        self.standing = dict.fromkeys(SIDES, LEVEL)
+        self.coming = dict.fromkeys(SIDES, LEVEL)
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+
+
+class Predicted(Unaware):
+    """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the coming steps.
+
+    Args:
+        rig: With a camera with depth and IMU on head or chest, and insoles.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        super().__init__()
+        self._ahead = Led(rig, LocomotionMode)
+        self._next: tuple[int, str, str] | None = None
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+        self._ahead.lead(sample)
+        told = self._ahead.update(sample)
+        if isinstance(told, ModeEstimate):
+            self._take(told)
+
+    def _take(self, told: ModeEstimate) -> None:
+        if self._next is not None and told.step >= self._next[0]:
+            _, foot, mode = self._next
+            self.standing[foot] = mode
+        for step in reversed(told.steps):  # of a foot's steps the first one counts
+            if step.foot:
+                self.coming[step.foot] = step.mode
+        first = told.steps[0]
+        self._next = (first.step, first.foot, first.mode) if first.foot else None
+
+
+class Felt(Unaware):
+    """The legs: a step is known once its foot is flat; its mode is assumed for all steps until the next is known.
+
+    Args:
+        exoskeleton: Its nominal geometry.
+    """
+
+    def __init__(self, exoskeleton: Exoskeleton) -> None:
+        super().__init__()
+        self._legs = ContactTerrain(Rig(), exoskeleton=exoskeleton)
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+        step = self._legs.update(sample)
+        if step is not None and step.step > 0 and step.mode != UNKNOWN:
+            self.standing, self.coming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
+
+
+class Known(Unaware):
+    """The truth.
+
+    Args:
+        steps: By foot: touch-down of each step, ns, and its mode, in order.
+        wrong: Share of steps with a wrong mode.
+        rng: Chooses these steps and their modes.
+    """
+
+    def __init__(
+        self, steps: Mapping[str, Sequence[tuple[int, str]]], wrong: float = 0.0, rng: np.random.Generator | None = None
+    ) -> None:
+        super().__init__()
+        rng = rng or np.random.default_rng(0)
+        self._times = {foot: [t_ns for t_ns, _ in steps[foot]] for foot in SIDES}
+        self._modes = {
+            foot: [LEVEL, *(_corrupted(mode, wrong, rng) for _, mode in steps[foot]), LEVEL] for foot in SIDES
+        }
+
+    def update(self, sample: Sample) -> None:
+        """As `Recognition`."""
+        for foot, times in self._times.items():
+            self.standing[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
+            self.coming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
+
+
+def _corrupted(mode: str, wrong: float, rng: np.random.Generator) -> str:
+    others = [m for m in MODES if m != mode]
+    return str(rng.choice(others)) if rng.random() < wrong else mode

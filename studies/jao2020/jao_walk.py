@@ -1,0 +1,132 @@
+"""The walks of Jao, Wang, Shkel 2020 (Tables II and III) and a flight of stairs, with rendered shoe cameras.
+
+One walk a seed, recorded once (`walks`), and three cases of it: gyros that do not clip, the part's own, which clip at
+450 °/s, and gyros that do not clip while every picture of every second step is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from stridetwin.evaluation.norms import reference
+from stridetwin.evaluation.truth import FOOTPRINTS
+from stridetwin.streams.samples import Array, Image, Sample
+from stridetwin.studies.case import Case
+from stridetwin.studies.jao2020.two_feet import METHODS, every_method, figures, true_start
+from stridetwin.studies.walks import RecordedWalk, recorded_walk
+
+CASES = {
+    "unclipped": "gyros that do not clip",
+    "clipped": "ADIS16485, gyros clip at 450 °/s",
+    "half_blind": "gyros that do not clip, no picture in every second step",
+}
+SEEDS = range(1000, 1010)
+VARIANTS = {name: (SEEDS, name) for name in ("jao_straight_53m", "jao_loop_126m", "stairs_16")}
+"""By experiment: its seeds, and the first argument of `run_case`."""
+
+
+def run_case(scenario: str, case: Case) -> dict[str, Any]:
+    """Walks once and estimates every case.
+
+    Args:
+        scenario: Name in the catalogue.
+        case: Which seed, and how.
+
+    Returns:
+        `scenario`, `seed`, `physics`, `fell_at_s`, and `cases`: case to `sightings` (boards seen) and method to
+        `two_feet.figures`.
+    """
+    with recorded_walk(scenario, case) as walk:
+        truth = walk.truth()
+        start = true_start(truth)
+        found: dict[str, Any] = {}
+        for name in CASES:
+            wide = name != "clipped"
+            samples = walk.samples(wide=wide)
+            if name == "half_blind":
+                samples = without_every_second_step(samples, touches_ns(walk))
+            paths, seen = every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
+            found[name] = {m: figures(p, truth) for m, p in paths.items()} | {"sightings": seen}
+        return {
+            "scenario": scenario,
+            "seed": case.seed,
+            "physics": case.physics,
+            "fell_at_s": walk.fell_at_s,
+            "cases": found,
+        }
+
+
+def touches_ns(walk: RecordedWalk) -> Array:
+    """(N,) when feet touched down."""
+    return np.sort(walk.shoes.block(FOOTPRINTS).t_ns)
+
+
+def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:
+    """Samples without the pictures taken between a touch-down and the next one, of every second pair of them."""
+    for sample in samples:
+        if not (isinstance(sample, Image) and np.searchsorted(touches, sample.t_ns) % 2 == 1):
+            yield sample
+
+
+def collect(scenario: str, results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures by method: of gyros that do not clip, then of the other cases; pairs are left and right."""
+    summary: dict[str, Any] = {}
+    for case in CASES:
+        suffix = "" if case == "unclipped" else f"_{case}"
+        of = {m: [r["cases"][case][m] for r in results] for m in METHODS}
+        for name, values in _summary(of).items():
+            stem, _, unit = name.rpartition("_")
+            summary[f"{stem}{suffix}_{unit}"] = values
+    summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
+    return {"summary": summary, "paper": reference("jao2020").get(scenario, {})}
+
+
+def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
+    ends = {m: np.array([w["end_error_m"] for w in walks]) for m, walks in of.items()}
+
+    def mean(name: str) -> dict[str, Any]:
+        return {m: np.mean([w[name] for w in walks], axis=0).tolist() for m, walks in of.items()}
+
+    return {
+        "mean_end_error_m": {m: np.linalg.norm(e[:, :, :2], axis=2).mean(axis=0).tolist() for m, e in ends.items()},
+        "end_position_sd_m": {
+            m: [float(e[:, f, axis].std(ddof=min(1, len(e) - 1))) for f in range(2) for axis in (1, 0)]
+            for m, e in ends.items()
+        },
+        "mean_abs_up_error_m": {m: np.abs(e[:, :, 2]).mean(axis=0).tolist() for m, e in ends.items()},
+        "mean_end_error_pct": mean("end_error_pct"),
+        "feet_disagree_rms_m": mean("feet_disagree_rms_m"),
+        "feet_disagree_max_m": {m: max(w["feet_disagree_max_m"] for w in walks) for m, walks in of.items()},
+        "end_nees_mean": mean("end_nees"),
+        "nees_within_95_pct": mean("nees_within_95_pct"),
+    }
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """Ours beside the paper's, as lines of text; of two figures left and right, of ± one deviation over the walks."""
+    summary, theirs = result["summary"], result["paper"].get("mean_end_error_m", {})
+    lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall", ""]
+    lines += [
+        f"{'':<24}{'end error':^15}{'paper':^13}{'height':^13}{'of the way':^15}{'feet disagree':^17}{'end NEES':^14}",
+        f"{'':<24}{'m':^15}{'m':^13}{'m':^13}{'%':^15}{'rms, max mm':^17}{'3 if honest':^14}",
+    ]
+    for case, words in CASES.items():
+        suffix = "" if case == "unclipped" else f"_{case}"
+        lines.append(words)
+        for method in METHODS:
+            end, up = summary[f"mean_end_error{suffix}_m"][method], summary[f"mean_abs_up_error{suffix}_m"][method]
+            share, nees = summary[f"mean_end_error{suffix}_pct"][method], summary[f"end_nees{suffix}_mean"][method]
+            rms, most = (1e3 * summary[f"feet_disagree_{k}{suffix}_m"][method] for k in ("rms", "max"))
+            paper = "{:6.2f}{:6.2f}".format(*theirs[method]) if method in theirs and case != "half_blind" else ""
+            lines.append(
+                f"  {method:<22}{_pair(end, 3)}{paper:^13}{_pair(up, 3)}{_pair(share, 2)}{rms:8.0f}{most:8.0f}"
+                + "".join(f"{value:9.3g}" for value in nees)
+            )
+    return lines
+
+
+def _pair(pair: list[float], digits: int) -> str:
+    return "".join(f"{value:7.{digits}f}" for value in pair)

@@ -1,0 +1,174 @@
+"""Every method of the filter of two feet on the samples of one walk, and what its paths are worth.
+
+The published methods get the relative positions that follow from the boards which our detector saw: their pictures
+are ours. All are told how the feet stand at the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.foot_ins import FootInsPath, StartPose
+from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
+from stridetwin.evaluation.alignment import vertical_turn
+from stridetwin.evaluation.path_scores import CHI2_3_95
+from stridetwin.evaluation.truth import TruePath
+from stridetwin.streams.rig import Mount, Rig
+from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
+from stridetwin.streams.trajectory import Trajectory
+
+FEET = ("l", "r")
+PUBLISHED = ("zupt", "zupt_relative_distance", "zupt_relative_position")
+METHODS = (*PUBLISHED, "proposed")
+_TURNED = 0.1  # rad that a foot may turn between a picture and the estimate that follows it
+
+Paths = dict[str, FootInsPath]
+
+
+class Witness(FootToFoot):
+    """Our filter, which also notes what the published one would make of the boards that it sees.
+
+    Args:
+        rig: As the filter is told.
+        start: Pose of each foot's IMU at its first sample.
+
+    Attributes:
+        relative: Relative positions so far.
+        sightings: How many boards were seen.
+    """
+
+    def __init__(self, rig: Rig, start: Mapping[str, StartPose]) -> None:
+        super().__init__(rig, start=start)
+        self.relative: list[RelativePosition] = []
+        self.sightings = 0
+        self._rig = rig
+
+    def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
+        """As `FootToFoot.update`."""
+        estimate = super().update(sample)
+        for sighting in estimate.sightings if estimate else ():
+            assert estimate is not None
+            self.sightings += 1
+            foot = self._rig.cameras[sighting.topic].mount.body[len("foot_")]
+            other = FEET[1 - FEET.index(foot)]
+            T_imu_camera = _in_imu(self._rig, foot, self._rig.cameras[sighting.topic].mount)
+            T_other_board = _in_imu(self._rig, other, self._rig.boards[f"foot_{other}"].mount)
+            R_world = {f: Rotation.from_quat(e.pose.q_world_frame, scalar_first=True) for f, e in estimate.feet.items()}
+            R_imu_other = (R_world[foot].inv() * R_world[other]).as_matrix()
+            relative = RelativePosition.of_sighting(
+                sighting,
+                T_imu_camera=T_imu_camera,
+                T_other_board=T_other_board,
+                R_camera_board=T_imu_camera[:3, :3].T @ R_imu_other @ T_other_board[:3, :3],
+                rotation_sd=_TURNED,
+            )
+            self.relative += [relative] if relative else []
+        return estimate
+
+
+def _in_imu(rig: Rig, foot: str, mount: Mount) -> Array:
+    """(4, 4) pose of what a foot carries in that foot's IMU."""
+    return np.asarray(np.linalg.inv(rig.imu(f"/foot_{foot}/imu").mount.T_body_sensor) @ mount.T_body_sensor)
+
+
+def true_start(truth: Mapping[str, TruePath]) -> dict[str, StartPose]:
+    """Where both IMUs are at the first instant of their truth."""
+    return {
+        f: StartPose(p_imu_in_world=t.p_frame_in_world[0], q_world_imu=t.q_world_frame[0]) for f, t in truth.items()
+    }
+
+
+def every_method(
+    rig: Rig, imus: Mapping[str, Block[Imu]], samples: Iterable[Sample], start: Mapping[str, StartPose]
+) -> tuple[dict[str, Paths], int]:
+    """Paths of both feet by each of `METHODS`, and how many boards were seen.
+
+    Args:
+        rig: As the filters are told.
+        imus: All samples of each foot, by `l` and `r`.
+        samples: The same among pictures and echoes, in order of time.
+        start: Pose of each foot's IMU at its first sample.
+    """
+    witness, echoes = Witness(rig, start), list[Range]()
+    ours = follow(witness, _heard(samples, echoes))
+    found = {
+        method: FootToFoot(rig, options=Options(method=method), start=start).run(imus, [*witness.relative, *echoes])
+        for method in PUBLISHED
+    }
+    return found | {"proposed": ours}, witness.sightings
+
+
+def _heard(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:
+    """The samples, whose echoes are noted on the way."""
+    for sample in samples:
+        if isinstance(sample, Range):
+            echoes.append(sample)
+        yield sample
+
+
+def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
+    """What the paths of both feet are worth, ready for JSON; pairs are left and right.
+
+    Returns:
+        `end_error_m`: (3,) in world axes each. `end_error_pct`: on the ground, of the way that the foot has gone over
+        it. `end_nees`, `nees_mean` and `nees_within_95_pct`: of the position. `coverage_pct`: how much of the
+        truth's time lies before the last estimate, on which the end is scored. `feet_disagree_{rms,max}_m`: error of
+        where the right IMU is from the left one, as seen from there.
+    """
+    laid = {f: _laid(paths[f].trajectory, truth[f]) for f in FEET}
+    result: dict[str, list[Any]] = {}
+    for foot, (estimate, true) in laid.items():
+        assert estimate.covariance is not None
+        whole = truth[foot].t_ns
+        error = estimate.p_frame_in_world - true.p_frame_in_world
+        P = estimate.covariance[:, :3, :3] + 1e-12 * np.eye(3)
+        nees = np.einsum("ni,ni->n", error, np.linalg.solve(P, error[..., None])[..., 0])
+        way = float(np.linalg.norm(np.diff(true.p_frame_in_world[:, :2], axis=0), axis=1).sum())
+        values = {
+            "end_error_m": error[-1].tolist(),
+            "end_error_pct": 100.0 * float(np.linalg.norm(error[-1, :2])) / way,
+            "end_nees": float(nees[-1]),
+            "nees_mean": float(nees.mean()),
+            "nees_within_95_pct": 100.0 * float(np.mean(nees <= CHI2_3_95)),
+            "coverage_pct": 100.0 * float((true.t_ns[-1] - whole[0]) / (whole[-1] - whole[0])),
+        }
+        for name, value in values.items():
+            result.setdefault(name, []).append(value)
+    apart = feet_disagree(laid)
+    return result | {
+        "feet_disagree_rms_m": float(np.sqrt(np.mean(apart**2))),
+        "feet_disagree_max_m": float(apart.max()),
+    }
+
+
+def _laid(estimate: Trajectory, true: TruePath) -> tuple[Trajectory, Trajectory]:
+    """The estimate within the truth's span, and the truth at its stamps."""
+    inside = (estimate.t_ns >= true.t_ns[0]) & (estimate.t_ns <= true.t_ns[-1])
+    assert estimate.covariance is not None
+    kept = replace(
+        estimate,
+        t_ns=estimate.t_ns[inside],
+        p_frame_in_world=estimate.p_frame_in_world[inside],
+        q_world_frame=estimate.q_world_frame[inside],
+        covariance=estimate.covariance[inside],
+    )
+    return kept, true.at(kept.t_ns)
+
+
+def feet_disagree(laid: Mapping[str, tuple[Trajectory, Trajectory]]) -> Array:
+    """(K,) m, error of the right IMU's place from the left one, at the stamps that both have.
+
+    Both are turned about the vertical so that the left one's heading is right: a heading that drifts is not the feet's
+    disagreement.
+    """
+    _, *rows = np.intersect1d(laid["l"][0].t_ns, laid["r"][0].t_ns, return_indices=True)
+    apart = [laid["r"][i].p_frame_in_world[rows[1]] - laid["l"][i].p_frame_in_world[rows[0]] for i in range(2)]
+    q = [Rotation.from_quat(laid["l"][i].q_world_frame[rows[0]], scalar_first=True) for i in range(2)]
+    turn = vertical_turn((q[1] * q[0].inv()).as_matrix())
+    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", turn, apart[0]) - apart[1], axis=1))

@@ -1,0 +1,272 @@
+"""Free variables of a placement: a number between bounds, one of several values, or a point on a surface.
+
+Points on the surface of shoe, head or chest: where something can be fixed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+
+from stridetwin.scenarios.campaign.field_paths import FieldPath
+from stridetwin.scenarios.fields import Where
+from stridetwin.sim.config import Person
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.fields import number, refused, words
+from stridetwin.streams.samples import Array
+
+if TYPE_CHECKING:
+    from stridetwin.sim.wearer.limbs import Shape
+
+SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
+_OUTSIDE_M = 0.6
+
+
+def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off_m: float) -> Array:
+    """A point on a surface, or off it.
+
+    Args:
+        surface: Of `SURFACES`; all are as wide to the left as to the right.
+        person: The wearer.
+        around_rad: Direction from the body's axis, from forward aside.
+        up_m: Height in the body's frame.
+        off_m: How far outward of the surface.
+
+    Returns:
+        (3,) m in the body's frame: forward, aside, up.
+
+    Raises:
+        StrideTwinError: There is no surface at that height.
+    """
+    out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
+    origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
+    away = min(shape.first_touch(origin, -out) for shape in _shapes(surface, person))
+    if not math.isfinite(away) or away > _OUTSIDE_M:
+        raise StrideTwinError(f"the {surface} has no surface at a height of {1e3 * up_m:g} mm in that direction")
+    return np.asarray(origin + (off_m - away) * out)
+
+
+@cache
+def _shapes(surface: str, person: Person) -> list[Shape]:
+    import mujoco  # a placement's file is read without, to be listed
+
+    from stridetwin.sim.wearer.body import add_wearer, compile_model
+    from stridetwin.sim.wearer.limbs import shapes
+
+    spec = mujoco.MjSpec()
+    add_wearer(spec, person, None)
+    model = compile_model(spec)
+    return shapes(model, {model.body(SURFACES[surface]).id})
+
+
+_DIGITS = 6  # of a number that is chosen: of any unit and size
+_MM_DIGITS = 3  # after the point, of a position on a surface
+_MOST_STEPS = 1000
+_Any = Annotated[float, number(-1e6, 1e6)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knob:
+    """One scalar to choose.
+
+    Attributes:
+        name: In tables.
+        low, high: Bounds of a number.
+        step: Of a number: only low, low + step, ...; None for any.
+        values: One of these instead; none where it is a number.
+        at: Its position in the file.
+    """
+
+    name: str
+    low: float = 0.0
+    high: float = 0.0
+    step: float | None = None
+    values: tuple[Any, ...] = ()
+    at: Where
+
+    @property
+    def grid(self) -> list[Any]:
+        """Every value of a sweep.
+
+        Raises:
+            ConfigError: A number without steps, or with very many.
+        """
+        if self.values:
+            return list(self.values)
+        if self.step is None:
+            raise self.at.error({"between": [self.low, self.high]}, "a step too, as the method is sweep")
+        count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
+        if count > _MOST_STEPS:
+            raise self.at.error(self.step, f"steps of which there are {_MOST_STEPS} at most")
+        return [self._rounded(self.low + i * self.step) for i in range(count)]
+
+    def at_share(self, u: float) -> float:
+        """The number at the fraction u (0-1) from low to high."""
+        value = self.low + u * (self.high - self.low)
+        if self.step is not None:
+            value = self.low + self.step * round((value - self.low) / self.step)
+        return self._rounded(value)
+
+    def _rounded(self, value: float) -> float:
+        """The number rounded to a few digits and limited to the bounds; -0 becomes 0, so that both are one place."""
+        return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high) + 0.0
+
+    @property
+    def ends(self) -> list[Any]:
+        """Values to validate before the first walk: the ends of a range, every value of a choice."""
+        return list(self.values) or [self.low, self.high]
+
+    @property
+    def middle(self) -> Any:
+        """The value at which the others are validated."""
+        return self.values[0] if self.values else self.at_share(0.5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Free:
+    """A free field.
+
+    Attributes:
+        paths: Its fields in the scenario, one or several.
+        knobs: Its scalars.
+        surface: Name of the surface of a position on one; the knobs' names then end in its coordinates.
+        fixed: Coordinates on the surface that are not free.
+        at: Its position in the file.
+    """
+
+    paths: tuple[FieldPath, ...]
+    knobs: tuple[Knob, ...]
+    surface: str | None = None
+    fixed: Mapping[str, float]
+    at: Where
+
+    def value(self, chosen: Mapping[str, Any], person: Person) -> Any:
+        """The value for the scenario.
+
+        Args:
+            chosen: Value of each knob by name.
+            person: The wearer.
+
+        Raises:
+            ConfigError: There is no such point on the surface.
+        """
+        if self.surface is None:
+            return chosen[self.knobs[0].name]
+        place = dict(self.fixed) | {k.name.rpartition("/")[2]: chosen[k.name] for k in self.knobs}
+        try:
+            p = on_surface(
+                self.surface, person, math.radians(place["around_deg"]), 1e-3 * place["up_mm"], 1e-3 * place["off_mm"]
+            )
+        except StrideTwinError as error:
+            raise self.at.error(place, f"a point on it ({error})") from error
+        return [round(float(x), _MM_DIGITS) for x in 1e3 * p]
+
+
+def short(name: str) -> str:
+    """A path in tables."""
+    return name.replace("sensors.", "")
+
+
+def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] >= span[1]:
+        raise refused(list(span), "two numbers, the lower one first")
+    return span
+
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Between(_Keys):
+    """A number between bounds.
+
+    Attributes:
+        between: Lowest and highest.
+        step: Only the lowest and its multiples above it; any number where it is missing.
+    """
+
+    between: Annotated[tuple[_Any, _Any], AfterValidator(_ordered)]
+    step: Annotated[float, number(1e-9, 1e6)] | None = None
+
+    def knob(self, name: str, at: Where) -> Knob:
+        """What there is to choose."""
+        return Knob(name=name, low=self.between[0], high=self.between[1], step=self.step, at=at)
+
+
+class Among(_Keys):
+    """One of several values.
+
+    Attributes:
+        choice: The values; anything that a scenario file may say.
+    """
+
+    choice: Annotated[tuple[Any, ...], Field(min_length=2)]
+
+
+_Coordinate = Annotated[
+    Annotated[_Any, Tag("=number")] | Annotated[Between, Tag("=range")],
+    Discriminator(lambda node: "=range" if isinstance(node, dict | Between) else "=number"),
+]
+
+
+class Over(_Keys):
+    """A point on a surface of the body, of which at least one coordinate is free.
+
+    Attributes:
+        over: The surface.
+        around_deg: Angle about the surface's axis.
+        up_mm: Height on it.
+        off_mm: Distance from it.
+    """
+
+    over: Annotated[str, words(tuple(SURFACES))]
+    around_deg: _Coordinate
+    up_mm: _Coordinate
+    off_mm: _Coordinate = 0.0
+
+    def checked(self) -> Over:
+        """Itself, if something is free."""
+        if not any(isinstance(getattr(self, key), Between) for key in _COORDINATES):
+            raise refused(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
+        return self
+
+
+_COORDINATES = ("around_deg", "up_mm", "off_mm")
+
+
+def _form(node: object) -> str:
+    """Tag of the form of a free field."""
+    keys = node if isinstance(node, dict) else ()
+    return "=over" if "over" in keys else "=choice" if "choice" in keys else "=between"
+
+
+FreeInFile = Annotated[
+    Annotated[Over, AfterValidator(Over.checked), Tag("=over")]
+    | Annotated[Among, Tag("=choice")]
+    | Annotated[Between, Tag("=between")],
+    Discriminator(_form),
+]
+"""Type of what a file says of a free field."""
+
+
+def free_field(name: str, paths: tuple[FieldPath, ...], said: Between | Among | Over, at: Where) -> Free:
+    """A free field from what a file says of it."""
+    if isinstance(said, Among):
+        return Free(paths=paths, knobs=(Knob(name=short(name), values=said.choice, at=at),), fixed={}, at=at)
+    if isinstance(said, Between):
+        return Free(paths=paths, knobs=(said.knob(short(name), at),), fixed={}, at=at)
+    told = {key: getattr(said, key) for key in _COORDINATES}
+    knobs = tuple(v.knob(f"{short(name)}/{key}", at.key(key)) for key, v in told.items() if isinstance(v, Between))
+    fixed = {"off_mm": 0.0} | {key: v for key, v in told.items() if not isinstance(v, Between)}
+    return Free(paths=paths, knobs=knobs, surface=said.over, fixed=fixed, at=at)
+
+
+def grid_size(knobs: list[Knob]) -> int:
+    """Number of places of a sweep."""
+    return int(np.prod([len(knob.grid) for knob in knobs], dtype=float)) if knobs else 1

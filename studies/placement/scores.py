@@ -1,0 +1,120 @@
+"""Which scores there are to place sensors by, and which way each is better."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+from stridetwin.evaluation.gate.metric_policy import scale_of
+from stridetwin.streams.fields import number, refused, text
+from stridetwin.streams.samples import Array
+from stridetwin.streams.validation import suggest
+
+GEOMETRIC = {
+    "visibility_pct": ("foot_camera", True, "time in which one shoe's camera sees the other's whole board, either way"),
+    "sharp_pct": ("foot_camera", True, "the same, and it hardly blurs"),
+    "occlusion_pct": ("foot_camera", False, "of the time with a board in view, that in which limbs hide some of it"),
+    "square_px": ("foot_camera", True, "edge of a board's square while it is seen, mean"),
+    "ahead_pct": ("head_camera", True, "ground 0.5 to 2.5 m ahead on the route that the depth camera sees"),
+    "own_body_pct": ("head_camera", False, "of its image that the walker's own body fills"),
+    "weight_g": ("", False, "weight of all sensors that are on"),
+    "foot_weight_g": ("", False, "weight of those on one foot"),
+}  # fmt: skip
+"""Scores that need no recording: the sensors that they ask for, whether more is better, and what they are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """A score of a place.
+
+    Attributes:
+        name: Of `GEOMETRIC`, or ESTIMATOR.METRIC.
+        weight: In the objective; 0 for a score that is only reported.
+    """
+
+    name: str
+    weight: float
+
+    @property
+    def geometric(self) -> bool:
+        """Whether it needs no recording."""
+        return self.name in GEOMETRIC
+
+    @property
+    def higher_is_better(self) -> bool:
+        """Whether more is better."""
+        if self.geometric:
+            return GEOMETRIC[self.name][1]
+        scale = scale_of(self.name.partition(".")[2])
+        return scale is not None and scale.higher_is_better
+
+    def losses(self, values: Array) -> Array:
+        """Values so that less is better; errors with a sign count without."""
+        return -values if self.higher_is_better else np.abs(values)
+
+    def of(self, scores: Mapping[str, Mapping[str, float]]) -> float:
+        """The value among an estimator's scores; the mean of both feet where there are two, NaN where it is missing."""
+        metric = self.name.partition(".")[2]
+        found = [own[metric] for own in self._of_estimator(scores) if metric in own]
+        return sum(found) / len(found) if found else math.nan
+
+    def reported_instead(self, scores: Mapping[str, Mapping[str, float]]) -> list[str]:
+        """Other scores that its estimator reports, where it reports some but not this one."""
+        reported = {metric for own in self._of_estimator(scores) for metric in own}
+        return [] if self.name.partition(".")[2] in reported else sorted(reported)
+
+    def _of_estimator(self, scores: Mapping[str, Mapping[str, float]]) -> list[Mapping[str, float]]:
+        estimator = self.name.partition(".")[0]
+        names = [estimator] if estimator in scores else [f"{estimator}_{foot}" for foot in "lr"]
+        return [scores[name] for name in names if name in scores]
+
+
+def _known(name: str) -> str:
+    estimator, dot, metric = name.partition(".")
+    if name in GEOMETRIC or (dot and estimator and metric and scale_of(metric) is not None):
+        return name
+    others = "or ESTIMATOR.METRIC as `score` reports them, such as foot_ins.end_error_m"
+    raise refused(name, f"{suggest(name, GEOMETRIC)}, {others}")
+
+
+class _Weighed(BaseModel):
+    """A score and its weight.
+
+    Attributes:
+        score: One that needs no recording, or ESTIMATOR.METRIC.
+        weight: In the sum that the search minimises; 0 for a score that is only reported.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    score: Annotated[str, text(), AfterValidator(_known)]
+    weight: Annotated[float, number(0, 1e9)] | None = None
+
+
+def _short(node: object) -> object:
+    return {"score": node} if isinstance(node, str) else node
+
+
+def _scores(items: tuple[_Weighed, ...]) -> tuple[Score, ...]:
+    """Scores, each once, of which the first counts where no weights are given."""
+    scores: list[Score] = []
+    for i, item in enumerate(items):
+        if any(score.name == item.score for score in scores):
+            raise refused(item.score, "every score once", i, "score")
+        weight = item.weight if item.weight is not None else 0.0 if i else 1.0
+        scores.append(Score(name=item.score, weight=weight))
+    if not any(score.weight for score in scores):
+        raise refused([score.name for score in scores], "at least one score with a weight above 0")
+    return tuple(scores)
+
+
+ScoresInFile = Annotated[
+    tuple[Annotated[_Weighed, BeforeValidator(_short, json_schema_input_type=str | _Weighed)], ...],
+    Field(min_length=1),
+    AfterValidator(_scores),
+]
+"""Type of the list `scores`."""

@@ -1,0 +1,133 @@
+"""Which differences between places are more than chance: walk by walk, as all places have the same walks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from stridetwin.evaluation.gate.bootstrap import Tested, holm, paired
+from stridetwin.streams.samples import Array
+
+LEVEL = 0.05
+_LEAST_OF_INTERVAL = 3
+LEAST_WALKS = 5
+"""Of fewer walks there are too few resamples to call anything significant."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A mean over walks.
+
+    Attributes:
+        mean: NaN where there is none.
+        low, high: 95 % interval by bootstrap-t over walks; None where there are too few walks.
+    """
+
+    mean: float
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two places.
+
+    Attributes:
+        first, second: Their numbers.
+        difference: Mean loss of the second one less that of the first.
+        low, high: 95 % interval of it, by itself; None where there are too few walks.
+        p: Probability of so large a difference by chance, corrected for the number of pairs (Holm).
+        significant: Whether it is more than chance.
+    """
+
+    first: int
+    second: int
+    difference: float
+    low: float | None
+    high: float | None
+    p: float
+    significant: bool
+
+
+def intervals(values: Array) -> list[Interval]:
+    """Means of (W, C) columns over walks."""
+    whole = np.isfinite(values).all(axis=0)
+    found = [Interval(mean=float(np.mean(column))) for column in values.T]
+    if len(values) > 1 and whole.any():
+        ends = _ends(values[:, whole], paired(values[:, whole]))
+        for i, (low, high) in zip(np.flatnonzero(whole).tolist(), ends):
+            found[i] = Interval(mean=found[i].mean, low=low, high=high)
+    return found
+
+
+def _ends(values: Array, tested: Tested) -> list[tuple[float | None, float | None]]:
+    """Intervals of (W, C) columns; none where all but a few walks agree, and one end runs away, or of two walks."""
+    spread = np.ptp(values, axis=0) * (1.0 + 1e-9)
+    fair = (tested.mean - tested.low <= spread) & (tested.high - tested.mean <= spread)
+    fair &= len(values) >= _LEAST_OF_INTERVAL
+    return [(float(a), float(b)) if ok else (None, None) for a, b, ok in zip(tested.low, tested.high, fair)]
+
+
+def compared(losses: Array) -> list[Pair]:
+    """Every pair of (P, W) losses, best places first; those with a loss on every walk.
+
+    Args:
+        losses: Of each place on each walk; less is better.
+    """
+    there = np.flatnonzero(np.isfinite(losses).all(axis=1))
+    pairs = list(combinations(there.tolist(), 2))
+    if losses.shape[1] < 2 or not pairs:
+        return []
+    changes = np.column_stack([losses[b] - losses[a] for a, b in pairs])
+    tested = paired(changes)
+    ends = _ends(changes, tested)
+    p = holm(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below)))
+    enough = losses.shape[1] >= LEAST_WALKS
+    return [
+        Pair(
+            first=a, second=b, difference=float(tested.mean[i]), low=ends[i][0], high=ends[i][1],
+            p=float(p[i]), significant=bool(enough and p[i] < LEVEL),
+        )
+        for i, (a, b) in enumerate(pairs)
+    ]  # fmt: skip
+
+
+def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[str]:
+    """What can be said of the places, the best of which comes first.
+
+    Args:
+        pairs: As `compared` gives them.
+        names: Of the places.
+        walks: How many there are.
+    """
+    if walks < 2:
+        return ["One walk: no difference can be tested for significance."]
+    if walks < LEAST_WALKS:
+        return [f"{walks} walks are too few to call any difference significant; valid: {LEAST_WALKS} or more seeds."]
+    words = []
+    for first in sorted({pair.first for pair in pairs}):
+        own = [p for p in pairs if p.first == first]
+        sure = [names[p.second] for p in own if p.significant]
+        unsure = [names[p.second] for p in own if not p.significant]
+        if unsure:
+            words.append(f"{names[first]}: the difference from {_listed(unsure)} is not significant.")
+        if sure:
+            words.append(f"{names[first]} is better than {_listed(sure)} (significant).")
+    return words
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def front(losses: Array) -> list[int]:
+    """Numbers of the (P, S) losses than which none is better in one score and at least as good in all others."""
+    kept = []
+    for i in np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist():
+        as_good = np.all(losses <= losses[i], axis=1)
+        if not np.any(as_good & np.any(losses < losses[i], axis=1)):
+            kept.append(i)
+    return kept

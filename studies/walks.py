@@ -1,0 +1,104 @@
+"""Walks of an experiment, recorded once for every estimator: with the parts of the rig, and with gyros without limit.
+
+Drawing pictures is what a recording costs. The second recording is of the same walk and has the same pictures, so it
+holds the foot IMUs alone.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from stridetwin.evaluation.truth import TruePath
+from stridetwin.scenarios.record import record
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.parts.kinds import ImuPart
+from stridetwin.sim.parts.library import part
+from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Block, Image, Imu, Sample
+from stridetwin.studies.case import Case
+
+SHOES = ("foot_imu", "foot_camera", "sonar")
+IMUS = ("/foot_l/imu", "/foot_r/imu")
+CAMERAS = ("/foot_l/camera", "/foot_r/camera")
+SONARS = ("/foot_l/sonar", "/foot_r/sonar")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedWalk:
+    """A walk as two recordings tell it.
+
+    Attributes:
+        shoes: Everything that both shoes carry.
+        wide: The IMUs with gyros that do not clip, and truth.
+    """
+
+    shoes: Recording
+    wide: Recording
+
+    def samples(self, *, wide: bool = False) -> Iterator[Sample]:
+        """Samples of both shoes in order of time, pictures last at equal times, with the IMUs of either recording."""
+        imus = (self.wide if wide else self.shoes).samples(IMUS)
+        return heapq.merge(imus, self.shoes.samples([*CAMERAS, *SONARS]), key=lambda s: (s.t_ns, isinstance(s, Image)))
+
+    def rig(self, *, wide: bool = False) -> Rig:
+        """What estimators are told, with the IMUs of either recording."""
+        return replace(self.shoes.rig, imus=self.wide.rig.imus) if wide else self.shoes.rig
+
+    def imus(self, *, wide: bool = False) -> dict[str, Block[Imu]]:
+        """All samples of each foot's IMU in either recording, by `l` and `r`."""
+        return {foot: (self.wide if wide else self.shoes).block(f"/foot_{foot}/imu") for foot in "lr"}
+
+    @property
+    def fell_at_s(self) -> float | None:
+        """When the walker fell, s."""
+        return fell_at_s(self.shoes)
+
+    def truth(self) -> dict[str, TruePath]:
+        """True path of each foot's IMU, by `l` and `r`."""
+        return {foot: TruePath.of(self.shoes.block(f"/truth/foot_{foot}/imu/odometry")) for foot in "lr"}
+
+
+def fell_at_s(recording: Recording) -> float | None:
+    """When the walker of a recording fell, s."""
+    text = recording.metadata.get("fell_at_s")
+    return None if text is None else float(text)
+
+
+def falls(cases: Iterable[Mapping[str, Any]]) -> str:
+    """A line of text: which walks (`fell` of each case) ended by a fall."""
+    fell = ", ".join(f"{walk} {case['seed']}" for case in cases for walk in case["fell"])
+    return f"walks that ended by a fall: {fell or 'none'}"
+
+
+@contextmanager
+def recorded_walk(scenario: str, case: Case) -> Iterator[RecordedWalk]:
+    """A walk of a scenario in the catalogue, recorded into the case's folder; afterwards the files go unless kept."""
+    files = case.file(".mcap"), case.file("_wide.mcap")
+    if not (case.resume and all(file.exists() for file in files)):
+        _record(scenario, case, *files)
+    yield RecordedWalk(shoes=Recording(files[0]), wide=Recording(files[1]))
+    if not case.keep:
+        for file in files:
+            file.unlink()
+
+
+def _record(scenario: str, case: Case, shoes: Path, wide: Path) -> None:
+    twin = Twin(replace(load_scenario(scenario).config, sensors=SHOES, physics=case.physics), case.seed)
+    imu = part(STANDARD["foot_imu"])
+    assert isinstance(imu, ImuPart)
+    endless = replace(imu, gyroscope=replace(imu.gyroscope, range=math.inf))
+    record(twin, shoes, _quiet)
+    record(twin.refitted(("foot_imu",), {"foot_imu": SensorConfig(part=endless)}), wide, _quiet)
+
+
+def _quiet(stage: str, share: float) -> None:
+    """A case says nothing of how far it is: it may run beside others."""

@@ -1,0 +1,143 @@
+"""Ten walks whose motion follows the difficulty of the EuRoC sequences of Zhao et al. 2023, Table IV.
+
+EuRoC is flown by a drone with two cameras, and is not part of this project: our sequences are walks of the twin with an
+RGB-D camera on the head, from a slow stroll past rich texture to a shaken head and white walls. The paper's figures
+stand beside ours for the order of its methods, not for their size. Whoever has EuRoC imports and scores it:
+`stridetwin import MH_01_easy -o mh_01.mcap`, `stridetwin score mh_01.mcap`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.evaluation.norms import reference
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.studies.case import Case
+from stridetwin.studies.walks import fell_at_s
+from stridetwin.studies.zhao2023.odometry_walks import (
+    METHODS,
+    SENSORS,
+    Maker,
+    dvio,
+    every_method,
+    mean,
+    recorded,
+    worst_time,
+)
+
+MOUNT = "head"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sequence:
+    """One of the ten.
+
+    Attributes:
+        like: The sequence of EuRoC that is as difficult.
+        words: What it is.
+    """
+
+    like: str
+    words: str
+
+
+SEQUENCES = {
+    "dvio_stroll": Sequence(like="MH_01", words="slow stroll"),
+    "dvio_walk": Sequence(like="MH_02", words="usual speed"),
+    "dvio_brisk": Sequence(like="MH_03", words="brisk"),
+    "dvio_jog": Sequence(like="MH_04", words="fastest walk, dim"),
+    "dvio_white": Sequence(like="MH_05", words="all white, dim, abrupt turns"),
+    "dvio_stairs": Sequence(like="V1_01", words="stairs up and down"),
+    "dvio_look": Sequence(like="V1_02", words="looks about, 0.9 rad/s"),
+    "dvio_shake": Sequence(like="V1_03", words="head shaken, 2 rad/s"),
+    "dvio_wander": Sequence(like="V2_01", words="wanders, quick glances"),
+    "dvio_crowd": Sequence(like="V2_02", words="among four people"),
+}
+"""By the name of the walk in the catalogue."""
+SEEDS = range(1000, 1000 + len(SEQUENCES))
+
+
+def run_case(case: Case, make: Maker = dvio) -> dict[str, Any]:
+    """One sequence, by every method: the sequences take turns with the seeds.
+
+    Returns:
+        `seed`, `physics`, `sequence`, `fell_at_s`, `rate_radps` (95th percentile and largest of the head, as its gyros
+        tell it), and `methods`: method to `odometry_walks.figures`.
+    """
+    name = list(SEQUENCES)[case.seed % len(SEQUENCES)]
+    config = replace(load_scenario(name).config, sensors=SENSORS, physics=case.physics, rig_mount=MOUNT)
+    with recorded(config, case, name) as recording:
+        rate = np.linalg.norm(recording.block(f"/{MOUNT}/imu").columns["angular_rate"], axis=1)
+        return {
+            "seed": case.seed,
+            "physics": case.physics,
+            "sequence": name,
+            "fell_at_s": fell_at_s(recording),
+            "rate_radps": {"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
+            "methods": every_method(recording, MOUNT, make),
+        }
+
+
+def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """By method, means over the walks of each sequence and over the sequences; the paper's EuRoC beside."""
+    summary: dict[str, Any] = {}
+    for method in METHODS:
+        of: dict[str, list[dict[str, Any]]] = {}
+        for r in results:
+            of.setdefault(r["sequence"], []).append(r["methods"][method])
+        by_name = {name: of[name] for name in SEQUENCES if name in of}
+        summary[method] = {
+            **{figure: _by_sequence(by_name, figure) for figure in ("ape_rmse_m", "rpe_5m_pct")},
+            "failures": {name: sum(bool(w["failure"]) for w in walks) for name, walks in by_name.items()},
+        }
+    summary["time_ms"] = worst_time(r["methods"]["proposed"] for r in results)
+    summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
+    return {"summary": summary, "paper": paper()}
+
+
+def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[str, float | None]:
+    """Mean over the walks of each sequence, and over the sequences; None where no walk has the figure."""
+    values = {name: mean(own, figure) for name, own in walks.items()}
+    told = [v for v in values.values() if v is not None]
+    return {**values, "mean": float(np.mean(told)) if told else None}
+
+
+def paper() -> dict[str, Any]:
+    """Table IV: EuRoC, and the mean of the ten."""
+    told: dict[str, Any] = {}
+    for method, figures in reference("zhao2023")["dvio_bench"].items():
+        ape = figures["ape_rmse_m"]
+        told[method] = {"ape_rmse_m": {**ape, "mean": float(np.mean(list(ape.values())))}}
+    return told
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """Each sequence beside the one of EuRoC that is as difficult, as lines of text."""
+    summary, theirs = result["summary"], result["paper"]
+    time_ms, rates = summary["time_ms"], {r["sequence"]: r["rate_radps"] for r in result["cases"]}
+    lines = [
+        "RMS of the absolute position error, m; x: lost, or more than 2 m away. In brackets the paper's, of EuRoC:",
+        "other motion, other cameras, so that the order of the methods is what compares.",
+        f"proposed: {time_ms['mean']:.1f} ms a frame, 99th percentile {time_ms['p99']:.1f}; "
+        f"{summary['walks_that_fell']} of {len(result['cases'])} walks ended by a fall",
+        "",
+        f"{'':<13}{'':<30}{'as':<8}{'rad/s p95':>10}" + "".join(f"{m:>17}" for m in METHODS),
+    ]
+    for name in [*(n for n in SEQUENCES if n in rates), "mean"]:
+        sequence = SEQUENCES.get(name, Sequence(like="mean", words=""))
+        rate = f"{rates[name]['p95']:>10.1f}" if name in rates else f"{'':>10}"
+        cells = "".join(
+            _cell(summary[m], name, theirs.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)) for m in METHODS
+        )
+        lines.append(f"{name:<13}{sequence.words:<30}{'' if name == 'mean' else sequence.like:<8}{rate}{cells}")
+    return lines
+
+
+def _cell(own: dict[str, Any], name: str, theirs: float | None) -> str:
+    value = own["ape_rmse_m"].get(name)
+    text = "-" if value is None else f"{value:.3f}" if value < 10.0 else ">10"
+    failed = "x" if own["failures"].get(name) else " "
+    return f"{text + failed:>10}{'' if theirs is None else f'({theirs:.2f})':>7}"

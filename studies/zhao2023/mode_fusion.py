@@ -1,0 +1,140 @@
+"""What an exoskeleton's legs add to the camera: modes of coming steps by camera, by legs, and by both.
+
+A stair and a ramp, walked once a seed in the exoskeleton, told in the light and in the dark: from the first step up on
+no picture has depth. Poses come from the visual-inertial odometry, which does not see the dark. The legs alone
+(`contact_terrain`) know a step only after it: what they tell is that the next one is like the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
+from stridetwin.evaluation.mode_scores import ModeScores, mode_figures
+from stridetwin.evaluation.truth import true_footprints
+from stridetwin.scenarios.exo_geometry import of_recording
+from stridetwin.scenarios.scenario_file import load_scenario
+from stridetwin.sim.config import Gait, Gaze
+from stridetwin.sim.wearer.body import wearer
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Depth, Sample
+from stridetwin.studies.case import Case
+from stridetwin.studies.fault_injection import Samples
+from stridetwin.studies.walks import falls, fell_at_s
+from stridetwin.studies.zhao2023.mode_walks import MOUNTS, SENSORS, posed, scored, tell
+from stridetwin.studies.zhao2023.odometry_walks import recorded
+
+WALKS = ("zhao_stair_20cm", "zhao_ramp_15_8")
+LIGHTS = ("light", "dark")
+BY = ("camera", "both", "legs")
+SEEDS = range(1000, 1006)
+_LEGS = (*SENSORS, "ahrs", "encoder")
+_WORDS = {
+    "light": "in the light", "dark": "dark from the first step up on",
+    "camera": "camera", "both": "camera and legs", "legs": "legs alone",
+}  # fmt: skip
+
+
+def run_case(case: Case) -> dict[str, Any]:
+    """Both walks, in the light and in the dark.
+
+    Returns:
+        `seed`, `physics`, `mount`, `fell`, `told`: light to `camera` and `both` to the rows of each walk, and `legs`:
+        true mode, that of the step before, and what the legs would tell, of every step.
+    """
+    mount = MOUNTS[case.seed % len(MOUNTS)]
+    told: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
+    legs: list[tuple[str, str, str]] = []
+    fell = []
+    for scenario in WALKS:
+        config = replace(
+            load_scenario(scenario).config, sensors=_LEGS, physics=case.physics, rig_mount=mount,
+            gait=Gait(gaze=Gaze(kind="wandering")),
+        )  # fmt: skip
+        sole_m = wearer(config.person, with_exo=True).body.shoe_length_m
+        with recorded(config, case, f"{mount}_{config.name}") as recording:
+            seen = list(posed(recording, mount, "dvio"))
+            steps = felt_steps(recording)
+            for light in LIGHTS:
+                samples = seen if light == "light" else list(_dark(seen, _first_up_ns(recording)))
+                for by in BY[:2]:
+                    all_of_them: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
+                    all_of_them.sort(key=lambda s: s.t_ns)
+                    rows = scored(tell(all_of_them, recording, ("proposed",)), recording, sole_m)
+                    told[light][by].append(rows["proposed"].rows())
+            legs += _like_the_last(recording, steps)
+            if fell_at_s(recording) is not None:
+                fell.append(config.name)
+    return {"seed": case.seed, "physics": case.physics, "mount": mount, "fell": fell, "told": told, "legs": legs}
+
+
+def felt_steps(recording: Recording) -> list[StepEstimate]:
+    """All that the legs tell of steps, in order of time."""
+    exo = of_recording(recording)
+    legs = ContactTerrain(recording.rig, exoskeleton=exo)
+    return [step for s in recording.samples(list(exo.topics)) if (step := legs.update(s)) is not None]
+
+
+def _first_up_ns(recording: Recording) -> int:
+    return next(f.t_ns for f in true_footprints(recording) if f.mode in ("SA", "RA"))
+
+
+def _dark(samples: Iterable[Sample], since_ns: int) -> Samples:
+    for s in samples:
+        yield replace(s, depth=np.zeros_like(s.depth)) if isinstance(s, Depth) and s.t_ns >= since_ns else s
+
+
+def _like_the_last(recording: Recording, steps: list[StepEstimate]) -> list[tuple[str, str, str]]:
+    """True mode of each step, that of the one before, and the mode that the legs told last before it touched down."""
+    t_ns = np.array([s.t_ns for s in steps])
+    found, before = [], "LG"
+    for print_ in true_footprints(recording)[2:]:
+        last = int(np.searchsorted(t_ns, print_.t_ns)) - 1
+        found.append((print_.mode, before, steps[last].mode if last >= 0 else "LG"))
+        before = print_.mode
+    return found
+
+
+def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """By light and by what tells, over all walks; nothing of a paper's."""
+    summary: dict[str, Any] = {
+        light: {by: mode_figures([ModeScores.of(w) for r in results for w in r["told"][light][by]]) for by in BY[:2]}
+        for light in LIGHTS
+    }
+    seen = [s for r in results for w in r["told"]["light"]["camera"] for s in ModeScores.of(w).steps]
+    felt = [told for r in results for _, _, told in r["legs"]]
+    right = [(told in s.allowed, s.transition) for s, told in zip(seen, felt, strict=True)]  # by the camera's rule
+    summary["legs"] = {
+        "steps": len(felt),
+        "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),
+        "transition_accuracy_pct": 100.0 * float(np.mean([ok for ok, transition in right if transition])),
+    }
+    return {"summary": summary, "paper": {}}
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """As lines of text."""
+    summary = result["summary"]
+    lines = [
+        f"{len(result['cases'])} walks each of {' and '.join(WALKS)} in the exoskeleton",
+        falls(result["cases"]),
+        f"{'':<50}{'steps':>6}{'right %':>9}{'transitions %':>15}{'lead s':>8}{'5 %':>6}{'footprint mm':>14}"
+        f"{'cal. error':>12}",
+    ]
+    for light in LIGHTS:
+        for by in BY[:2]:
+            of = summary[light][by]
+            lines.append(
+                f"{_WORDS[light] + ', ' + _WORDS[by]:<50}{of['steps']:>6}{of['accuracy_pct']:>9.1f}"
+                f"{of['transition_accuracy_pct']:>15.1f}{of['lead_time_s']['median']:>8.1f}"
+                f"{of['lead_time_s']['p5']:>6.1f}{1e3 * of['footprint_steady_rmse_m']['forward']:>14.0f}"
+                f"{of['calibration_error']:>12.3f}"
+            )
+    of = summary["legs"]
+    return [
+        *lines, f"{_WORDS['legs']:<50}{of['steps']:>6}{of['accuracy_pct']:>9.1f}{of['transition_accuracy_pct']:>15.1f}"
+    ]  # fmt: skip

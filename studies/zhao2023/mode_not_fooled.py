@@ -1,0 +1,196 @@
+"""What looks like a stair or a ramp and is none: short level walks, one a trap, the whole chain from rendered pictures.
+
+Poses come from the visual-inertial odometry, which sees the same pictures. Every step of every walk is LG, those over a
+kerb of 4 cm too. Seeds take head and chest in turn.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
+from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame
+from stridetwin.evaluation.mode_scores import ScoredMode
+from stridetwin.evaluation.truth import TruePath
+from stridetwin.pipeline.terrain_files import depth_camera, given_poses
+from stridetwin.sim.config import Gait, Gaze, Level, Person, Route, Segment, Stairs, Thing, TwinConfig
+from stridetwin.sim.wearer.body import wearer
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array, Depth
+from stridetwin.studies.case import Case
+from stridetwin.studies.fault_injection import Samples
+from stridetwin.studies.walks import falls, fell_at_s
+from stridetwin.studies.zhao2023.mode_walks import SENSORS, posed, scored, tell
+from stridetwin.studies.zhao2023.odometry_walks import recorded
+
+SEEDS = range(1000, 1004)
+MOUNTS = ("head", "chest")
+KERB_M = 0.04
+STOP_M = 0.45
+"""From where the walker stops to what he stops at."""
+HOLES, MIRRORED = 0.30, 0.12
+"""Of a mirror-like floor: without depth, and with that of what it mirrors."""
+CEILING_M, BLOTCH_M = 2.4, 0.12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trap:
+    """One thing that may fool.
+
+    Attributes:
+        words: What it is.
+        segments: What is walked on.
+        things: What lies or stands there.
+        bystanders: How many walk about.
+        spoil: From a recording to what becomes of its samples.
+    """
+
+    words: str
+    segments: tuple[Segment, ...] = (Level(length_m=6.0),)
+    things: tuple[Thing, ...] = ()
+    bystanders: int = 0
+    spoil: Callable[[Recording], Callable[[Samples], Samples]] = lambda recording: lambda samples: samples
+
+
+def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
+    """A floor at height 0 that is a mirror in blotches: no depth there, or that of the ceiling under the floor."""
+    camera = depth_camera(recording.rig)
+    topic, frame = given_poses(recording, camera)
+    T_frame_camera = camera_in_frame(recording.rig, camera, frame)
+    truth = TruePath.of(recording.block(topic))
+    fu, fv, pu, pv = camera.intrinsics
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1)
+    shine = cv2.GaussianBlur(np.random.default_rng(7).standard_normal((256, 256)), (0, 0), 1.0)
+    low, high = np.quantile(shine, [MIRRORED, 1.0 - HOLES])
+
+    def seen(picture: Depth) -> Depth:
+        T = _matrix(truth, picture.t_ns) @ T_frame_camera
+        eye, ahead = T[:3, 3], rays @ T[:3, :3].T
+        floor = np.where(ahead[..., 2] < -0.05, eye[2] / -np.minimum(ahead[..., 2], -0.05), np.inf)
+        xy = (eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * ahead[..., :2]) / (0.5 * BLOTCH_M)
+        here = shine[tuple(np.moveaxis(np.floor(xy).astype(int) % 256, -1, 0))]
+        on_floor = np.abs(picture.depth - floor) < 0.05 * floor
+        depth = np.where(on_floor & (here > high), 0.0, picture.depth)
+        depth = np.where(on_floor & (here < low), picture.depth * (eye[2] + CEILING_M) / eye[2], depth)
+        return replace(picture, depth=np.where(depth > 6.0, 0.0, depth).astype(np.float32))
+
+    def spoil(samples: Samples) -> Samples:
+        there = range(int(truth.t_ns[0]), int(truth.t_ns[-1]) + 1)
+        return (seen(s) if isinstance(s, Depth) and s.t_ns in there else s for s in samples)
+
+    return spoil
+
+
+def _matrix(truth: TruePath, t_ns: int) -> Array:
+    at = truth.at(np.array([t_ns], np.int64))
+    T = np.eye(4)
+    T[:3, 3] = at.p_frame_in_world[0]
+    T[:3, :3] = Rotation.from_quat(at.q_world_frame[0], scalar_first=True).as_matrix()
+    return T
+
+
+TRAPS = {
+    "stripe": Trap(
+        words="painted stripes, half of them black without depth",
+        things=(Thing(kind="stripe", at_m=2.5), Thing(kind="stripe", at_m=4.2)),
+    ),
+    "shadow": Trap(
+        words="shadows", things=(Thing(kind="shadow", at_m=2.0), Thing(kind="shadow", at_m=4.2)),
+    ),
+    "kerb": Trap(
+        words="a kerb of 4 cm, up and down",
+        segments=(
+            Level(length_m=3.0), Stairs(risers=1, riser_m=KERB_M), Level(length_m=2.0),
+            Stairs(risers=1, riser_m=KERB_M, down=True), Level(length_m=2.5),
+        ),
+    ),
+    "table": Trap(
+        words="a table beside the way, and one at its end",
+        things=(Thing(kind="table", at_m=2.0, left_m=1.15), Thing(kind="table", at_m=6.0 + STOP_M)),
+    ),
+    "wall": Trap(words="a wall at the end of the way", things=(Thing(kind="wall", at_m=6.0 + STOP_M),)),
+    "leg": Trap(words="legs of four bystanders", bystanders=4),
+    "mirror": Trap(words="a floor that mirrors in blotches", spoil=_mirror),
+}  # fmt: skip
+
+
+def run_case(case: Case) -> dict[str, Any]:
+    """A walk into every trap.
+
+    Returns:
+        `seed`, `physics`, `mount`, `fell`, and `traps`: name to method to `steps` (rows of `ScoredMode`) and
+        `alarms_pct`, the share of the estimates that tell of anything but LG to come.
+    """
+    mount = MOUNTS[case.seed % len(MOUNTS)]
+    person = Person()
+    sole_m = wearer(person, with_exo=False).body.shoe_length_m
+    found: dict[str, dict[str, Any]] = {}
+    fell = []
+    for name, trap in TRAPS.items():
+        route = Route(segments=trap.segments, things=trap.things, bystanders=trap.bystanders)
+        config = TwinConfig(
+            name=name, route=route, person=person, exo=None, sensors=SENSORS, rig_mount=mount, physics=case.physics,
+            gait=Gait(gaze=Gaze(kind="terrain")),
+        )  # fmt: skip
+        with recorded(config, case, name) as recording:
+            told = tell(posed(recording, mount, "dvio", trap.spoil(recording)), recording)
+            rows = scored(told, recording, sole_m)
+            if fell_at_s(recording) is not None:
+                fell.append(name)
+        found[name] = {m: {"steps": rows[m].rows()["steps"], "alarms_pct": _alarms(told.estimates[m])} for m in METHODS}
+    return {"seed": case.seed, "physics": case.physics, "mount": mount, "fell": fell, "traps": found}
+
+
+def _alarms(estimates: list[ModeEstimate]) -> float:
+    wrong = sum(e.change is not None or any(s.mode != "LG" for s in e.steps) for e in estimates)
+    return 100.0 * wrong / max(len(estimates), 1)
+
+
+def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """By method and trap, over all walks; nothing of the paper's, which has no such table."""
+    return {
+        "summary": {m: {name: _figures([r["traps"][name][m] for r in results]) for name in TRAPS} for m in METHODS},
+        "paper": {},
+    }
+
+
+def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
+    steps = [ScoredMode(**row) for w in walks for row in w["steps"]]
+    told = Counter(s.told for s in steps)
+    probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
+    return {
+        "steps": len(steps),
+        "accuracy_pct": 100.0 * sum(s.right for s in steps) / max(len(steps), 1),
+        "told": {m: told[m] for m in (*MODES, "")},
+        "least_probability": min(probabilities, default=None),
+        "alarms_pct": float(np.mean([w["alarms_pct"] for w in walks])),
+    }
+
+
+def table(result: dict[str, Any]) -> list[str]:
+    """Predicted classes by trap, as lines of text; every true one is LG."""
+    ours, published = (result["summary"][m] for m in METHODS)
+    lines = [
+        f"{len(result['cases'])} walks a trap; every step is LG; alarms: estimates that tell of anything else to come",
+        falls(result["cases"]),
+        f"{'':<52}{'steps':>7}" + "".join(f"{m:>6}" for m in MODES)
+        + f"{'nothing':>9}{'least p of LG':>15}{'alarms %':>10}{'published: LG %':>17}",
+    ]  # fmt: skip
+    for name, trap in TRAPS.items():
+        of, theirs = ours[name], published[name]
+        lines.append(
+            f"{trap.words:<52}{of['steps']:>7}"
+            + "".join(f"{of['told'][m]:>6}" for m in MODES)
+            + f"{of['told']['']:>9}"
+            + ("-".rjust(15) if of["least_probability"] is None else f"{of['least_probability']:>15.3f}")
+            + f"{of['alarms_pct']:>10.1f}{theirs['accuracy_pct']:>17.1f}"
+        )
+    return lines

@@ -1,0 +1,282 @@
+"""Walks whose coming steps are told: recorded with camera and insoles, predicted by each method, scored.
+
+The whole chain: pictures with noise, visual-inertial odometry, map, prediction. Every method reads the same samples,
+and but for the one that forgets, the same map.
+
+How a walker's camera pitched and how fast he went, as moments and histograms that add up over walks.
+
+Figure 4 of Zhao et al. 2023, from the truth: between the first step and the last one, the pitch of the camera's axis
+below the horizon, and the horizontal speed of the camera over a second.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.contact_terrain import StepEstimate
+from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
+from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
+from stridetwin.evaluation.alignment import Laid
+from stridetwin.evaluation.mode_scores import ModeScores, score_modes
+from stridetwin.evaluation.norms import reference
+from stridetwin.evaluation.truth import FOOTPRINTS, TruePath, true_footprints
+from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
+from stridetwin.scenarios.ground import from_metadata
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.wearer.body import wearer
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometry, Sample
+from stridetwin.streams.trajectory import Trajectory
+from stridetwin.studies.case import Case
+from stridetwin.studies.fault_injection import Samples
+from stridetwin.studies.walks import fell_at_s
+from stridetwin.studies.zhao2023.odometry_walks import HEALTHY, dvio, recorded
+
+EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspace(0.0, 2.4, 25)}
+"""Edges of the histograms' bins; what lies beyond counts in the outermost."""
+_RATE_HZ = 30.0
+_OVER_S = 1.0
+
+Spread = Mapping[str, Any]
+"""`count`, `mean`, `sd`, `min`, `max`, and `bins`: counts between `EDGES`."""
+
+
+def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
+    """Of one walk, by quantity (`EDGES`).
+
+    Args:
+        recording: Of the walk, with its truth.
+        mount: Where the camera sits.
+    """
+    truth = TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))  # its axes are the camera's
+    half = round(_OVER_S / 2 * 1e9)
+    steps = recording.block(FOOTPRINTS).t_ns[2:]  # those of the feet that stand at the start come first
+    first, last = (steps[0], steps[-1]) if len(steps) else (truth.t_ns[0], truth.t_ns[-1])
+    t_ns = np.arange(max(first, truth.t_ns[0] + half), min(last, truth.t_ns[-1] - half), round(1e9 / _RATE_HZ))
+    way = truth.at(t_ns + half).p_frame_in_world - truth.at(t_ns - half).p_frame_in_world
+    speed = np.linalg.norm(way[:, :2], axis=1) / _OVER_S
+    return {
+        "camera_pitch_rad": spread(pitch_down(truth.at(t_ns).q_world_frame), EDGES["camera_pitch_rad"]),
+        "speed_mps": spread(speed, EDGES["speed_mps"]),
+    }
+
+
+def pitch_down(q_world_camera: Array) -> Array:
+    """(N,) rad, how far the axis of an optical frame points below the horizon, of (N, 4) quaternions."""
+    w, x, y, z = q_world_camera.T
+    return -np.arcsin(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0))
+
+
+def spread(values: Array, edges: Array) -> Spread:
+    """Of (N,) values, N > 0."""
+    bins = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0]
+    return {
+        "count": len(values), "mean": float(np.mean(values)), "sd": float(np.std(values)),
+        "min": float(np.min(values)), "max": float(np.max(values)), "bins": bins.tolist(),
+    }  # fmt: skip
+
+
+def together(parts: Sequence[Spread]) -> Spread:
+    """Of all values of the parts, one part at least."""
+    counts = np.array([p["count"] for p in parts], float)
+    means, sds = (np.array([p[name] for p in parts]) for name in ("mean", "sd"))
+    mean = float(counts @ means / counts.sum())
+    return {
+        "count": int(counts.sum()), "mean": mean,
+        "sd": math.sqrt(float(counts @ (sds**2 + (means - mean) ** 2) / counts.sum())),
+        "min": min(p["min"] for p in parts), "max": max(p["max"] for p in parts),
+        "bins": np.sum([p["bins"] for p in parts], axis=0).tolist(),
+    }  # fmt: skip
+
+
+MOUNTS = ("head", "chest")
+GROUPS = ("I", "II", "III", "IV", "V")
+POSES = ("dvio", "given")
+SENSORS = ("insole", "head_imu", "head_camera")
+FORGETFUL = "single_picture"
+"""Our prediction without a map: what it knows of the ground is the last picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Telling:
+    """How the steps of a walk are told.
+
+    Attributes:
+        poses: Of `POSES`.
+        methods: Of the predictor's `METHODS`, or `FORGETFUL`; the first one's time counts the map's too.
+        pitch_down: How far the camera looks down: a name in `reference/zhao2023.yaml`.
+    """
+
+    poses: str = "dvio"
+    methods: tuple[str, ...] = METHODS
+    pitch_down: str = "nominal"
+
+
+def told_walk(config: TwinConfig, case: Case, telling: Telling) -> dict[str, Any]:
+    """One walk, by each method.
+
+    Args:
+        config: Who walks where, and how; sensors, physics and the camera's pitch are set here.
+        case: Which seed, and how.
+        telling: How its steps are told.
+
+    Returns:
+        `seed`, `physics`, `fell_at_s`, `mount`, `spread` (`walk_spread`), and `methods`: method to `steps`,
+        `approaches` and `time_ms`.
+    """
+    pitch = np.radians(reference("zhao2023")["protocol"]["mount_pitch_down_deg"][telling.pitch_down])
+    camera = replace(config.fittings.get("head_camera", SensorConfig()), pitch_down_rad=float(pitch))
+    fittings = {**config.fittings, "head_camera": camera}
+    config = replace(config, sensors=SENSORS, fittings=fittings, physics=case.physics, exo=None)
+    mount, sole_m = config.rig_mount, wearer(config.person, with_exo=False).body.shoe_length_m
+    with recorded(config, case, mount) as recording:
+        return {
+            "seed": case.seed,
+            "physics": case.physics,
+            "fell_at_s": fell_at_s(recording),
+            "mount": mount,
+            "spread": walk_spread(recording, mount),
+            "methods": predicted(recording, mount, telling, sole_m),
+        }
+
+
+class SharedMap(TerrainMap):
+    """A map that several predictors feed with the same samples: it takes each once."""
+
+    _last: Sample | None = None
+    _told: TerrainEstimate | None = None
+
+    def update(self, sample: Sample) -> TerrainEstimate | None:
+        """As `TerrainMap.update`; the same sample again tells the same."""
+        if sample is not self._last:
+            self._told, self._last = super().update(sample), sample
+        return self._told
+
+
+class ForgetfulMap(TerrainMap):
+    """A map that is empty before every picture: planes of that picture alone."""
+
+    def update(self, sample: Sample) -> TerrainEstimate | None:
+        """As `TerrainMap.update`, of this sample alone."""
+        if isinstance(sample, Depth):
+            if not self.due(sample.t_ns):
+                return None
+            self._forget()
+        return super().update(sample)
+
+
+def predicted(recording: Recording, mount: str, telling: Telling, sole_m: float) -> dict[str, dict[str, Any]]:
+    """By method: rows of the scored steps and changes, and time a depth picture, ms.
+
+    Args:
+        recording: Of the walk.
+        mount: Where the camera sits.
+        telling: How its steps are told.
+        sole_m: Length of the walker's soles.
+    """
+    told = tell(posed(recording, mount, telling.poses), recording, telling.methods)
+    return {
+        method: scores.rows() | {"time_ms": _time(told.frame_ms[method])}
+        for method, scores in scored(told, recording, sole_m).items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """What was told of a walk.
+
+    Attributes:
+        estimates: By method, in order.
+        frame_ms: By method, time a depth picture; that of the first one holds the map's.
+        path: Poses as they were given.
+    """
+
+    estimates: Mapping[str, list[ModeEstimate]]
+    frame_ms: Mapping[str, list[float]]
+    path: Trajectory
+
+
+def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
+    """Lets every method take a walk's poses, depth and insoles, and steps that legs felt, in order of time."""
+    rig = recording.rig
+    options = Options(poses_of=given_poses(recording, depth_camera(rig))[1])
+    shared, forgetful = SharedMap(rig, options=options), ForgetfulMap(rig, options=options)
+    predictors = {
+        m: LocomotionMode(rig, options=options, ground=forgetful)
+        if m == FORGETFUL
+        else LocomotionMode(rig, options=replace(options, method=m), ground=shared)
+        for m in methods
+    }
+    estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
+    frame_ms: dict[str, list[float]] = {m: [] for m in predictors}
+    poses: list[Odometry] = []
+    for sample in samples:
+        if isinstance(sample, Odometry):
+            poses.append(sample)
+        for method, predictor in predictors.items():
+            began = time.process_time()
+            estimate = predictor.update(sample)
+            own = 1e3 * (time.process_time() - began)
+            if isinstance(sample, Depth):
+                frame_ms[method].append(own)
+            if estimate is not None:
+                estimates[method].append(estimate)
+    return Told(estimates=estimates, frame_ms=frame_ms, path=_trajectory(poses))
+
+
+def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
+    """What was told beside the truth, by method; `sole_m` is the length of the walker's soles."""
+    truth = TruePath.of(recording.block(given_poses(recording, depth_camera(recording.rig))[0]))
+    there = (told.path.t_ns >= truth.t_ns[0]) & (told.path.t_ns <= truth.t_ns[-1])
+    path = told.path[there]
+    laid, layout = Laid(path, truth.at(path.t_ns)), from_metadata(recording.metadata)
+    footprints = true_footprints(recording)
+    return {m: score_modes(footprints, e, laid, layout, sole_m) for m, e in told.estimates.items()}
+
+
+def posed(
+    recording: Recording, mount: str, poses: str, spoil: Callable[[Samples], Samples] = lambda samples: samples
+) -> Samples:
+    """Poses of the camera's IMU, depth and insoles in order of time.
+
+    Args:
+        recording: Of the walk.
+        mount: Where the camera sits.
+        poses: Of `POSES`.
+        spoil: What becomes of the samples before anybody sees them.
+    """
+    camera = depth_camera(recording.rig)
+    if poses == "given":
+        topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
+        yield from spoil(iter(recording.samples(topics)))
+        return
+    odometer = dvio("proposed", recording.rig, mount)
+    arriving = iter(recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]))
+    for sample in spoil(arriving):
+        if isinstance(sample, Imu | Image | Depth):
+            estimate = odometer.update(sample)
+            if estimate is not None and estimate.health in HEALTHY:
+                pose = estimate.pose
+                yield pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame)
+        if isinstance(sample, Depth | Insole):
+            yield sample
+
+
+def _trajectory(path: list[Odometry]) -> Trajectory:
+    return Trajectory(
+        t_ns=np.array([o.t_ns for o in path], np.int64),
+        p_frame_in_world=np.array([o.p_frame_in_world for o in path]),
+        q_world_frame=np.array([o.q_world_frame for o in path]),
+    )
+
+
+def _time(frame_ms: list[float]) -> Mapping[str, float]:
+    return {"mean": float(np.mean(frame_ms)), "p95": float(np.percentile(frame_ms, 95))}

@@ -1,0 +1,161 @@
+"""Walks with the camera on head or chest, recorded once, and what odometries make of them.
+
+Every method reads the same samples in the same order. Time is that of `update` alone, summed from picture to picture:
+reading and decoding a recording is not the estimator's work.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.dvio import Dvio
+from stridetwin.evaluation.path_drift import Odometry, drift_figures
+from stridetwin.evaluation.truth import TruePath
+from stridetwin.scenarios.record import record
+from stridetwin.sim.config import TwinConfig
+from stridetwin.sim.twin import Twin
+from stridetwin.streams.pose import Pose, trajectory_of
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
+from stridetwin.studies.case import Case
+
+METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
+"""Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
+SENSORS = ("head_imu", "head_camera")
+HEALTHY = ("tracking", "coasting")
+FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
+
+
+class Estimate(Protocol):
+    """What an odometry estimates at one instant.
+
+    Attributes:
+        t_ns: When.
+        pose: Of the IMU in a world of its own, z up.
+        health: `tracking`, `coasting` (the IMU alone, for a while), or anything else where it is lost.
+    """
+
+    @property
+    def t_ns(self) -> int: ...  # noqa: D102
+    @property
+    def pose(self) -> Pose: ...  # noqa: D102
+    @property
+    def health(self) -> str: ...  # noqa: D102
+
+
+class Odometer(Protocol):
+    """An odometry at work."""
+
+    def update(self, sample: Imu | Image | Depth) -> Estimate | None:
+        """Takes a sample in order of time."""
+
+
+Maker = Callable[[str, Rig, str], Odometer]
+"""From a method, what it is told of the rig, and where the camera sits, to an odometry."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ride:
+    """What an odometry made of a recording.
+
+    Attributes:
+        told: Its path.
+        frame_ms: (N,) time spent from one picture to the next.
+    """
+
+    told: Odometry
+    frame_ms: Array
+
+
+def dvio(method: str, rig: Rig, mount: str) -> Odometer:
+    """The odometry of a method (`METHODS`)."""
+    return Dvio(rig, options=Options(method=method, mount=mount))
+
+
+def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
+    """Lets an odometry take samples in order of time."""
+    estimates: dict[int, Estimate] = {}
+    frame_ms: list[float] = []
+    spent = 0.0
+    for sample in samples:
+        assert isinstance(sample, Imu | Image | Depth)
+        if isinstance(sample, Image):
+            frame_ms.append(spent)
+            spent = 0.0
+        began = time.perf_counter()
+        estimate = odometer.update(sample)
+        spent += 1e3 * (time.perf_counter() - began)
+        if estimate is not None:
+            estimates[estimate.t_ns] = estimate  # the last one of an instant knows most
+    return Ride(told=_odometry(estimates), frame_ms=np.array(frame_ms[1:]))
+
+
+def _odometry(estimates: Mapping[int, Estimate]) -> Odometry:
+    inorder = [estimates[t] for t in sorted(estimates)]
+    path = trajectory_of([e.pose for e in inorder])
+    return Odometry(path=path, healthy=np.array([e.health in HEALTHY for e in inorder], bool))
+
+
+@contextmanager
+def recorded(config: TwinConfig, case: Case, name: str) -> Iterator[Recording]:
+    """A walk, recorded into the case's folder; afterwards the file goes unless kept."""
+    file = case.file(f"_{name}.mcap")
+    if not (case.resume and file.exists()):
+        record(Twin(config, case.seed), file, lambda stage, share: None)
+    yield Recording(file)
+    if not case.keep:
+        file.unlink()
+
+
+def odometry_samples(recording: Recording, mount: str) -> Iterator[Sample]:
+    """IMU, pictures and depth, in order of time."""
+    return recording.samples([f"/{mount}/{stream}" for stream in ("imu", "color", "depth")])
+
+
+def true_path(recording: Recording, mount: str) -> TruePath:
+    """True path of the IMU beside the camera."""
+    return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
+
+
+def figures(ride: Ride, truth: TruePath) -> dict[str, Any]:
+    """`drift_figures`, and `time_ms` a frame."""
+    return drift_figures(ride.told, truth) | {"time_ms": time_of(ride.frame_ms)}
+
+
+def every_method(
+    recording: Recording, mount: str, make: Maker, methods: Sequence[str] = METHODS
+) -> dict[str, dict[str, Any]]:
+    """Figures by method."""
+    truth = true_path(recording, mount)
+    return {
+        method: figures(follow(make(method, recording.rig, mount), odometry_samples(recording, mount)), truth)
+        for method in methods
+    }
+
+
+def time_of(frame_ms: NDArray[np.float64]) -> dict[str, float]:
+    """Mean and 99th percentile."""
+    if not len(frame_ms):
+        return {"mean": 0.0, "p99": 0.0}
+    return {"mean": float(frame_ms.mean()), "p99": float(np.percentile(frame_ms, 99))}
+
+
+def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
+    """Mean of a figure over those walks that have it."""
+    values = [w[name] for w in walks if w.get(name) is not None]
+    return float(np.mean(values)) if values else None
+
+
+def worst_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+    """Mean time a frame, and the largest 99th percentile of any walk."""
+    times = [w["time_ms"] for w in walks]
+    return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}
