@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,7 +43,7 @@ def as_text(schema: dict[str, Any]) -> str:
 
 def shipped(kind: str) -> Path:
     """The file of a schema that comes with the project."""
-    return Path(__file__).parents[1] / "schema" / f"{kind}.json"
+    return Path(str(resources.files("stridetwin.scenarios"))) / "schema" / f"{kind}.json"
 
 
 def _type(kind: str) -> Any:

@@ -79,8 +79,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
 
 def record_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
-    from stridetwin.report.runner import make_twin
-    from stridetwin.scenarios.record import record
+    from stridetwin.scenarios.record import make_twin, record
 
     scenario = _scenario(arguments)
     seed = arguments.seed or 0
@@ -92,7 +91,7 @@ def record_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
 
 
 def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
-    from stridetwin.report.runner import without_cameras
+    from stridetwin.scenarios.record import without_cameras
     from stridetwin.scenarios.scenario_file import PHYSICS, load_scenario
     from stridetwin.streams.errors import ConfigError
 

@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Estimates compared with the truth: alignment, metrics, scores."""

@@ -18,13 +18,13 @@ _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), (
 
 def reference(name: str) -> Any:
     """One YAML file of the reference folder, such as `jao2020`."""
-    file = resources.files("stridetwin.scenarios").joinpath("reference", f"{name}.yaml")
+    file = resources.files("stridetwin.evaluation").joinpath("reference", f"{name}.yaml")
     return yaml.safe_load(file.read_text(encoding="utf-8"))
 
 
 def reference_rows(name: str) -> list[dict[str, str]]:
     """Rows of one table of the reference folder, such as `zhao2023_table2`; lines that begin with # are left out."""
-    file = resources.files("stridetwin.scenarios").joinpath("reference", f"{name}.csv")
+    file = resources.files("stridetwin.evaluation").joinpath("reference", f"{name}.csv")
     lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
     return list(csv.DictReader(lines))
 

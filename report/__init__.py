@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""The output of a run: HTML report, figures, film, Rerun file."""

@@ -62,5 +62,5 @@ def rendered(template: str, **values: Any) -> Markup:
 
 @cache
 def _environment() -> Environment:
-    loader = PackageLoader("stridetwin.scenarios")
+    loader = PackageLoader("stridetwin.report")
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +17,10 @@ from stridetwin.pipeline.mode_files import predicted_steps, write_modes
 from stridetwin.pipeline.terrain_files import write_terrain
 from stridetwin.scenarios import injected
 from stridetwin.scenarios.files import json_text, staged
-from stridetwin.scenarios.record import Progress, record
-from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.scenarios.record import Progress, make_twin, record
+from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.recording.reader import Recording
-
-if TYPE_CHECKING:
-    from stridetwin.sim.twin import Twin
 
 Frame = tuple[float, NDArray[np.uint8]]
 
@@ -43,29 +38,6 @@ class Run:
     folder: Path
     files: tuple[str, ...]
     scores: dict[str, Scores]
-
-
-def make_twin(scenario: Scenario, seed: int) -> Twin:
-    """The twin of a scenario.
-
-    Raises:
-        StrideTwinError: The simulator is not installed.
-    """
-    try:
-        from stridetwin.sim.twin import Twin
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] == "stridetwin":
-            raise
-        raise StrideTwinError(
-            f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
-        ) from error
-    return Twin(scenario.config, seed)
-
-
-def without_cameras(scenario: Scenario) -> Scenario:
-    """The scenario with every camera off."""
-    sensors = tuple(s for s in scenario.config.sensors if s not in CAMERAS)
-    return replace(scenario, config=replace(scenario.config, sensors=sensors))
 
 
 def run_scenario(

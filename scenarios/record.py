@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stridetwin.scenarios import exo_geometry, ground, injected
+from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.sim.faults.faults import arrivals
 from stridetwin.sim.faults.plan import check_times, plan_faults
 from stridetwin.sim.wearer.anthropometry import anthropometry
+from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.samples import Block, Sample
 
@@ -17,6 +20,29 @@ if TYPE_CHECKING:
     from stridetwin.sim.twin import Twin
 
 Progress = Callable[[str, float], None]
+
+
+def make_twin(scenario: Scenario, seed: int) -> Twin:
+    """The twin of a scenario.
+
+    Raises:
+        StrideTwinError: The simulator is not installed.
+    """
+    try:
+        from stridetwin.sim.twin import Twin
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] == "stridetwin":
+            raise
+        raise StrideTwinError(
+            f"{error.name} is not installed; walks need the simulator: pip install 'stridetwin[twin]'"
+        ) from error
+    return Twin(scenario.config, seed)
+
+
+def without_cameras(scenario: Scenario) -> Scenario:
+    """The scenario with every camera off."""
+    sensors = tuple(s for s in scenario.config.sensors if s not in CAMERAS)
+    return replace(scenario, config=replace(scenario.config, sensors=sensors))
 
 
 def record(twin: Twin, path: Path, progress: Progress) -> None:

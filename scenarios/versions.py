@@ -14,13 +14,17 @@ from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
 
-_FOLLOWED = ("stridetwin.estimators", "stridetwin.scenarios")
+_ESTIMATORS = "stridetwin.estimators"
+_FOLLOWED = (
+    _ESTIMATORS,
+    *(f"stridetwin.{name}" for name in ("scenarios", "pipeline", "evaluation", "report", "studies")),
+)
 _WHOLE = (
     ("stridetwin.streams", ""),
     ("stridetwin.sim", ""),
     ("stridetwin.assets", ""),
     ("stridetwin.scenarios", "catalogue"),
-    ("stridetwin.scenarios", "reference"),
+    ("stridetwin.evaluation", "reference"),
 )
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
 
@@ -33,7 +37,7 @@ def digest(module: str, *, estimators: bool = True) -> str:
         estimators: False: of all but the estimators, which no walk has seen when it is recorded.
     """
     files = _data() | {
-        name: file for name, file in _imported(module).items() if estimators or not name.startswith(_FOLLOWED[0])
+        name: file for name, file in _imported(module).items() if estimators or not name.startswith(_ESTIMATORS)
     }
     hashed = hashlib.sha256(_libraries().encode())
     for name in sorted(files):

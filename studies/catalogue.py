@@ -87,73 +87,84 @@ def _module(name: str) -> ModuleType:
 
 def _modes(description: str, module: str) -> Study:
     """A study of the modes of coming steps."""
-    return Study(description, module, tables="mode_tables", report="mode_report", collect_by_name=True)
+    return Study(
+        description, module, tables="zhao2023.mode_tables", report="zhao2023.mode_report", collect_by_name=True
+    )
 
 
 def _jao(description: str) -> Study:
-    return Study(description, "jao_walk", collect_by_name=True)
+    return Study(description, "jao2020.jao_walk", collect_by_name=True)
 
 
 STUDIES = {
-    "jao_simulation": Study("Jao et al. 2020, Table I: a hundred identical strides north", "jao_simulation"),
+    "jao_simulation": Study("Jao et al. 2020, Table I: a hundred identical strides north", "jao2020.jao_simulation"),
     "jao_straight_53m": _jao("Jao et al. 2020, Table II: 53 m straight on the simulated walker, shoe cameras rendered"),
     "jao_loop_126m": _jao("Jao et al. 2020, Table III: 126 m loop on the simulated walker, shoe cameras rendered"),
     "stairs_16": _jao("sixteen risers up and down on the simulated walker, shoe cameras rendered"),
     "jao_faults": Study(
-        "foot-to-foot filter under injected faults: cameras, IMUs, clock, mounts, exchanged shoes", "jao_faults"
+        "foot-to-foot filter under injected faults: cameras, IMUs, clock, mounts, exchanged shoes", "jao2020.jao_faults"
     ),
     "zhao_closed_loop": Study(
-        "Zhao et al. 2023, Table V: a loop of 60 m with stairs, fifteen subjects, on head and chest", "zhao_closed_loop"
+        "Zhao et al. 2023, Table V: a loop of 60 m with stairs, fifteen subjects, on head and chest",
+        "zhao2023.zhao_closed_loop",
     ),
     "zhao_closed_loop_stress": Study(
-        "the same loop with plain walls, blur, heel strikes, clock and mount off", "zhao_closed_loop"
+        "the same loop with plain walls, blur, heel strikes, clock and mount off", "zhao2023.zhao_closed_loop"
     ),
     "zhao_generality": _modes(
         "Zhao et al. 2023, Tables II and III: modes of coming steps over 540 walks, poses by odometry",
-        "zhao_generality",
+        "zhao2023.zhao_generality",
     ),
-    "zhao_generality_given_poses": _modes("the same walks with their true poses", "zhao_generality"),
-    "zhao_generality_shallow": _modes("the same walks with the camera 8 degrees down instead of 25", "zhao_generality"),
+    "zhao_generality_given_poses": _modes("the same walks with their true poses", "zhao2023.zhao_generality"),
+    "zhao_generality_shallow": _modes(
+        "the same walks with the camera 8 degrees down instead of 25", "zhao2023.zhao_generality"
+    ),
     "zhao_baselines": _modes(
-        "sixty of the same walks, with our prediction from single depth images, without a map", "zhao_generality"
+        "sixty of the same walks, with our prediction from single depth images, without a map",
+        "zhao2023.zhao_generality",
     ),
     "zhao_view": _modes(
         "Zhao et al. 2023, Fig. 3a: between walls and round a corner, with a head that looks about widely",
-        "zhao_trials",
+        "zhao2023.zhao_trials",
     ),
     "zhao_directions": _modes(
-        "Zhao et al. 2023, Fig. 3b: outdoors from stair to ramp to stair side by side", "zhao_trials"
+        "Zhao et al. 2023, Fig. 3b: outdoors from stair to ramp to stair side by side", "zhao2023.zhao_trials"
     ),
     "zhao_disturbance": _modes(
-        "Zhao et al. 2023, Fig. 3c: a stair while two people walk around the walker", "zhao_trials"
+        "Zhao et al. 2023, Fig. 3c: a stair while two people walk around the walker", "zhao2023.zhao_trials"
     ),
     "mode_fusion": Study(
-        "modes of coming steps by camera, by an exoskeleton's legs, and by both, in light and dark", "mode_fusion"
+        "modes of coming steps by camera, by an exoskeleton's legs, and by both, in light and dark",
+        "zhao2023.mode_fusion",
     ),
     "mode_not_fooled": Study(
-        "false positives of stairs and ramps: paint, shadow, kerb, table, wall, legs, mirror", "mode_not_fooled"
+        "false positives of stairs and ramps: paint, shadow, kerb, table, wall, legs, mirror",
+        "zhao2023.mode_not_fooled",
     ),
     "mode_faults": Study(
-        "mode prediction under injected faults: odometry lost, no depth, a dead insole, a bad view", "mode_faults"
+        "mode prediction under injected faults: odometry lost, no depth, a dead insole, a bad view",
+        "zhao2023.mode_faults",
     ),
     "assistance": Study(
         "assistance by mode in closed loop: work saved with modes from legs, camera or truth", "assistance"
     ),
     "assistance_wrong": Study("falls in a hundred assisted walks in which 1 % of the modes are wrong", "assistance"),
     "dvio_bench": Study(
-        "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation", "dvio_bench"
+        "Zhao et al. 2023, Table IV: ten walks as difficult as the sequences of EuRoC, and the ablation",
+        "zhao2023.dvio_bench",
     ),
     "dvio_faults": Study(
-        "visual-inertial odometry under injected faults: depth, camera, IMU, passers-by, calibration", "dvio_faults"
+        "visual-inertial odometry under injected faults: depth, camera, IMU, passers-by, calibration",
+        "zhao2023.dvio_faults",
     ),
     "shim_table5": Study(
         "Shim et al. 2019, Table 5: slope and step height from the legs of seven subjects",
-        "shim_table5",
-        report="shim_figures",
+        "shim2019.shim_table5",
+        report="shim2019.shim_figures",
     ),
     "shim_faults": Study(
         "contact terrain under injected faults: insoles, encoders, AHRS, wrong lengths, shuffling, modules",
-        "shim_faults",
+        "shim2019.shim_faults",
     ),
 }
 _LOADED: dict[str, Experiment] = {}

@@ -12,8 +12,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.speed.timing import Stopwatch, Summary
-from stridetwin.report.runner import without_cameras
-from stridetwin.scenarios.record import record
+from stridetwin.scenarios.record import record, without_cameras
 from stridetwin.scenarios.scenario_file import Scenario, load_scenario
 from stridetwin.sim.config import Exo, Level, Person, Route, Stairs, TwinConfig
 from stridetwin.sim.rendering.renderer import FilmCamera, SensorView, camera_pose

@@ -41,8 +41,7 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
     def walk(
         scenario: str | Path | Mapping[str, Any] | TwinConfig, seed: int = 0, *, cameras: bool = False
     ) -> Recording:
-        from stridetwin.report.runner import make_twin, without_cameras
-        from stridetwin.scenarios.record import record
+        from stridetwin.scenarios.record import make_twin, record, without_cameras
         from stridetwin.streams.recording.reader import Recording
 
         told = _scenario(scenario)

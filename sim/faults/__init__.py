@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Faults between a sensor and the recorder."""

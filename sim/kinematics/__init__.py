@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Rotations, frames through time, and the wearer's bodies as a rigid tree."""

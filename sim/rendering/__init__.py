@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Camera images: the renderer, lenses, image sensors, depth."""

@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""The person and the exoskeleton: sizes, bodies, joints, couplings."""

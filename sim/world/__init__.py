@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""The surroundings of the walk: route, terrain, objects, bystanders."""

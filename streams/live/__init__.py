@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Samples between two programs while they are measured: sender, receiver, order, recorder."""

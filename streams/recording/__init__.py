@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Recordings: one MCAP file of ROS 2 messages, written, indexed and read."""

@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Jao, Wang and Shkel 2020: two shoes that see each other."""

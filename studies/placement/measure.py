@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from stridetwin.evaluation.gate.walk_scores import Job, score_walk
-from stridetwin.report.runner import make_twin
 from stridetwin.scenarios.campaign.named_files import Base
 from stridetwin.scenarios.campaign.own_scenario import FOLDER
 from stridetwin.scenarios.processes import mapped
-from stridetwin.scenarios.record import record
+from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.versions import digest
 from stridetwin.sim.sensors.standard_rig import SensorRig, sensor_rig

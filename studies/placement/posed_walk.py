@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stridetwin.report.runner import make_twin
+from stridetwin.scenarios.record import make_twin
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.wearer.limbs import Limbs

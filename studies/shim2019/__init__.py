@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Shim et al. 2019: slope and step height from an exoskeleton's legs."""

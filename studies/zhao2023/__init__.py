@@ -1,1 +1,1 @@
-"""TODO docstring."""
+"""Zhao et al. 2023: odometry, terrain map and locomotion modes."""
