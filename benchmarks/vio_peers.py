@@ -4,8 +4,8 @@
 environment of this benchmark alone (`--environment`), run as programs of their own, and read the walk as an RGB-D
 folder with IMU; ORB-SLAM3 (GPL) gets a vocabulary that is learnt from other walks of the twin. A peer that cannot be
 had is named with the reason. Every path is laid on the truth in its first sure pose, tilt and all: kind to those
-without an IMU. Errors are those of `evaluation.path_drift`. Of ORB-SLAM3 counts what it says when the frame comes: it closes
-loops, which an odometry does not.
+without an IMU. Errors are those of `evaluation.path_drift`. ORB-SLAM3 closes loops, which an odometry does not: its
+pose counts as estimated when the frame comes.
 """
 
 from __future__ import annotations

@@ -134,8 +134,8 @@ def _paths(arguments: EstimateOptions, found: Found, options: Options, progress:
 
 
 def _steps(arguments: EstimateOptions, found: Found, options: Options, progress: Progress) -> Written:
-    from stridetwin.evaluation.step_scores import write_steps
     from stridetwin.pipeline.run import steps
+    from stridetwin.pipeline.step_files import write_steps
 
     progress("estimate", 0.0)
     made = steps(found, imported(arguments), options)

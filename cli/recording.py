@@ -20,6 +20,7 @@ import typer
 from stridetwin.cli.options import ImportableOptions, SourceOptions, positive
 from stridetwin.cli.outcome import Outcome, Progress
 from stridetwin.evaluation.evaluate import true_path
+from stridetwin.pipeline.source import opened
 from stridetwin.scenarios.files import staged
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.euroc_export import write_euroc
@@ -31,18 +32,7 @@ from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
 
 if TYPE_CHECKING:
-    from stridetwin.streams.formats.opening import ImportOptions
     from stridetwin.streams.recording.reader import Recording
-
-
-def opened(path: Path, lenient: bool, options: ImportOptions | None = None, *, tell: bool = True) -> Recording:
-    """A recording, or anything that can be imported; what had to be assumed is told on stderr."""
-    from stridetwin.streams.formats.opening import open_any
-
-    recording = open_any(path, lenient, options)
-    for words in (*recording.warnings, *map(str, recording.problems)) if tell else ():
-        print(f"stridetwin: warning: {path}: {words}", file=sys.stderr)
-    return recording
 
 
 def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:

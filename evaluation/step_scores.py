@@ -5,11 +5,9 @@ Steps as an estimator tells them, beside the footprints of the truth.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from stridetwin.evaluation.truth import FOOTPRINTS
 from stridetwin.pipeline.run import Found, fed
 from stridetwin.pipeline.run import steps as steps_of
 from stridetwin.streams.errors import RecordingError
-from stridetwin.streams.files import whole_file
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Footprint
 
@@ -191,29 +188,6 @@ def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     true, told = (np.array(places) for places in ([s.place for s in seen], [s.told_place for s in seen]))
     R = vertical_turn((true - true.mean(axis=0)).T @ (told - told.mean(axis=0)))
     return [replace(s, told_place=tuple((R @ s.told_place).tolist())) if s.seen else s for s in steps]
-
-
-COLUMNS = (
-    "t_s", "step", "foot", "mode", "probability", "slope_rad", "slope_sd_rad", "elevation_m", "elevation_sd_m", "x_m",
-    "y_m", "z_m",
-)  # fmt: skip
-
-
-def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
-    """A step as a row of `COLUMNS`."""
-    e = estimate
-    return (
-        f"{e.t_ns * 1e-9:.3f}", str(e.step), e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",
-        f"{e.slope_sd:.5f}", f"{e.elevation:.5f}", f"{e.elevation_sd:.5f}", *(f"{x:.5f}" for x in e.p_sole_in_world),
-    )  # fmt: skip
-
-
-def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
-    """Writes a table with one row a step, columns `COLUMNS`."""
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        writer.writerows(map(step_cells, estimates))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

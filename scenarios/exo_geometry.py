@@ -29,7 +29,7 @@ from stridetwin.streams.rig import Rig
 
 if TYPE_CHECKING:
     from stridetwin.sim.twin import Twin
-    from stridetwin.sim.wearer.body import Wearer
+    from stridetwin.sim.wearer.dimensions import Wearer
 
 LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
 """How well a laboratory knows the lengths of thigh and shank, and how its AHRS sit after a calibration in standing."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
+from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.faults.faults import Fault
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.fields import DEG, MM, ReadAs, flag, number, whole, words
-
-if TYPE_CHECKING:
-    from stridetwin.sim.wearer.own_exo import OwnExo
 
 SIDES = ("l", "r")
 DIRECTIONS = {"up": False, "down": True}
@@ -38,7 +36,7 @@ class Person:
         height_m: Standing height without shoes.
         mass_kg: Body mass.
         sex: `male` or `female` (de Leva's tables).
-        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the stature.
+        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
     """
 
     height_m: Annotated[float, number(1.5, 1.95)] = 1.75

@@ -1,7 +1,7 @@
 """Fault studies: a recorded walk is replayed once per fault; one table with a line per fault.
 
-A study lists its faults (`FAULTS`) and the columns of its table. Sample faults are those of `sim.faults.faults`; other faults
-change samples, the calibration that the estimator reads, or the walk itself.
+A study lists its faults (`FAULTS`) and the columns of its table. Sample faults are those of `sim.faults.faults`;
+other faults change samples, the calibration that the estimator reads, or the walk itself.
 """
 
 from __future__ import annotations

@@ -21,7 +21,8 @@ from stridetwin.sim.gait.reference import coordinates, legs, zero_moment_point
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rotation import from_euler, matrix_from_quat, rot_z
-from stridetwin.sim.wearer.body import Wearer, add_wearer, compile_model
+from stridetwin.sim.wearer.body import add_wearer, compile_model
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import Strip
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array

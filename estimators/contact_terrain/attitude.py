@@ -46,7 +46,10 @@ class Attitudes:
         self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
 
     def update(self, tick: Tick) -> None:
-        """Takes a tick; after a gap, and at first, the attitudes are those of the AHRS. See docs/contact_terrain.md (6)."""
+        """Takes a tick; after a gap, and at first, the attitudes are those of the AHRS.
+
+        See docs/contact_terrain.md (6).
+        """
         measured = np.concatenate((tick.R_world_base[None], tick.R_world_thigh, tick.R_world_foot))
         _fuse(self._state, self._noise, measured, tick.rate, tick.fresh, tick.dt)
 

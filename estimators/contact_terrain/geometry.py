@@ -122,8 +122,8 @@ class Leg:
 class Compliance:
     """How far an exoskeleton yields under its wearer, as far as its calibration says.
 
-    The defaults describe the twin's exoskeleton (holder of the heel 15 kN/m, cuffs 4 kN/m, `sim/wearer/coupling.py`) and serve
-    files and recordings without a section `compliance`. They were chosen by hand on simulated walks of S1-S3,
+    The defaults describe the twin's exoskeleton (holder of the heel 15 kN/m, cuffs 4 kN/m, `sim/wearer/coupling.py`)
+    and serve files and recordings without a section `compliance`. They were chosen by hand on simulated walks of S1-S3,
     seeds 0-16 (docs/contact_terrain.md); another exoskeleton needs its own.
     """
 

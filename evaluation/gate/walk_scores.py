@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from stridetwin.cli.recording import opened
 from stridetwin.estimators import registry
 from stridetwin.evaluation.evaluate import evaluate
 from stridetwin.evaluation.gate.own_estimators import OwnEstimator
@@ -19,6 +18,7 @@ from stridetwin.evaluation.path_scores import Scores
 from stridetwin.evaluation.step_scores import evaluate_every_step
 from stridetwin.evaluation.terrain_ahead import look_ahead, odometry_of
 from stridetwin.pipeline.run import all_paths
+from stridetwin.pipeline.source import opened
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.scenarios.files import sha256

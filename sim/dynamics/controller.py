@@ -18,7 +18,7 @@ from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_point
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian, rotate
 from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, eliminate, solve
 from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 

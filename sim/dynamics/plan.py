@@ -13,7 +13,7 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import Planned
 from stridetwin.sim.dynamics.soles import HEEL_POINTS, PER_FOOT, toe_weights
 from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 CONTROL_S = 0.002

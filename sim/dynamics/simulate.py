@@ -21,8 +21,8 @@ from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import cross
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.wearer.body import Wearer
-from stridetwin.sim.wearer.exoskeleton import couplings
+from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.sim.wearer.exo_couplings import couplings
 from stridetwin.streams.samples import Array
 
 STEP_S = DRIVER_S

@@ -18,7 +18,7 @@ from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 _LOADED_N = 20.0

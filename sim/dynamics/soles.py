@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 RADIUS_M = 0.006

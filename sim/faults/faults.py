@@ -213,8 +213,8 @@ def at(events: tuple[Event, ...], arrival: Arrival) -> Event | None:
 class LooseStrap(Fault):
     """A strap that slips: the sensors on it rotate and move on their body, permanently.
 
-    It acts in the twin (`sim.sensors.mount_slip`), not on samples. Sensors on one body that match one pattern hang on one strap;
-    an RGB-D camera and its IMU always do.
+    It acts in the twin (`sim.sensors.mount_slip`), not on samples. Sensors on one body that match one pattern hang on
+    one strap; an RGB-D camera and its IMU always do.
 
     Attributes:
         angle_rad: Rotation of one slip, about a random axis.

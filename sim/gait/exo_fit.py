@@ -15,13 +15,15 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from stridetwin.sim.config import SIDES
+from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.gait import exo_fit_kernel
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, chain_loads
 from stridetwin.sim.wearer.actuation import FRICTION_SPEED_RADPS
-from stridetwin.sim.wearer.body import Wearer
-from stridetwin.sim.wearer.exoskeleton import RANGE_RAD, ExoLinks, couplings, leg_frame
-from stridetwin.sim.wearer.own_exo import OwnExo, check_held
+from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.sim.wearer.exo_couplings import couplings, leg_frame
+from stridetwin.sim.wearer.exoskeleton import RANGE_RAD, ExoLinks
+from stridetwin.sim.wearer.own_exo import check_held
 from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops

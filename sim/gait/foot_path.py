@@ -26,7 +26,7 @@ from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.rotation import between, rot_y
 from stridetwin.sim.kinematics.smooth import bump, ease, quintic, soft_ease
-from stridetwin.sim.wearer.body import Shoe, Wearer
+from stridetwin.sim.wearer.dimensions import Shoe, Wearer
 from stridetwin.streams.samples import Array
 
 _REST = 3  # samples at each end that are at rest: position, velocity and acceleration are given there

@@ -8,7 +8,7 @@ import numpy as np
 
 from stridetwin.sim.config import Gait
 from stridetwin.sim.gait.tempo import Tempo, paced
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import RUN_OUT_M, Layout, Strip
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array

@@ -20,7 +20,7 @@ from stridetwin.sim.gait.foot_placement import STEEP_RAD, Place, limp, places
 from stridetwin.sim.gait.style import Style, held, level_style, pace, shuffled, style_at
 from stridetwin.sim.gait.tempo import Tempo, speed_share, turn_share, widening
 from stridetwin.sim.kinematics.rotation import rot_x, rot_y, rot_z
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.sim.world.way import Way
 from stridetwin.streams.samples import Array

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.sim.kinematics.rotation import rot_x, rot_y
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 

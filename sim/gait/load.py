@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 from stridetwin.sim.gait.footsteps import SETTLE_S, SHIFT_S, Footstep
 from stridetwin.sim.gait.style import TRAVEL_KNOTS
 from stridetwin.sim.kinematics.smooth import ease
-from stridetwin.sim.wearer.body import Shoe
+from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.samples import Array
 
 # centre of pressure along the foot against the share of stance: x as a share of the toe hinge's x

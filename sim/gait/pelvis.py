@@ -12,7 +12,7 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
 from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
 KNEE_MIN_RAD = np.radians(7.0)  # sets the height of the pelvis; the legs may straighten to KNEE_HARD_MIN_RAD

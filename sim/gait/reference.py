@@ -30,8 +30,9 @@ from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, root_wrench
 from stridetwin.sim.kinematics.rotation import from_euler, rot_x, rot_y, rot_z
-from stridetwin.sim.wearer.body import LEG_JOINTS, Wearer
-from stridetwin.sim.wearer.exoskeleton import leg_frame
+from stridetwin.sim.wearer.body import LEG_JOINTS
+from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.sim.wearer.exo_couplings import leg_frame
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 

@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from stridetwin.sim.config import Gait
 from stridetwin.sim.gait.style import leg_length, pace, shuffled_share, walk_growth
-from stridetwin.sim.wearer.body import Wearer
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import RUN_OUT_M, Layout
 from stridetwin.sim.world.way import Way
 from stridetwin.streams.samples import Array

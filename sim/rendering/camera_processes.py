@@ -1,7 +1,7 @@
 """Cameras rendered by two processes beside the twin's own, so that both cores draw.
 
-Software rendering is what a walk with cameras spends its time on. Each process is `sim.rendering.rendering` run by the same
-Python: it reads the model and its sensors, then chunks of poses, and answers with pictures in order. A picture's noise
+Software rendering takes most of the time of a walk with cameras. Each process runs `sim.rendering.rendering` with the
+same Python: it reads the model and its sensors, then chunks of poses, and answers with pictures in order. A picture's noise
 depends on seed, topic and time alone, and exposing is left to this side where the gain follows from the picture before:
 neither the number of processes nor who draws what changes a byte.
 """

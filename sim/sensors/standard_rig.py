@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import SIDES, TwinConfig
+from stridetwin.sim.exo_description import OnLink
 from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.parts.calibration_error import nominal_rig
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
@@ -28,7 +29,6 @@ from stridetwin.sim.parts.sensor_config import (
     part_of,
 )
 from stridetwin.sim.wearer.actuation import modules
-from stridetwin.sim.wearer.own_exo import OnLink
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array

@@ -6,42 +6,13 @@ joint, and its gear has friction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from stridetwin.sim.config import SIDES, Exo
+from stridetwin.sim.exo_description import Module
 from stridetwin.streams.errors import ConfigError
 
 JOINTS = tuple(f"{joint}_{side}" for joint in ("hip", "knee") for side in SIDES)
 FRICTION_SPEED_RADPS = 0.2
 """Joint speed at which dry friction reaches three quarters of its full value."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Module:
-    """One actuation module; torques, speeds and frictions are those at the joint.
-
-    Attributes:
-        gear: Ratio.
-        rotor_inertia: kg m², motor and wave generator.
-        friction_nm: Dry friction.
-        viscous_nms: N m s/rad.
-        torque_max_nm: Repeated peak torque of the gear.
-        speed_max_radps: Highest input speed of the gear over the ratio.
-        mass_kg: Motor, gear, driver and housing.
-    """
-
-    gear: float
-    rotor_inertia: float
-    friction_nm: float
-    viscous_nms: float
-    torque_max_nm: float
-    speed_max_radps: float
-    mass_kg: float
-
-    @property
-    def reflected_inertia(self) -> float:
-        """Inertia of the rotor reflected to the joint, kg m²."""
-        return self.rotor_inertia * self.gear**2
 
 
 # Gears, motors (Kollmorgen TBMS-6025-B and -6013-B, Harmonic Drive SHD-20-2SH) and the 6.0 kg of all four are the

@@ -7,18 +7,19 @@ sole under the heel's centre.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import resources
 
 import mujoco
 import numpy as np
 
 from stridetwin.sim.config import SIDES, Exo, Person
+from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.wearer.actuation import modules
 from stridetwin.sim.wearer.anthropometry import Anthropometry, anthropometry
+from stridetwin.sim.wearer.dimensions import Shoe, Wearer
 from stridetwin.sim.wearer.exo_body import add_exoskeleton
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links
-from stridetwin.sim.wearer.own_exo import OwnExo
 from stridetwin.sim.wearer.own_exo_body import add_own_exo
 
 LEG_JOINTS = (
@@ -27,34 +28,6 @@ LEG_JOINTS = (
 )  # fmt: skip
 _TRACKED = ("pelvis", "torso", "head", *(f"{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot", "toe")))
 _TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot")))
-_TOE_SPRING_M = 0.018
-
-
-@dataclass(frozen=True, kw_only=True)
-class Shoe:
-    """Sole in the foot's frame, m: where it ends and where it bends."""
-
-    heel_back_x: float
-    toe_hinge_x: float
-    toe_hinge_z: float
-    toe_tip_x: float
-    half_width: float
-
-    @property
-    def flat_tip_x(self) -> float:
-        """Where the sole begins to curve up; nothing in front of it presses on the ground."""
-        return self.toe_tip_x - _TOE_SPRING_M
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Wearer:
-    """Dimensions of the person and the exoskeleton, as the gait planner needs them."""
-
-    body: Anthropometry
-    girth: float
-    shoe: Shoe
-    ankle_x: float
-    exo: ExoLinks | OwnExo | None
 
 
 def wearer(person: Person, with_exo: bool = True) -> Wearer:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.wearer.actuation import Module
+from stridetwin.sim.exo_description import Module
 from stridetwin.sim.wearer.exoskeleton import CUFF_SHARE, EXO_LEG_BODIES, EXO_LEG_JOINTS, RANGE_RAD, ExoLinks, chain
 from stridetwin.streams.samples import Array
 

@@ -1,27 +1,14 @@
-"""A custom exoskeleton on the wearer: its links, cuffs, motors and sensors, independent of the file format.
-
-Every link has the axes of the wearer's pelvis (x forward, y left, z up) and its origin on its joint while all joints
-are at zero: the user's model is converted to this form (`own_exo_model`), and its rig file adds the rest
-(`own_exo_rig`). Each leg is a chain of hinges that hangs on a base, which is fixed to the pelvis.
-"""
+"""A custom exoskeleton on the wearer: its couplings, and whether its cuffs hold it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
-from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart
-from stridetwin.sim.wearer.actuation import Module
+from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.wearer.coupling import Coupling
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
-
-if TYPE_CHECKING:
-    from stridetwin.sim.wearer.body import Wearer
 
 HIGHEST_HZ = 80.0
 """Highest natural frequency of a leg on its cuffs at which a simulation in steps of 1 ms is stable."""
@@ -29,135 +16,6 @@ LOOSEST = 1e-7
 """Least ratio of smallest to largest stiffness of a leg on its cuffs; below it a joint is not held."""
 _FARTHEST_M = 0.3
 STEP_S = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Shape:
-    """Visual shape of a link.
-
-    Attributes:
-        kind: MuJoCo's type of geom.
-        size: (3,) m, as MuJoCo has it.
-        pos: (3,) m in the link's frame.
-        quat: (4,) w, x, y, z.
-        rgba: (4,).
-        vertices: (V, 3) m of a mesh, otherwise empty.
-        faces: (F, 3) of a mesh, otherwise empty.
-    """
-
-    kind: int
-    size: Array
-    pos: Array
-    quat: Array
-    rgba: Array
-    vertices: Array
-    faces: NDArray[np.int32]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Link:
-    """One rigid link and its hinge.
-
-    Attributes:
-        name: Name of its body.
-        joint: Name of its hinge.
-        offset: (3,) m, origin in the parent's frame.
-        axis: (3,) unit vector.
-        stops: (2,) rad.
-        damping: N m s/rad.
-        friction: N m.
-        armature: kg m².
-        mass: kg.
-        com: (3,) m.
-        inertia: (3, 3) kg m² about the centre of mass.
-        shapes: Visual shapes.
-    """
-
-    name: str
-    joint: str
-    offset: Array
-    axis: Array
-    stops: Array
-    damping: float
-    friction: float
-    armature: float
-    mass: float
-    com: Array
-    inertia: Array
-    shapes: tuple[Shape, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OnLink:
-    """Pose of something on a link: (4, 4) in the frame of the link, with the name of its body."""
-
-    link: str
-    T_link: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cuff:
-    """Coupling of a link to the wearer.
-
-    Attributes:
-        body: Body of the wearer, such as `thigh_l`.
-        link: Name of the link's body.
-        p_in_link: (3,) m.
-        law: (4, 3, 3) stiffness, damping, rotational stiffness and damping, as in `Coupling`.
-        force_cells: Whether it has the force-cell pair of the interaction sensors.
-    """
-
-    body: str
-    link: str
-    p_in_link: Array
-    law: Array
-    force_cells: bool
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OwnExo:
-    """A custom exoskeleton.
-
-    Attributes:
-        source: Name of the model file in errors.
-        rig: Name of the rig file in errors.
-        description: One line.
-        base: Base link, fixed to the pelvis; its offset is in the pelvis' frame, and it has no joint.
-        legs: Links from the base to the tip, by side.
-        cuffs: Cuffs on the legs.
-        modules: Powered joints, by their short name (`hip_l`).
-        motors: Sensor part of each powered joint.
-        encoders: Short names of the joints with an encoder.
-        ahrs: AHRS poses, by place (`back`, `thigh_l`).
-        imus: Poses of additional IMUs, and the part of each.
-    """
-
-    source: str
-    rig: str
-    description: str
-    base: Link
-    legs: Mapping[str, tuple[Link, ...]]
-    cuffs: tuple[Cuff, ...]
-    modules: Mapping[str, Module]
-    motors: Mapping[str, ActuatorPart]
-    encoders: tuple[str, ...]
-    ahrs: Mapping[str, OnLink]
-    imus: Mapping[str, tuple[OnLink, ImuPart]]
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """Names of all links."""
-        return (self.base.name, *(link.name for leg in self.legs.values() for link in leg))
-
-    def body_moved_by(self, name: str) -> str:
-        """Body that the joint with a short name moves."""
-        return next(link.name for leg in self.legs.values() for link in leg if link.joint == hinge_of(name))
-
-
-def hinge_of(name: str) -> str:
-    """Hinge of the joint with a short name: `exo_knee_flexion_l` of `knee_l`."""
-    joint, _, side = name.rpartition("_")
-    return f"exo_{joint}_flexion_{side}"
 
 
 def own_couplings(own: OwnExo, size: Wearer) -> list[Coupling]:

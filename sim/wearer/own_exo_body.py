@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from stridetwin.sim.wearer.own_exo import Link, OwnExo, hinge_of
+from stridetwin.sim.exo_description import Link, OwnExo, hinge_of
 
 
 def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, own: OwnExo) -> None:

@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 import mujoco
 import numpy as np
 
-from stridetwin.sim.wearer.own_exo import Link, Shape
+from stridetwin.sim.exo_description import Link, Shape
 from stridetwin.streams.bounded import read_bytes
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array

@@ -13,10 +13,9 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.exo_description import Cuff, Link, Module, OnLink, OwnExo, hinge_of
 from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
 from stridetwin.sim.parts.library import kind_of, library, part, read_part
-from stridetwin.sim.wearer.actuation import Module
-from stridetwin.sim.wearer.own_exo import Cuff, Link, OnLink, OwnExo, hinge_of
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array

@@ -7,15 +7,8 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.contact_terrain import StepEstimate
-from stridetwin.evaluation.step_scores import (
-    COLUMNS,
-    ScoredStep,
-    displacement_errors,
-    false_steps,
-    score_steps,
-    turned,
-    write_steps,
-)
+from stridetwin.evaluation.step_scores import ScoredStep, displacement_errors, false_steps, score_steps, turned
+from stridetwin.pipeline.step_files import COLUMNS, write_steps
 from stridetwin.streams.samples import Footprint
 from stridetwin.studies.shim2019 import shim_table5
 

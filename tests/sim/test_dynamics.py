@@ -22,7 +22,7 @@ from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
 from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, contact_forces, eliminate, solve
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.coupling import Pose, wrench
-from stridetwin.sim.wearer.exoskeleton import couplings
+from stridetwin.sim.wearer.exo_couplings import couplings
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 

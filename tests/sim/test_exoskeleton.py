@@ -27,6 +27,7 @@ from stridetwin.sim.wearer.actuation import HIP, JOINTS, KNEE, modules
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.body import add_wearer, compile_model, wearer
 from stridetwin.sim.wearer.coupling import Coupling, Pose, strain, wrench
+from stridetwin.sim.wearer.exo_couplings import couplings
 from stridetwin.sim.wearer.exoskeleton import (
     DH_FRAMES,
     DH_SIGNS,
@@ -34,7 +35,6 @@ from stridetwin.sim.wearer.exoskeleton import (
     EXO_LEG_JOINTS,
     R_DH_BODY,
     RANGE_RAD,
-    couplings,
     dh_table,
     forward_kinematics,
     frame_0_in_pelvis,
