@@ -42,7 +42,13 @@ class Run:
 
 
 def run_scenario(
-    scenario: Scenario, seed: int, folder: Path, command: str, progress: Progress, *, pictures: bool = True
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    command: str = "",
+    progress: Progress = lambda stage, share: None,
+    *,
+    pictures: bool = True,
 ) -> Run:
     """Walks, estimates and scores in one go.
 

@@ -45,7 +45,7 @@ def without_cameras(scenario: Scenario) -> Scenario:
     return replace(scenario, config=replace(scenario.config, sensors=sensors))
 
 
-def record(twin: Twin, path: Path, progress: Progress) -> None:
+def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: None) -> None:
     """Lets the twin walk and writes what arrives of what its sensors say, and the truth, as one recording.
 
     Raises:

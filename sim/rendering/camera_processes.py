@@ -1,9 +1,9 @@
 """Cameras rendered by two processes beside the twin's own, so that both cores draw.
 
 Software rendering takes most of the time of a walk with cameras. Each process runs `sim.rendering.rendering` with the
-same Python: it reads the model and its sensors, then chunks of poses, and answers with pictures in order. A picture's noise
-depends on seed, topic and time alone, and exposing is left to this side where the gain follows from the picture before:
-neither the number of processes nor who draws what changes a byte.
+same Python: it reads the model and its sensors, then chunks of poses, and returns the images in order. The noise of an
+image depends on seed, topic and time alone. This side sets the exposure where the gain follows from the previous image.
+So the number of processes changes no byte.
 """
 
 from __future__ import annotations

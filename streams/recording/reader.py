@@ -8,19 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.errors import RecordingError
+from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.recording.index import Problem, TopicInfo
 from stridetwin.streams.recording.mcap_contents import McapContents
 from stridetwin.streams.recording.writer import RIG_NAME, RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 
+if TYPE_CHECKING:
+    import pandas
+
 __all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
+
+
+_COMPONENTS = {1: ("",), 3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
 
 
 class Contents(Protocol):
@@ -142,6 +148,28 @@ class Recording:
         if self._contents.image_times(topic) is not None:
             raise RecordingError(f"{self.path}: {topic} carries images; valid: samples() or images()")
         return self._contents.block(topic)
+
+    def frame(self, topic: str) -> pandas.DataFrame:
+        """All samples of a topic without images as a table, indexed by time in s (`t_s`).
+
+        A column of vectors becomes one column per component: `angular_rate_x`, `_y`, `_z` with three components, `_w`,
+        `_x`, `_y`, `_z` with four, else `_0`, `_1`, ...
+
+        Raises:
+            RecordingError: Unknown topic, or it carries images.
+            StrideTwinError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError as error:
+            raise StrideTwinError("pandas is not installed; get it by pip install 'stridetwin[frames]'") from error
+        block = self.block(topic)
+        columns: dict[str, NDArray[Any]] = {}
+        for name, values in block.columns.items():
+            flat = np.asarray(values).reshape(len(block), -1)
+            labels = _COMPONENTS.get(flat.shape[1], tuple(map(str, range(flat.shape[1]))))
+            columns |= {f"{name}_{label}" if label else name: flat[:, i] for i, label in enumerate(labels)}
+        return pandas.DataFrame(columns, index=pandas.Index(block.t_ns * 1e-9, name="t_s"))
 
     def images(
         self, topic: str, indices: Sequence[int] | None = None, t_ns: Sequence[int] | None = None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stridetwin.cli.main import parser
+from stridetwin.cli.main import parse
 from stridetwin.estimators.dvio.parameters import METHODS, named
 from stridetwin.estimators.methods import current_name
 from stridetwin.studies.registry import read_row
@@ -32,8 +32,8 @@ def test_the_former_name_chooses_the_same_parameters():
 @pytest.mark.parametrize("words", [("estimate", "dvio", "walk.mcap", "-o", "path.txt"), ("live", "dvio")])
 def test_the_command_line_takes_the_former_name(words):
     with pytest.warns(DeprecationWarning, match="proposed"):
-        assert parser().parse_args([*words, "--method", "stridetwin"]).method == "proposed"
-    assert parser().parse_args(words).method == "proposed"
+        assert parse([*words, "--method", "stridetwin"]).options.method == "proposed"
+    assert parse([*words, "--method", "proposed"]).options.method == "proposed"
 
 
 @pytest.mark.parametrize("stem", ["zhao_baselines", "jao_loop_126m", "zhao_closed_loop"])

@@ -1,0 +1,35 @@
+"""The public names; see docs/api/index.md for an example of each."""
+
+from .estimators.base import Declaration as Declaration
+from .estimators.base import Estimator as Estimator
+from .estimators.base import Options as Options
+from .estimators.base import PathEstimate as PathEstimate
+from .estimators.base import Stream as Stream
+from .estimators.registry import estimator as estimator
+from .evaluation.evaluate import Result as Result
+from .evaluation.evaluate import evaluate as evaluate
+from .evaluation.gate.compare import Comparison as Comparison
+from .evaluation.gate.compare import Rules as Rules
+from .evaluation.gate.compare import compare_scores as compare_scores
+from .evaluation.gate.score_table import ScoreTable as ScoreTable
+from .evaluation.gate.score_table import read_table as read_table
+from .pipeline.run import all_paths as all_paths
+from .report.runner import Run as Run
+from .report.runner import run_scenario as run_scenario
+from .scenarios.campaign.campaign_file import load_campaign as load_campaign
+from .scenarios.check import check_recording as check_recording
+from .scenarios.record import make_twin as make_twin
+from .scenarios.record import record as record
+from .scenarios.record import without_cameras as without_cameras
+from .scenarios.scenario_file import Scenario as Scenario
+from .scenarios.scenario_file import load_scenario as load_scenario
+from .scenarios.scenario_file import read_scenario as read_scenario
+from .streams.errors import StrideTwinError as StrideTwinError
+from .streams.formats.opening import open_any as open_any
+from .streams.formats.tum import read_tum as read_tum
+from .streams.formats.tum import write_tum as write_tum
+from .streams.pose import Pose as Pose
+from .streams.recording.reader import Recording as Recording
+from .streams.recording.reader import RecordingWriter as RecordingWriter
+from .streams.rig import Rig as Rig
+from .streams.trajectory import Trajectory as Trajectory
