@@ -2,7 +2,7 @@
 
 A plane n · X = d of the world is π · (x, y, 1) of inverse depth in a camera, π = n_c / (d − n · p_c). It is a state
 from the first keyframe that observes it until its slot is needed. Frames that leave the window leave their information
-on the plane in the prior. a floor constrains tilt and height, and a wall the heading, without drift.
+on the plane in the prior. A floor constrains tilt and height, and a wall the heading, without drift.
 """
 
 from __future__ import annotations
