@@ -1,6 +1,6 @@
-"""The checkerboard on the other shoe in a shoe camera's picture: which corners are seen, where, and how surely.
+"""Detection of the other shoe's checkerboard in a shoe camera's image: corners, their identities and uncertainty.
 
-Which corner is which: either the whole board is seen, or nothing else can be where it was expected.
+Corners are identified if the whole board is visible, or if no other part of it can be near the prediction.
 """
 
 from __future__ import annotations
@@ -19,44 +19,44 @@ from stridetwin.streams.errors import StrideTwinError, check_numbers
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
-_CLEAR = 0.15  # a cell this share of half a step from the middle is clearly bright or dark
-_SPOILT = 3  # cells of a whole board that dirt may spoil: fewer dark ones than any shift would miss
+_CLEAR = 0.15  # least deviation from the mean brightness, in half steps, of a clearly bright or dark cell
+_SPOILT = 3  # cells of a whole board that dirt may hide: fewer dark ones than any shift would miss
 
 
 def is_whole(picture: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
-    """Whether all squares and the margin around them have their colours: then the board lies no other way.
+    """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
     Args:
         picture: (H, W) grey.
         pattern: The board.
-        view: Where it is thought to be.
-        corners: (N, 2) squares, corners that were found.
+        view: Its estimated view.
+        corners: (N, 2) squares, detected corners.
         levels: (N, 2) middle and half step of the brightness at each; both change slowly over a board.
     """
     plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
     middle, step = (_plane(pattern.cells) @ plane).T
     contrast = (sample(picture, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
-    right = contrast * pattern.bright.ravel() > _CLEAR  # false outside the picture
+    right = contrast * pattern.bright.ravel() > _CLEAR  # False outside the image
     return int((~right).sum()) <= _SPOILT
 
 
 def is_alone(pattern: BoardPattern, view: View, which: NDArray[np.intp], near: Array, reach_px: float) -> bool:
-    """Whether the corners that were found can be no others of the same board, as far off as a guess may be.
+    """Whether no other corners of the same board fit within the error of the guess.
 
-    What hides a part of the board may be as white as its margin (the edge of a stair is), so the margin proves nothing:
-    the squares around the corners may be any of the board's with the same colours.
+    An occluder may be as white as the board's margin (a stair edge is), so the margin proves nothing: the squares
+    around the corners may be any of the board's with the same colours.
 
     Args:
         pattern: The board.
-        view: Where it is thought to be.
-        which: (N,) numbers of the corners found.
-        near: (2,) pixels where the board's centre was expected.
-        reach_px: How far off that may be.
+        view: Its estimated view.
+        which: (N,) indices of the detected corners.
+        near: (2,) predicted pixels of the board's centre.
+        reach_px: Largest error of that prediction.
     """
     columns, rows = pattern.shape
     v, u = np.divmod(which, columns)
     j, i = np.mgrid[-v.min() : rows - v.max(), -u.min() : columns - u.max()]
-    others = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))  # the corners' numbers would be greater by (i, j)
+    others = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))  # the corners' indices would be greater by (i, j)
     if not others.any():
         return True
     centres = view.pixels(-np.column_stack([i[others], j[others]]).astype(float))
@@ -75,29 +75,29 @@ _BOX = 12.0  # variance of a Gaussian that blurs as much as a box: its width squ
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Smear:
-    """What blurs a board.
+    """Blur of a board's image.
 
     Attributes:
         blur: (2,) standard deviation of a Gaussian across the edges u = 0 and v = 0, squares.
-        motion: (2,) way along u and v during the exposure, squares, beside that; None = there is none that is known.
+        motion: (2,) motion along u and v during the exposure, squares, in addition; None: not known.
     """
 
     blur: Array
     motion: Array | None
 
     def ways(self, sharp: Array) -> Array:
-        """(2,) ways along u and v, squares, that blur as much a picture whose blur at rest is `sharp` (2,)."""
+        """(2,) motion along u and v, squares, of equal blur, where `sharp` (2,) is the blur at rest."""
         motion = np.zeros(2) if self.motion is None else self.motion
         return np.sqrt(_BOX * np.maximum(self.blur**2 - sharp**2, 0.0) + motion**2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardFit:
-    """What was fitted to a picture.
+    """Result of a fit to an image.
 
     Attributes:
-        view: How the board is seen.
-        which: (N,) numbers of the corners that hold.
+        view: View of the board.
+        which: (N,) indices of the accepted corners.
         corners: (N, saddle.COLUMNS) their fits.
         sd_px: (N,) their standard deviations, pixels.
     """
@@ -110,27 +110,27 @@ class BoardFit:
 
 @dataclass(frozen=True, kw_only=True)
 class BoardDetectorParameters:
-    """What the detector takes for a board.
+    """Parameters of the detector.
 
-    Lengths are in squares where nothing else is said.
+    Lengths are in squares unless stated otherwise.
 
     Attributes:
-        blur_sd: Blur to begin with.
-        sharp_px: Blur of a picture at rest, pixels.
-        flatness: A corner may be this far from a plane board's; 5 standard deviations where that is more.
-        max_misfit: RMS residual of a corner over half its step in brightness.
-        min_contrast: Half a corner's step in brightness over the median of all.
-        min_step: Half the median corner's step in brightness, of 255.
-        max_corner_sd: A corner less certain than this does not count.
-        min_corners: Fewer corners are no sighting.
-        min_smear: A motion along both axes is told from other blur where it is at least this long.
-        max_sharp: A board is smeared where its blur is that of a longer way.
-        max_smear: A board smeared farther than this cannot be read: its squares blend into their neighbours.
+        blur_sd: Initial blur.
+        sharp_px: Blur of an image at rest, pixels.
+        flatness: Largest distance of a corner from a plane board's, or 5 standard deviations if that is more.
+        max_misfit: Largest RMS residual of a corner over half its step in brightness.
+        min_contrast: Least half step in brightness of a corner over the median of all.
+        min_step: Least half step in brightness of the median corner, of 255.
+        max_corner_sd: Corners with a larger standard deviation are rejected.
+        min_corners: Least number of corners of an observation.
+        min_smear: Least motion along both axes that is distinguished from other blur.
+        max_sharp: A board with the blur of a longer motion counts as smeared.
+        max_smear: A board with a longer motion is unreadable: its squares blend into their neighbours.
         max_streak: The same along both axes: along the diagonal squares have one colour, which hides the motion.
-        smeared_share: Share of all corners that a smeared board must show.
+        smeared_share: Least share of all corners that a smeared board must show.
         smeared_misfit: Largest misfit of its median corner.
-        corner_sd_px: Error of a corner beside that which its residuals show, pixels: what is left of lens and print.
-        smear_sd: The same, as a share of the way that blurs the board.
+        corner_sd_px: Error of a corner in addition to its residuals, pixels: remaining errors of lens and print.
+        smear_sd: The same, as a share of the motion that blurs the board.
     """
 
     blur_sd: float = 0.12
@@ -156,12 +156,12 @@ class BoardDetectorParameters:
 
 
 class BoardDetector:
-    """Finds one board in the pictures of one camera; keeps nothing from picture to picture.
+    """Detects one board in the images of one camera; stateless.
 
     Args:
-        board: The board that is looked for; its mount does not matter.
+        board: The board to detect; its mount does not matter.
         camera: The camera as calibrated; its mount does not matter.
-        parameters: What counts as a board.
+        parameters: Of the detector.
 
     Attributes:
         points_in_board: (M, 3) all interior corners in the board's frame, m, y slowest: the order of a guess.
@@ -179,7 +179,7 @@ class BoardDetector:
         self.points_in_board = self._pattern.points_in_board
 
     def predict(self, T_camera_board: ArrayLike) -> Array | None:
-        """(M, 2) pixels at which all corners would be seen, also outside the picture; None behind the camera or board.
+        """(M, 2) pixels of all corners, also outside the image; None if behind the camera or seen from behind.
 
         Args:
             T_camera_board: (4, 4) pose of the board in the camera's optical frame.
@@ -200,25 +200,24 @@ class BoardDetector:
         guess_error_px: float = 40.0,
         motion_px: Array | None = None,
     ) -> BoardSighting | None:
-        """Corners of the board in one picture.
+        """Detects the corners of the board in one image.
 
-        With a guess, that place alone is searched, in a few milliseconds, and a board half out of the picture, half
-        covered or blurred is found as well. Without one, the whole picture is searched for a whole board, in some ten.
+        With a guess, only that region is searched, in a few milliseconds, and a partly visible or blurred board is
+        detected as well. Without one, the whole image is searched for a whole board, in some ten.
 
         Args:
-            image: Grey picture (H, W) of the camera.
-            guess: (M, 2) pixels where the corners are expected, in the order of `points_in_board` (`predict`); NaN
-                counts as no place to search, so nothing is found.
-            guess_error_px: How far off the guess may be, pixels. It may be large against a square where the whole board
-                is seen; a part of the board counts only where no other part could be so near to the guess.
-            motion_px: (2,) how far the board moves in the picture during the exposure, pixels; None = found
-                from the blur.
+            image: Grey image (H, W) of the camera.
+            guess: (M, 2) predicted pixels of the corners, in the order of `points_in_board` (`predict`); NaN
+                means that nothing is searched.
+            guess_error_px: Largest error of the guess, pixels. It may exceed a square if the whole board is visible; a
+                part of the board is accepted only if no other part could be so near to the guess.
+            motion_px: (2,) motion of the board in the image during the exposure, pixels; None = from the blur.
 
         Returns:
-            None where no board is seen, or where it is not certain which corner is which.
+            None if no board is visible, or if the corners cannot be identified with certainty.
 
         Raises:
-            StrideTwinError: A picture of another shape than the camera's, or a guess of another shape than the board's.
+            StrideTwinError: An image of another shape than the camera's, or a guess of another shape than the board's.
         """
         picture = self._grey(image)
         near = None if guess is None else np.mean(guess, axis=0)
@@ -253,7 +252,7 @@ class BoardDetector:
             yield from around(picture, self._pattern, view, error_px)
 
     def _fitted(self, picture: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
-        """The exact view and those of its corners that hold; None if too few do."""
+        """The refined view and its accepted corners; None if there are too few."""
         p, corners = self._parameters, self._pattern.corners
         motion = None if motion_px is None else rough.squares_of(motion_px)
         if motion is not None and not _readable(np.abs(motion), p):
@@ -274,7 +273,7 @@ class BoardDetector:
         )
         ways = smear.ways(sharp)
         fit = self._held(view, fits, ways)
-        for _ in range(_PASSES):  # a view from few corners is not yet good where the others are
+        for _ in range(_PASSES):  # a view from few corners is inaccurate at the others
             if len(fit.which) in (len(corners), 0):
                 break
             closer = View.through(self._lens, corners[fit.which], self._lens.rays(fit.corners[:, :2]))
@@ -287,7 +286,7 @@ class BoardDetector:
         return fit if self._enough(fit, ways) else None
 
     def _held(self, view: View, fits: Array, ways: Array) -> BoardFit:
-        """The corners that are certain enough and lie where those of a plane board do."""
+        """The corners that are certain enough and consistent with a plane board."""
         p, size = self._parameters, view.size_px(self._pattern.corners)
         shown = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
         sd = np.sqrt(shown**2 + p.corner_sd_px**2 + (p.smear_sd * np.linalg.norm(ways) * size) ** 2)
@@ -297,7 +296,7 @@ class BoardDetector:
         return BoardFit(view=view, which=which, corners=fits[which], sd_px=sd[which])
 
     def _enough(self, fit: BoardFit, ways: Array) -> bool:
-        """Whether the corners that hold are a sighting; a smeared board looks much like itself shifted: more must."""
+        """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more."""
         p, count, length = self._parameters, len(fit.which), np.linalg.norm(ways)
         if length <= p.max_sharp:
             return count >= p.min_corners
@@ -305,7 +304,7 @@ class BoardDetector:
         return bool(many and _readable(ways, p) and _misfit(fit.corners) < p.smeared_misfit)
 
     def _smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
-        """What may have blurred the picture: a motion that smears both families of edges has one of two directions."""
+        """Possible blurs: a motion that smears both families of edges has one of two directions."""
         yield Smear(blur=blur, motion=motion)
         ways = Smear(blur=blur, motion=None).ways(sharp)
         if motion is None and ways.min() > self._parameters.min_smear:
@@ -313,7 +312,7 @@ class BoardDetector:
                 yield Smear(blur=sharp, motion=ways * (1.0, sense))
 
     def _fit(self, picture: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
-        """(M, COLUMNS) fits of all corners; OK are those with little misfit and the step that the others have."""
+        """(M, COLUMNS) fits of all corners; OK are those with little misfit and the common step in brightness."""
         p, corners, colour = self._parameters, self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
         fits = saddle_points.fit_corners(
@@ -328,7 +327,7 @@ class BoardDetector:
     def _unmistakable(
         self, picture: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
     ) -> bool:  # fmt: skip
-        """Whether there is no doubt which corner is which."""
+        """Whether the identity of the corners is certain."""
         if near is not None and is_alone(self._pattern, fit.view, fit.which, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]

@@ -1,7 +1,4 @@
-"""A checkerboard as the detector thinks of it, and one view of it: a homography behind a lens.
-
-A camera's lens: pixels to rays and back, for both distortion models of a calibration.
-"""
+"""Model of a checkerboard, its view (a homography behind a lens), and the lens for both distortion models."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array
 
 MODELS = ("radtan", "equidistant")
-_FOLD_STEPS = 200  # how finely a distortion is searched for the angle where it folds back
+_FOLD_STEPS = 200  # samples of the search for the angle at which a distortion folds back
 _TAN_MAX = 4.0  # no shoe camera sees farther off its axis than 76 degrees
 
 
@@ -32,7 +29,7 @@ class Lens:
         reach: Largest length of a ray that the distortion maps one to one.
 
     Raises:
-        ConfigError: A distortion model that is not known.
+        ConfigError: An unknown distortion model.
     """
 
     def __init__(self, camera: CameraCalibration) -> None:
@@ -79,8 +76,8 @@ class Lens:
 
 
 MARGIN = 1
-"""Squares of white around the printed ones: what tells a board from the same board shifted by two squares."""
-_AHEAD = 0.05  # a point counts as before the camera where the homography's scale is this share of that at the centre
+"""White squares around the printed ones; they distinguish a board from the same board shifted by two squares."""
+_AHEAD = 0.05  # least homography scale, relative to the centre, of a point in front of the camera
 
 
 class BoardPattern:
@@ -100,7 +97,7 @@ class BoardPattern:
         bright: (rows + 2, columns + 2) +1 where a cell is bright, -1 where it is dark.
 
     Raises:
-        ConfigError: Fewer than 3 squares along an edge, or an edge that looks the same from both ends.
+        ConfigError: Fewer than 3 squares along an edge, or an edge that is the same from both ends.
     """
 
     def __init__(self, board: Board) -> None:
@@ -124,11 +121,11 @@ class BoardPattern:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """How a board is seen.
+    """View of a board.
 
     Attributes:
         lens: Camera's lens.
-        H: (3, 3) homography from squares to rays; the last coordinate is positive before the camera.
+        H: (3, 3) homography from squares to rays; the last coordinate is positive in front of the camera.
     """
 
     lens: Lens
@@ -136,16 +133,16 @@ class View:
 
     @classmethod
     def through(cls, lens: Lens, squares: Array, rays: Array, tolerance: float = 0.0) -> View | None:
-        """The view that takes (N, 2) squares to (N, 2) rays.
+        """The view that maps (N, 2) squares to (N, 2) rays.
 
         Args:
             lens: Camera's lens.
             squares: Points of the board.
-            rays: Where they are seen.
-            tolerance: Points farther off than this do not count (RANSAC); 0 = all count.
+            rays: Their observations.
+            tolerance: Points farther off are outliers (RANSAC); 0 = all are inliers.
 
         Returns:
-            None where there is no such homography, or where it shows the board from behind.
+            None if there is no such homography, or if it shows the board from behind.
         """
         if len(squares) < 4:
             return None
@@ -157,7 +154,7 @@ class View:
         return cls(lens=lens, H=H) if np.linalg.det(H) < 0 else None  # z of the board points at the camera
 
     def shifted(self, u: float, v: float) -> View:
-        """The view of a board whose origin lies (u, v) squares from that of this one."""
+        """The view of a board with its origin at (u, v) squares from that of this one."""
         return View(lens=self.lens, H=self.H @ np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]]))
 
     def rays(self, squares: Array) -> Array:
@@ -167,7 +164,7 @@ class View:
         return np.where(ahead[:, None], p[:, :2], np.nan) / np.where(ahead, p[:, 2], 1.0)[:, None]
 
     def pixels(self, squares: Array) -> Array:
-        """(N, 2) pixels of (N, 2) points; NaN where they cannot be seen."""
+        """(N, 2) pixels of (N, 2) points; NaN where not visible."""
         return self.lens.pixels(self.rays(squares))
 
     def edges(self, squares: Array) -> Array:
@@ -178,7 +175,7 @@ class View:
         return np.stack([u1 - u0, v1 - v0], axis=1)
 
     def squares_of(self, way_px: Array) -> Array:
-        """(2,) a short way (2,) in pixels at the board's centre, in squares along u and v."""
+        """(2,) a short motion (2,) in pixels at the board's centre, in squares along u and v."""
         u, v = self.edges(np.zeros((1, 2)))[0]
         area = u[0] * v[1] - u[1] * v[0]
         along = [way_px[0] * v[1] - way_px[1] * v[0], u[0] * way_px[1] - u[1] * way_px[0]]
@@ -191,7 +188,7 @@ class View:
 
 
 def sample(picture: NDArray[np.uint8], pixels: Array) -> NDArray[np.float32]:
-    """(N,) brightness at (N, 2) pixels, bilinear; NaN outside the picture."""
+    """(N,) brightness at (N, 2) pixels, bilinear; NaN outside the image."""
     height, width = picture.shape
     inside = np.all((pixels >= 0) & (pixels <= np.array([width - 1, height - 1])), axis=1)  # false for NaN as well
     at = np.where(inside[:, None], pixels, 0.0).astype(np.float32).reshape(-1, 1, 2)
@@ -206,6 +203,6 @@ def lattice(columns: int, rows: int) -> Array:
 
 
 def _checker(columns: int, rows: int) -> Array:
-    """(rows, columns) of +1 and -1 in turn, +1 first."""
+    """(rows, columns) of alternating +1 and -1, +1 first."""
     v, u = np.mgrid[:rows, :columns]
     return 1.0 - 2.0 * ((u + v) % 2)

@@ -1,7 +1,4 @@
-"""Where a sighted board is: its pose from one picture, with the second solution that a plane has, and how surely.
-
-A board in one picture: which corners are seen, in what directions, and how surely.
-"""
+"""An observed board: its corners in one image, its pose with covariance, and the second pose that a plane has."""
 
 from __future__ import annotations
 
@@ -20,11 +17,11 @@ MIN_POINTS, MAX_POINTS = 4, 64
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BoardSighting:
-    """Corners of one board in one picture; each corner's identity is certain, its place is not.
+    """Corners of one board in one image; each corner's identity is certain, its position is not.
 
     Attributes:
-        topic: Stream of the picture.
-        t_ns: Middle of the exposure on the clock of the IMUs (the picture's stamp and `timeshift_cam_imu_s`).
+        topic: Stream of the image.
+        t_ns: Middle of the exposure on the clock of the IMUs (the image's stamp and `timeshift_cam_imu_s`).
         points_in_board: (M, 3) corners in the board's frame, m, 4 ≤ M ≤ 64.
         rays: (M, 2) x / z and y / z of each in the camera's optical frame, lens undistorted.
         ray_sd: (M,) standard deviation of each coordinate of a ray (root mean square of the two), blur included.
@@ -50,15 +47,15 @@ class BoardSighting:
 
 
 CHI2_GATE = 9.0
-"""Solutions are told apart where their squared residuals differ by more than this: 3 standard deviations."""
+"""Solutions are distinguished if their squared residuals differ by more than this: 3 standard deviations."""
 _ROUNDS = 12
 _SETTLED = 1e-9  # m and rad
-_LEAST_SPREAD = 1e-3  # least over greatest extent of the corners: fewer lie on a line and show no plane
+_LEAST_SPREAD = 1e-3  # least over greatest extent of the corners: below, they are collinear and define no plane
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardPose:
-    """One pose that explains a sighting.
+    """One pose that explains an observation.
 
     Attributes:
         T_camera_board: (4, 4) board frame to the camera's optical frame, m.
@@ -72,7 +69,7 @@ class BoardPose:
 
 
 def board_poses(sighting: BoardSighting) -> tuple[BoardPose, ...]:
-    """Every pose that is a local optimum for the corners of one picture, the likeliest first.
+    """All locally optimal poses for the corners of one image, the most likely first.
 
     From far away a plane tilted one way looks nearly like the same plane tilted the other way: both solutions of
     Collins & Bartoli 2014 (IPPE, IJCV 109:252) are refined on the corners, each weighted by its certainty.
@@ -81,7 +78,7 @@ def board_poses(sighting: BoardSighting) -> tuple[BoardPose, ...]:
         sighting: Corners of one board.
 
     Returns:
-        Two poses, or one where both solutions lead to the same; none where the corners lie on a line.
+        Two poses, or one if both solutions converge to the same; none if the corners are collinear.
     """
     points, rays = sighting.points_in_board, sighting.rays
     spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
@@ -107,11 +104,11 @@ def admissible(
 
     Args:
         poses: As `board_poses` returns them.
-        R_camera_board: (3, 3) what is known of the board's orientation, such as from both feet's attitudes.
-        rotation_sd: Its standard deviation about each axis, rad; inf = it tells nothing.
+        R_camera_board: (3, 3) prior of the board's orientation, such as from both feet's attitudes.
+        rotation_sd: Its standard deviation about each axis, rad; inf = no prior.
 
     Returns:
-        Those whose squared residuals, and departure from what is known, are within `CHI2_GATE` of the least.
+        Those whose squared residuals, and deviation from the prior, are within `CHI2_GATE` of the least.
     """
     costs = [pose.chi2 for pose in poses]
     if R_camera_board is not None and np.isfinite(rotation_sd):
@@ -123,7 +120,7 @@ def admissible(
 
 
 def _refined(sighting: BoardSighting, T_camera_board: Array) -> BoardPose | None:
-    """Gauss-Newton from a start; None where it leaves the space before the camera."""
+    """Gauss-Newton from a start; None if the board leaves the space in front of the camera."""
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
     sd = np.broadcast_to(sighting.ray_sd, len(sighting.rays))
     for _ in range(_ROUNDS):
@@ -135,7 +132,7 @@ def _refined(sighting: BoardSighting, T_camera_board: Array) -> BoardPose | None
         by_place = np.zeros((len(z), 2, 3))
         by_place[:, 0, 0] = by_place[:, 1, 1] = 1 / z
         by_place[:, 0, 2], by_place[:, 1, 2] = -x / z**2, -y / z**2
-        by_turn = np.cross(turned[:, None, :], by_place)  # P moves by turn x turned
+        by_turn = np.cross(turned[:, None, :], by_place)  # P moves by rotation x turned
         J = np.concatenate([by_place, by_turn], axis=2) / sd[:, None, None]
         J = J.reshape(-1, 6)
         N = J.T @ J
@@ -151,5 +148,5 @@ def _refined(sighting: BoardSighting, T_camera_board: Array) -> BoardPose | None
 
 
 def _same(a: BoardPose, b: BoardPose) -> bool:
-    """Whether two solutions are one."""
+    """Whether two solutions are the same."""
     return bool(np.abs(a.T_camera_board - b.T_camera_board).max() < 1e-4)

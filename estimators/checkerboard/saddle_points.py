@@ -1,4 +1,4 @@
-"""Where four squares meet: the corner of a checkerboard to a fraction of a pixel, and how surely."""
+"""Subpixel fit of checkerboard corners, with their covariance."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 HALF = 0.55
-"""A corner is fitted to what lies within this many squares of it, along both edges."""
+"""A corner is fitted to the image within this many squares of it, along both edges."""
 X, Y, MEAN, STEP, BLUR_U, BLUR_V, RMS, V_XX, V_XY, V_YY, OK = range(11)
 COLUMNS = 11
 """Columns of a fit: pixel, mean brightness and half the step, blur across both edges (squares), RMS residual,
-covariance of the pixel where every grey value has a variance of 1, and 1 where the fit holds."""
+covariance of the pixel for grey values of variance 1, and 1 if the fit is valid."""
 
 _PARAMETERS = 6  # x, y, mean, contrast, blur across u, blur across v
 _MIN_PIXELS = 12
 _BLUR_LIMITS = (0.02, 0.6)
 _DAMPING = 1e-3
 _LONGEST = 0.2  # step of the corner, squares
-_ROUGH = 2  # rounds before the blur is fitted: far from the corner it would shrink to explain nothing
-_STEP_SD, _MOST_STEPS = 1.5, 12  # steps of an average over a motion: of this many blurs, and how many
-_PLENTY_PX2 = 64.0  # of larger squares that are smeared every other pixel each way will do
+_ROUGH = 2  # rounds before the blur is fitted: far from the corner it would shrink
+_STEP_SD, _MOST_STEPS = 1.5, 12  # steps of an average over a motion: their length in blurs, and their largest number
+_PLENTY_PX2 = 64.0  # larger squares that are smeared use every other pixel each way
 _SETTLED_PX = 3e-3  # Gauss-Newton has converged quadratically: the next step would be a thousandth of this
 
 _Z_MAX, _PER_Z = 4.0, 64
@@ -42,26 +42,25 @@ def fit_corners(
     picture: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
     rounds: int,
 ) -> Array:  # fmt: skip
-    """Fits the brightness around every corner, with the corner's place, two brightnesses and the blur unknown.
+    """Fits the brightness around every corner; unknown are the corner's position, two brightnesses and the blur.
 
-    Around a corner the picture of a checkerboard is a + b s(u) s(v): u and v count squares along the board's axes from
-    the corner, and s is a square wave smoothed by the Gaussian that stands for pixel, lens and motion, whose width
-    differs between the two families of edges. A motion across both families is more than that: it smears the corner
-    along its own direction, so the product is averaged over the way.
-    Gauss-Newton over the pixels within `HALF` squares.
+    Around a corner the image of a checkerboard is a + b s(u) s(v): u and v count squares along the board's axes from
+    the corner, and s is a square wave smoothed by the Gaussian of pixel, lens and motion, whose width differs between
+    the two families of edges. A motion across both families smears the corner along its own direction, so the product
+    is averaged over the motion.
 
     Args:
         picture: (H, W) grey.
-        start: (N, 2) where each corner is expected, pixels.
+        start: (N, 2) predicted corners, pixels.
         edges: (N, 2, 2) one square along u (first row) and along v (second), pixels.
         colour: (N,) +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
-        blur: (2,) standard deviation of the blur across the edges u = 0 and v = 0 to begin with, squares.
-        motion: (2,) way of the board during the exposure along u and v, squares, where `blur` does not hold it.
-        fit_blur: Whether each corner finds its own blur; otherwise it stays as given.
+        blur: (2,) initial standard deviation of the blur across the edges u = 0 and v = 0, squares.
+        motion: (2,) motion of the board during the exposure along u and v, squares, if not part of `blur`.
+        fit_blur: Whether the blur of each corner is fitted; otherwise it is fixed.
         rounds: Most iterations.
 
     Returns:
-        (N, COLUMNS); rows that are not OK left the picture or fit no corner of the right colours.
+        (N, COLUMNS); rows that are not OK left the image or fit no corner of the right colours.
     """
     found = np.zeros((len(start), COLUMNS))
     for n in range(len(start)):
@@ -73,7 +72,7 @@ def fit_corners(
 @cached(_HERE, error_model="numpy")
 def _wave(u: float, sd: float) -> tuple[float, float, float]:
     """Smoothed square wave of period 2 that rises at 0, its slope, and its derivative by sd; for |u| < 2."""
-    first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges whose smoothing reaches u
+    first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges smoothed as far as u
     last = min(math.floor(u + _Z_MAX * sd), 2)
     value, slope, by_sd = float((first + 2) % 2 - (2 - last) % 2), 0.0, 0.0
     sign = 1.0 if first % 2 == 0 else -1.0
@@ -99,7 +98,7 @@ def _fit(
     area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
     if abs(area) < 1.0:
         return
-    ux, uy = edges[1, 1] / area, -edges[1, 0] / area  # gradients of u and v in the picture
+    ux, uy = edges[1, 1] / area, -edges[1, 0] / area  # gradients of u and v in the image
     vx, vy = -edges[0, 1] / area, edges[0, 0] / area
     reach_x = HALF * (abs(edges[0, 0]) + abs(edges[1, 0]))
     reach_y = HALF * (abs(edges[0, 1]) + abs(edges[1, 1]))
@@ -156,7 +155,7 @@ def _fit(
         for j in range(free):
             for k in range(j):
                 N[k, j] = N[j, k]
-        if iteration == 0:  # brightnesses first: the rest has no meaning without them
+        if iteration == 0:  # brightnesses first, as the rest depends on them
             det = N[2, 2] * N[3, 3] - N[2, 3] ** 2
             if det < 1e-9 * N[2, 2] * N[2, 2]:
                 return
@@ -170,7 +169,7 @@ def _fit(
         for j in range(free):
             N[j, j] *= 1.0 + _DAMPING
             N[j, j] += 1e-9
-        if fit_blur:  # weak prior: a corner of few pixels cannot tell its blur
+        if fit_blur:  # weak prior: the blur of a corner of few pixels is not observable
             N[4, 4] += 0.1 * contrast * contrast
             N[5, 5] += 0.1 * contrast * contrast
         step = np.linalg.solve(N, g)

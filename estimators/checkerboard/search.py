@@ -1,4 +1,4 @@
-"""Where a board may be in a picture: candidates only, for the fit of its corners to confirm or to refuse."""
+"""Candidate views of a board in an image; the fit of its corners accepts or rejects them."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from numpy.typing import NDArray
 from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View
 from stridetwin.streams.samples import Array
 
-_PER_SQUARE = 3  # samples along a square while a board is searched
-_MOST_SQUARES = 6  # farthest that a guess may be off
-_LEAST_LIKENESS = 0.35  # correlation of picture and pattern below which there is no board
+_PER_SQUARE = 3  # samples along a square during the search
+_MOST_SQUARES = 6  # largest error of a guess
+_LEAST_LIKENESS = 0.35  # least correlation of image and pattern of a board
 _PEAKS = 3
-_RIVAL = 0.7  # a place less alike than this share of the best is none
+_RIVAL = 0.7  # candidates below this share of the best correlation are dropped
 
 _SADDLE_SCALE_PX = 1.0
-_SADDLES = 160  # strongest saddle points of a picture that are looked at
+_SADDLES = 160  # number of strongest saddle points used
 _OPPOSED = -0.6  # cosine of the doubled angle between the saddles of neighbouring corners: -1 when sharp
 _NEIGHBOURS = 8
 _LEAST_SINE = 0.4  # of the angle between a grid's edges
-_NEAR = 0.3  # a point may be off its place in a grid by this share of the shorter edge
-_LEAST_CROSS = 6  # points of a grid among the nine around a corner, itself included
+_NEAR = 0.3  # largest error of a point in a grid, as a share of the shorter edge
+_LEAST_CROSS = 6  # least number of grid points among the nine around a corner, itself included
 _LEAST_GRID = 14
-_GRIDS = 4  # tried at most in one picture
+_GRIDS = 4  # tried at most in one image
 _QUARTERS = [np.array([[c, s], [-s, c]], dtype=float) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
-"""Quarter turns: which of a grid's edges is the board's u."""
+"""Rotations by 90°: which of a grid's edges is the board's u."""
 
 
 def guessed(pattern: BoardPattern, lens: Lens, corners_px: Array) -> View | None:
-    """The view that predicted pixels (M, 2) of all corners describe; None where they describe none."""
+    """The view from predicted pixels (M, 2) of all corners; None if there is none."""
     if not np.isfinite(corners_px).all():
         return None
     return View.through(lens, pattern.corners, lens.rays(corners_px))
 
 
 def around(picture: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float) -> list[View]:
-    """Views near a guess under which the picture looks like the board, the most alike first.
+    """Views near a guess in which the image correlates with the board, the best first.
 
     Args:
         picture: (H, W) grey.
         pattern: The board.
-        guess: Where it is expected.
-        reach_px: How far off it may be, pixels.
+        guess: Its predicted view.
+        reach_px: Largest error of the guess, pixels.
     """
     size = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)
     if not (size > 0).all():
@@ -54,7 +54,7 @@ def around(picture: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach
 
 
 def anywhere(picture: NDArray[np.uint8], pattern: BoardPattern, lens: Lens) -> list[View]:
-    """Views of the first place where saddle points lie in a grid that looks like the board, the most alike first.
+    """Views of the first grid of saddle points that correlates with the board, the best first.
 
     Args:
         picture: (H, W) grey.
@@ -62,7 +62,7 @@ def anywhere(picture: NDArray[np.uint8], pattern: BoardPattern, lens: Lens) -> l
         lens: Camera's lens.
     """
     columns, rows = pattern.shape
-    some_corner = pattern.corners[(rows // 2) * columns + columns // 2]  # amidst the board
+    some_corner = pattern.corners[(rows // 2) * columns + columns // 2]  # in the middle of the board
     for steps, places in _grids(picture):
         rays, found = lens.rays(places), []
         for quarter in _QUARTERS:
@@ -78,9 +78,9 @@ def anywhere(picture: NDArray[np.uint8], pattern: BoardPattern, lens: Lens) -> l
 def _alike(
     picture: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_u: int, reach_v: int
 ) -> list[tuple[float, View]]:  # fmt: skip
-    """Best correlations of picture and pattern, and the views that have them, shifted by up to some squares.
+    """Best correlations of image and pattern, with their views, shifted by up to some squares.
 
-    The picture is seen through the guess, so that the board lies in it upright and of known size, and compared with
+    The image is rectified by the guess, so that the board is upright and of known size in it, and compared with
     the pattern at every shift (normalised cross-correlation): 1000 shifts in a fraction of a millisecond.
     """
     columns, rows = pattern.bright.shape[1] + 2 * reach_u, pattern.bright.shape[0] + 2 * reach_v
@@ -108,7 +108,7 @@ def _grids(picture: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
     places, turns = _saddle_points(picture)
     apart = places[None] - places[:, None]  # [i, j] from i to j
     distance = np.linalg.norm(apart, axis=2)
-    distance[turns @ turns.T > _OPPOSED] = np.inf  # neighbours on a board are turned against each other
+    distance[turns @ turns.T > _OPPOSED] = np.inf  # neighbours on a board are rotated against each other
     tried = 0
     for i, order in enumerate(np.argsort(distance, axis=1)[:, :_NEIGHBOURS]):
         near = apart[i, order[np.isfinite(distance[i, order])]]
@@ -119,7 +119,7 @@ def _grids(picture: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
         beside = np.flatnonzero(np.abs(across) > _LEAST_SINE * length[0] * length)
         if not len(beside):
             continue
-        # the board is seen from the front: v turns against u as y against x
+        # the board faces the camera: v is rotated against u as y against x
         second = near[beside[0]] * -np.sign(across[beside[0]])
         edges = np.array([near[0], second])
         grid = _grown(places, places[i], edges)
@@ -131,7 +131,7 @@ def _grids(picture: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
 
 
 def _grown(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
-    """The grid (`_grids`) that goes on from one point (2,) with edges (2, 2), as far as there are points for it."""
+    """The grid (`_grids`) grown from one point (2,) with edges (2, 2), as far as there are points for it."""
     steps, found = np.zeros((0, 2)), np.zeros((0, 2))
     for reach in (1, 2, 4, 8):
         j, i = np.mgrid[-reach : reach + 1, -reach : reach + 1]

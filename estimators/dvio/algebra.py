@@ -1,6 +1,6 @@
-"""Rotations and small products for the compiled kernels; a rotation is a matrix, its error a vector on its right.
+"""Rotations and small matrix products: for arrays of many, and for the compiled kernels.
 
-Rotations of many at once, as arrays; `algebra` has those for the compiled kernels.
+A rotation is a matrix; its error is a vector on its right.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def turned(M: Array, v: Array) -> Array:
 
 # Sums may be taken in any order, so that they run on vector units; NaN and infinity keep their meaning.
 REORDERED = {"reassoc", "contract", "nsz"}
-_SMALL = 1e-5  # rad; below it series serve
+_SMALL = 1e-5  # rad; smaller angles use series
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -49,7 +49,7 @@ def skew(v: Array) -> Array:
 
 @njit(error_model="numpy", **INSIDE)
 def mul(A: Array, B: Array) -> Array:
-    """(n, m) product of (n, k) and (k, m); quicker than BLAS where they are small."""
+    """(n, m) product of (n, k) and (k, m); faster than BLAS for small matrices."""
     n, k, m = A.shape[0], A.shape[1], B.shape[1]
     C = np.zeros((n, m))
     for i in range(n):
@@ -62,7 +62,7 @@ def mul(A: Array, B: Array) -> Array:
 
 @njit(error_model="numpy", **INSIDE)
 def put(M: Array, row: int, column: int, block: Array, times: float) -> None:
-    """Writes a block, times a number, into a matrix; quicker than a slice."""
+    """Writes a block, multiplied by a number, into a matrix; faster than a slice."""
     for i in range(block.shape[0]):
         for j in range(block.shape[1]):
             M[row + i, column + j] = times * block[i, j]
@@ -70,7 +70,7 @@ def put(M: Array, row: int, column: int, block: Array, times: float) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def sparse_mul(F: Array, P: Array) -> Array:
-    """(n, m) product of (n, k) and (k, m); what F has of zeros costs nothing."""
+    """(n, m) product of (n, k) and (k, m) that skips the zeros of F."""
     n, k, m = F.shape[0], F.shape[1], P.shape[1]
     C = np.zeros((n, m))
     for i in range(n):
@@ -140,7 +140,7 @@ def logarithm(R: Array) -> Array:
         return v * (t / s)
     if c > 0.0:
         return v
-    # a half turn: R = 2 a aᵀ − 1
+    # rotation by π: R = 2 a aᵀ − 1
     k = 0
     for i in range(1, 3):
         if R[i, i] > R[k, k]:

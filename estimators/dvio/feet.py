@@ -1,4 +1,4 @@
-"""What feet on the ground tell of the motion of a worn camera: a velocity, loose but without drift."""
+"""Velocity of a worn camera from the feet on the ground: noisy but free of drift."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
 from stridetwin.estimators.contact_terrain.speed import LegSpeed, LegSpeeds
 from stridetwin.streams.samples import Array, Sample
 
-_NEAR_S = 0.06  # a velocity this near in time is of the same moment
-_MEMORY_S = 10.0  # over which headings are compared; that of an AHRS drifts
+_NEAR_S = 0.06  # velocities closer in time count as simultaneous
+_MEMORY_S = 10.0  # span over which headings are compared; an AHRS heading drifts
 _ENOUGH = 1.0  # m²/s; about a second of walking
 _ALIKE = 0.9  # mean cosine between the two directions
 _KEPT = 64
@@ -22,11 +22,11 @@ _KEPT = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footing:
-    """What the feet tell at one moment.
+    """Leg measurement at one time.
 
     Attributes:
-        v_in_world: (3,) m/s, of the trunk in the odometry's world; None where its heading is not known there.
-        resting: Whether both feet rest on the ground.
+        v_in_world: (3,) m/s, of the trunk in the odometry's world; None while the heading is unknown there.
+        resting: Whether both feet are stationary on the ground.
     """
 
     v_in_world: Array | None
@@ -34,20 +34,20 @@ class Footing:
 
 
 class Speeds(Protocol):
-    """What makes velocities of samples."""
+    """Computes velocities from samples."""
 
     def update(self, sample: Sample) -> LegSpeed | None:
-        """Takes a sample in order of time; None where it tells no new velocity."""
+        """Takes samples in time order; returns None if there is no new velocity."""
 
 
 class Feet:
-    """Velocities from the legs, turned into the world of the odometry.
+    """Velocities from the legs, rotated into the odometry's world.
 
-    The AHRS have a heading of their own. It is found by comparing directions of motion while the odometry sees well.
+    The AHRS have their own heading. It is estimated by comparing directions of motion while the odometry tracks well.
 
     Args:
-        topics: Streams that it takes.
-        speeds: What makes velocities of their samples.
+        topics: Input streams.
+        speeds: Computes velocities from their samples.
     """
 
     def __init__(self, topics: Iterable[str], speeds: Speeds) -> None:
@@ -58,11 +58,11 @@ class Feet:
 
     @classmethod
     def of(cls, exo: Exoskeleton) -> Feet:
-        """Those of an exoskeleton."""
+        """For an exoskeleton."""
         return cls(exo.topics, LegSpeeds(exo))
 
     def forget(self) -> None:
-        """The odometry's world has another heading from now on."""
+        """Resets the heading: the odometry's world has a new one from now on."""
         self._turn, self._weight, self._last_ns = 0j, 0.0, 0
 
     def take(self, sample: Sample) -> None:
@@ -71,7 +71,7 @@ class Feet:
             self._told.append(told)
 
     def compare(self, t_ns: int, v: Array) -> None:
-        """Takes the odometry's own velocity (3,), m/s, of a time at which it saw well."""
+        """Takes the odometry's velocity (3,), m/s, at a time when it tracked well."""
         leg = self._at(t_ns)
         if leg is None:
             return
@@ -83,7 +83,7 @@ class Feet:
         self._last_ns = t_ns
 
     def at(self, t_ns: int) -> Footing | None:
-        """What the feet tell at a time; None where they tell nothing."""
+        """Leg measurement at a time; None if there is none."""
         leg = self._at(t_ns)
         if leg is None:
             return None

@@ -1,7 +1,4 @@
-"""The depth-enhanced visual-inertial odometry as an estimator: samples in, poses out.
-
-What the odometry tells.
-"""
+"""The depth-enhanced visual-inertial odometry as an estimator: samples in, poses out."""
 
 from __future__ import annotations
 
@@ -33,9 +30,9 @@ TRACKING, COASTING, LOST = "tracking", "coasting", "lost"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DvioEstimate:
-    """What is believed of the camera's IMU after one sample.
+    """Estimated state of the camera's IMU after one sample.
 
-    The world's z axis is up; its origin is where the IMU first was, its x axis points where the camera first looked.
+    The world's z axis is up. Its origin is the IMU's first position; its x axis is the camera's first line of sight.
 
     Attributes:
         t_ns: Time of the sample.
@@ -43,9 +40,8 @@ class DvioEstimate:
         v_imu_in_world: (3,) m/s.
         gyro_bias: (3,) rad/s.
         accel_bias: (3,) m/s².
-        health: `tracking`; `coasting`, where the IMU alone tells the motion, for want of points or of pictures; or
-            `lost`, from a failure on until all is found again: the pose then holds its place, and the covariance says
-            how little that means.
+        health: `tracking`; `coasting`: IMU only, for lack of points or images; or `lost`: from a failure until a new
+            start. While lost, the pose is frozen and its covariance grows accordingly.
     """
 
     t_ns: int
@@ -57,7 +53,7 @@ class DvioEstimate:
 
     @classmethod
     def of(cls, live: Live, health: str, frame: str = "") -> DvioEstimate:
-        """What a propagated state says, copied."""
+        """A copy of a propagated state."""
         T_world_imu, covariance = kernel.told(live)
         t_ns = int(live.t_ns[0])
         return cls(
@@ -90,25 +86,25 @@ class DvioEstimate:
 
 
 MOUNTS = ("head", "chest")
-HELD = 4  # pictures that may wait for the IMU or for their depth; the oldest goes first
+HELD = 4  # images that may wait for the IMU or for their depth; the oldest is dropped first
 
 _WANTED = " or ".join(f"/{m}/color and /{m}/imu" for m in MOUNTS)
 
 
 class Dvio:
-    """Visual-inertial odometry with depth of a camera on head or chest: causal, of constant memory, deterministic.
+    """Visual-inertial odometry with depth for a camera on head or chest: causal, of constant memory, deterministic.
 
-    After Zhao et al. 2023, II-C, and beyond it, see `DvioParameters`. It starts at once where the sensor rests, and
-    in motion as soon as vision and IMU align (`starter`), after about half a second. A picture is used once the IMU has
-    reached its time and its depth is there, or does not come; 6 s late it is of no use. A sample that is not finite, of
-    another size than told, or not later than the last one of its topic is ignored.
+    After Zhao et al. 2023, II-C, with extensions (`DvioParameters`). It starts at once if the sensor is stationary, and
+    in motion once vision and IMU align (`starter`), after about half a second. An image is processed once the IMU has
+    reached its time and its depth has arrived or timed out; one more than 6 s late is discarded. A sample is ignored
+    if it is not finite, of an unexpected size, or not later than the last one of its topic.
 
     Args:
         rig: Calibration.
         options: `method`, one of `METHODS`, and `mount`, `head` or `chest`.
-        parameters: In place of those of the method.
+        parameters: Replace those of the method.
         mount: Deprecated form of `options.mount`.
-        exoskeleton: Whose legs tell the speed, where the parameters have `feet`; its samples are then taken too.
+        exoskeleton: Its legs measure the speed if the parameters have `feet`; its samples are then used too.
 
     Raises:
         ConfigError: An unknown mount, or feet without an exoskeleton.
@@ -179,7 +175,7 @@ class Dvio:
 
     @classmethod
     def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
-        """The path of the camera's IMU over a whole recording; a stereo pair gives the depth where there is none.
+        """The path of the camera's IMU over a whole recording; without a depth stream, a stereo pair gives the depth.
 
         Raises:
             StrideTwinError: A topic or calibration is missing, the method is unknown, or the odometry never starts.
@@ -217,7 +213,7 @@ class Dvio:
     def update(self, sample: Sample) -> DvioEstimate | None:
         """Takes one sample; returns the new estimate after one of the IMU.
 
-        None where the sample is ignored, is a picture (it waits for the IMU), or comes before the start.
+        None if the sample is ignored, is an image (it waits for the IMU), or comes before the start.
 
         Raises:
             StrideTwinError: A sample of another topic.
@@ -243,12 +239,12 @@ class Dvio:
 
     @property
     def time_offset_s(self) -> float:
-        """What t_imu − t_cam is believed to be, s."""
+        """Estimated t_imu − t_cam, s."""
         return float(self._core.window.calibration.offset[0])
 
     @property
     def depth_scale(self) -> float:
-        """What the true over the told depth is believed to be."""
+        """Estimated ratio of true to measured depth."""
         return float(self._core.window.calibration.scale[0])
 
     def _sense(self, sample: Imu) -> DvioEstimate | None:
@@ -281,7 +277,7 @@ class Dvio:
         return DvioEstimate.of(core.live, self._health, self._frame)
 
     def _next(self) -> Picture | None:
-        """The oldest picture whose time the IMU has reached and whose depth is there, or will not come."""
+        """The oldest image whose time the IMU has reached and whose depth has arrived or timed out."""
         if not self._pictures:
             return None
         image, newest = self._pictures[0], self._core.inertial.newest_ns
@@ -306,7 +302,7 @@ class Dvio:
         if t_ns <= before:
             return
         if (t_ns - before) * 1e-9 > self._parameters.recovery.blind_s or not core.joined:
-            # `live` may be ahead of the picture, which comes after later samples of the IMU.
+            # `live` may be later than the image, which can arrive after later IMU samples.
             if core.go_back(t_ns):
                 core.start(picture, core.live.covariance.copy())
                 self._health = TRACKING if core.sees else COASTING
@@ -321,7 +317,7 @@ class Dvio:
             self._lose()
 
     def _begin(self, picture: Picture) -> None:
-        """Starts at a picture: at rest at once, in motion as soon as vision and IMU align, or else as it can."""
+        """Starts at an image: at once if stationary, else once vision and IMU align, else from the mean force."""
         core, p = self._core, self._parameters
         t_ns = core.imu_time(picture.t_ns)
         if not core.inertial.reaches_back(t_ns):
@@ -345,7 +341,7 @@ class Dvio:
             self._begun_ns, self._health = None, TRACKING
 
     def _by_force(self, mean: Array, resting: bool) -> Array:
-        """(15, 15) covariance of a state whose vertical is that of the mean rate and force (6,), now in `live`."""
+        """(15, 15) covariance of a state, now in `live`, with its vertical from the mean rate and force (6,)."""
         live, p = self._core.live, self._parameters
         place, heading_sd = self._kept()
         live.R[:] = _upright(mean[3:], live.R if self._health == LOST else None)
@@ -358,7 +354,7 @@ class Dvio:
         return self._core.start_covariance(place, heading_sd, tilt_sd, speed_sd)
 
     def _by_alignment(self, found: Alignment) -> Array:
-        """(15, 15) covariance of the state that vision and IMU agree on, now in `live`."""
+        """(15, 15) covariance of the state from the alignment of vision and IMU, now in `live`."""
         live = self._core.live
         place, heading_sd = self._kept()
         live.R[:] = _upright(found.up, live.R if self._health == LOST else None)
@@ -366,7 +362,7 @@ class Dvio:
         return found.state_covariance(live.R, place, heading_sd)
 
     def _kept(self) -> tuple[Array, float]:
-        """(3, 3) m² of the place and rad of the heading: how little is known of them after a failure stays."""
+        """(3, 3) m² of position and rad of heading: the uncertainty after a failure persists."""
         live = self._core.live
         if self._health != LOST:
             start_sd = self._parameters.recovery.start_sd
@@ -375,7 +371,7 @@ class Dvio:
         return live.covariance[:3, :3].copy(), float(np.sqrt(up @ live.covariance[3:6, 3:6] @ up))
 
     def _lose(self) -> None:
-        """Holds the last sound pose, little known, until a new start."""
+        """Holds the last valid pose, with a large covariance, until a new start."""
         live, already = self._core.live, self._health == LOST
         self._health, self._begun_ns = LOST, None
         if self._feet is not None:
@@ -383,7 +379,7 @@ class Dvio:
         self._pictures.clear()
         self._starter.forget()
         if already:
-            # Since then the place has become less known, not more.
+            # Since then the position has become less certain.
             return
         live.p[:], live.R[:], live.v[:], live.bias[:] = self._sound_p, self._sound_R, 0.0, 0.0
         of = self._parameters.recovery
@@ -396,10 +392,10 @@ class Dvio:
 
 
 def _upright(force: Array, before: Array | None) -> Array:
-    """(3, 3) world <- IMU whose z axis is along a mean force, with the heading of a rotation before it.
+    """(3, 3) world <- IMU, z axis along a mean force, with the heading of a previous rotation.
 
-    Without, the world's x axis is where the IMU's z axis (a camera's line of sight) points over the ground, or its
-    negative y axis, where that looks straight down.
+    Without one, the world's x axis is the horizontal direction of the IMU's z axis (the camera's line of sight), or of
+    its negative y axis if the camera looks straight down.
     """
     up = force / np.linalg.norm(force)
     forward = np.array([0.0, 0.0, 1.0]) if before is None else before[0]
@@ -411,7 +407,7 @@ def _upright(force: Array, before: Array | None) -> Array:
 
 
 def _mount(rig: Rig, options: Options) -> str:
-    """Who carries the camera: as the options say, else the first that has a camera and an IMU.
+    """Mount of the camera: that of the options, else the first with a camera and an IMU.
 
     Raises:
         StrideTwinError: The rig has no such camera.

@@ -1,9 +1,8 @@
-"""What the IMU says between two frames, that a sensor rests, and the prior: added to the normal equations H d = b.
+"""IMU factors of the window: pre-integration between frames, zero velocity, and the prior, added to H d = b.
 
-IMU pre-integration between two frames (Zhao et al. 2023, what (7) compares with; after Forster et al. 2017).
-
-A sample is the mean over the interval that ends at its stamp, so rate and force are constant over it, and the
-increments of attitude, velocity and position over it are exact to the third order of its turn.
+Pre-integration follows Zhao et al. 2023, (7), after Forster et al. 2017. A sample is the mean over the interval that
+ends at its stamp, so rate and force are constant over it; the increments of attitude, velocity and position over it
+are exact to the third order of its rotation.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ def increment_at(zs: Increment, k: int) -> Increment:
 
 @njit(error_model="numpy", **INSIDE)
 def clear(z: Increment, bias: Array) -> None:
-    """Makes an increment that of no time, with the biases (6,) of gyroscope and accelerometer that it is taken at."""
+    """Resets an increment to zero duration, at the biases (6,) of gyroscope and accelerometer."""
     z.dt[0] = 0.0
     z.alpha[:] = 0.0
     z.beta[:] = 0.0
@@ -66,14 +65,14 @@ def clear(z: Increment, bias: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: float, force_density: float) -> None:
-    """Takes a stretch of constant rate and force into an increment.
+    """Adds an interval of constant rate and force to an increment.
 
     See docs/dvio.md (1)-(3).
 
     Args:
         z: Changed in place.
-        rate: (3,) told angular rate, rad/s.
-        force: (3,) told specific force, m/s².
+        rate: (3,) measured angular rate, rad/s.
+        force: (3,) measured specific force, m/s².
         dt: s.
         rate_density: Noise, rad/s/√Hz.
         force_density: Noise, m/s²/√Hz.
@@ -84,7 +83,7 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
     X, A, G = skew(phi), skew(a[:, 0]), z.gamma.copy()
     X2, turned = mul(X, X), mul(X, a)
     XA, Xa = mul(X, A), skew(turned[:, 0])
-    # mean of the rotation over the stretch, and its mean weighted with time to go
+    # mean of the rotation over the interval, and its mean weighted with the remaining time
     to_v, to_p, v_by_phi, p_by_phi = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -109,7 +108,7 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
     put(B, 3, 0, right_jacobian(phi), -dt)
     put(B, 6, 0, mul(G, v_by_phi), -dt * dt)
     put(B, 6, 3, mul(G, to_v), -dt)
-    # White noise of density s is a bias of standard deviation s / √dt over the stretch.
+    # White noise of density s is a bias of standard deviation s / √dt over the interval.
     by_rate, by_force = rate_density / np.sqrt(dt), force_density / np.sqrt(dt)
     P, by_bias = carried(F, z.covariance), mul(F, z.by_bias)
     for i in range(9):
@@ -149,10 +148,10 @@ def integrate(
         z: Overwritten.
         t_ns: Stamps of the samples, rising.
         samples: Rate (rad/s) and force (m/s²) of each, 6 columns.
-        doubt: Of each: 1 where it was saturated, or stands for missing ones.
-        count: How many of them there are; the first is not later than the start, the last not before the end.
-        start_ns: From.
-        end_ns: To.
+        doubt: Of each: 1 if it is saturated or replaces missing samples.
+        count: Number of samples; the first is not later than the start, the last not before the end.
+        start_ns: Start time.
+        end_ns: End time.
         bias: (6,) of gyroscope and accelerometer.
         noise: Of the sensor.
     """
@@ -167,7 +166,7 @@ def integrate(
             share += (noise.rate_share * (samples[i, k] - bias[k])) ** 2
         rate_density, force_density = np.sqrt(noise.rate**2 + share), noise.force
         if doubt[i]:
-            # A value off by a constant over the stretch, as a density.
+            # A constant error over the interval, as a density.
             rate_density += noise.doubtful_rate * np.sqrt(dt)
             force_density += noise.doubtful_force * np.sqrt(dt)
         advance(z, samples[i, :3], samples[i, 3:], dt, rate_density, force_density)
@@ -187,7 +186,7 @@ def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Arra
         k: Slot.
         terms: Gravity.
         r: (9,) out: position, rotation, velocity.
-        J: (9, 30) out: by the states of both, with the residual's rotation where it is now.
+        J: (9, 30) out: with respect to the states of both, at the residual's current rotation.
         first: Whether Jacobians are taken at first estimates.
     """
     dt = z.dt[0]
@@ -244,7 +243,7 @@ def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Arra
 
 @njit(error_model="numpy", **INSIDE)
 def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> float:
-    """Adds the IMU factor (9) from frame k to the next, with the walk of its biases; returns its cost."""
+    """Adds the IMU factor (9) from frame k to the next, with the random walk of its biases; returns its cost."""
     frames, z = window.frames, increment_at(window.increments, k)
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     motion(frames, z, k, terms, r, J, terms.first_estimates)
@@ -281,7 +280,7 @@ def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> floa
 
 @njit(error_model="numpy", **INSIDE)
 def add_standing(window: Window, k: int, H: Array, b: Array) -> float:
-    """Adds the zero velocity of a frame that is known to stand; returns its cost."""
+    """Adds the zero-velocity update of a frame known to be stationary; returns its cost."""
     frames = window.frames
     if not math.isfinite(frames.still_sd[k]):
         return 0.0
@@ -312,7 +311,7 @@ def add_prior(window: Window, size: int, H: Array, b: Array) -> float:
 
 @njit(error_model="numpy", **INSIDE)
 def errors(window: Window, size: int) -> Array:
-    """(size,) how far the states are from their first estimates; 0 of those that the prior does not speak of."""
+    """(size,) deviation of the states from their first estimates; 0 for those that the prior does not contain."""
     d = np.zeros(size)
     d[:CALIBRATION] = window.calibration.moved
     for k in range(len(window.planes.used)):

@@ -1,4 +1,4 @@
-"""The IMU's newest samples, cleaned, and whether the sensor stands."""
+"""Buffer of the newest valid IMU samples, with detection of a stationary sensor."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
 
-_HELD_S = 6.0  # at least; longer than a start in motion takes, or blind times with a late picture after them
+_HELD_S = 6.0  # at least; longer than a start in motion, or than a gap in vision followed by a late image
 _SATURATED = 0.995
 _MOST = np.repeat([100.0, 1000.0], 3)  # rad/s, m/s²; no head moves faster
 
 
 class Inertial:
-    """A buffer of samples in order of time.
+    """A buffer of samples in time order.
 
-    A sample that is not finite, not possible or not later than the last one is not taken. One that is at the sensor's
-    limit, or that comes after missing ones (it then stands for them, as the mean with the one before), is doubtful.
-    Those of the last 6 s stay, at the told rate.
+    A sample that is not finite, out of range or not later than the last one is rejected. A sample is invalid if it is
+    saturated, or if it follows missing samples (it then replaces them, as the mean with the previous one). Samples of
+    the last 6 s are kept, at the nominal rate.
 
     Args:
         calibration: Rate and ranges.
@@ -65,7 +65,7 @@ class Inertial:
 
     @property
     def staying_ns(self) -> int:
-        """Stamp of the oldest sample that will still be there after the next one."""
+        """Stamp of the oldest sample that remains after the next one."""
         return int(self.t_ns[max(self.count - self._half, 0)])
 
     def gap_s(self) -> float:
@@ -73,7 +73,7 @@ class Inertial:
         return (self.newest_ns - int(self.t_ns[self.count - 2])) * 1e-9 if self.count > 1 else 0.0
 
     def rate_at(self, t_ns: int) -> Array:
-        """(3,) told angular rate about a time, rad/s."""
+        """(3,) measured angular rate near a time, rad/s."""
         i = int(np.searchsorted(self.t_ns[: self.count], t_ns))
         i = min(max(i, 1), self.count - 1)
         share = (t_ns - self.t_ns[i - 1]) / (self.t_ns[i] - self.t_ns[i - 1])
@@ -88,11 +88,11 @@ class Inertial:
         return self.samples[i:j]
 
     def reaches_back(self, t_ns: int) -> bool:
-        """Whether the samples cover all from a time on."""
+        """Whether the samples are complete from a time on."""
         return self.count > 0 and int(self.t_ns[0]) <= t_ns
 
     def still(self, until_ns: int, parameters: DvioParameters) -> bool:
-        """Whether the sensor stood in the last while before a time, by the scatter of its samples."""
+        """Whether the sensor was stationary just before a time, by the scatter of its samples."""
         start = until_ns - round(parameters.still_s * 1e9)
         if not self.reaches_back(start):
             return False

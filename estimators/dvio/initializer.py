@@ -1,11 +1,9 @@
-"""Vision and IMU aligned: what the IMU tells between pictures, laid over structure from motion.
+"""Start in motion: images are collected until structure from motion and the pre-integrated IMU align.
 
-After Qin et al. 2018, _m_V-B, which Zhao et al. 2023 begin with: bias of the gyroscope from the rotations; velocities,
-gravity and, where no depth is told, scale from one linear problem; gravity then held to its size. The last step is
-here the least squares of all of them with the cameras' own uncertainty, the noise of the IMU and what is believed of
-biases and calibration, so that the covariance is that of the problem.
-
-A start in motion: pictures collected until structure from motion and IMU align.
+After Qin et al. 2018, V-B, on which Zhao et al. 2023 build: gyroscope bias from the rotations; velocities, gravity and,
+without depth, scale from one linear problem; then gravity of fixed magnitude. The last step here is the least squares
+of all of them, weighted with the uncertainty of the cameras, the IMU noise, and the priors of biases and calibration.
+Its covariance is that of the whole problem.
 """
 
 from __future__ import annotations
@@ -27,25 +25,29 @@ from stridetwin.estimators.dvio.structure_from_motion import (
 )
 from stridetwin.streams.samples import Array
 
-# Errors that one increment depends on: place and attitude of the two cameras, the two velocities, tilt, biases, scale,
-# the camera's place and attitude on the IMU, time offset.
+# Errors that one increment depends on: position and attitude of the two cameras, the two velocities, tilt, biases,
+# scale, the camera's position and attitude on the IMU, time offset.
 _CAMERA_A, _CAMERA_B, _V_A, _V_B, _TILT, _BIAS, _SCALE, _MOUNT, _OFFSET, _LOCAL = 0, 6, 12, 15, 18, 20, 26, 27, 33, 34
-_STEP = 1e-6  # of the differences that derivatives are taken by
-_STEPS, _LARGE, _ENOUGH = 4, 0.1, 1e-4  # a step below the second is the last, above the first asks for new derivatives
-_WRONG_GRAVITY = 0.3  # share by which the linear problem's gravity may be off
+_STEP = 1e-6  # step of numerical derivatives
+_STEPS, _LARGE, _ENOUGH = (
+    4,
+    0.1,
+    1e-4,
+)  # a step below the last value ends the iteration, one above the second recomputes derivatives
+_WRONG_GRAVITY = 0.3  # relative error allowed for the linear problem's gravity
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Beliefs:
-    """What is known beforehand; standard deviations, of which 0 takes as told.
+    """Prior knowledge; a standard deviation of 0 means exactly known.
 
     Attributes:
         T_imu_camera: (4, 4) camera to IMU.
-        bias: (6,) at which the increments were taken.
+        bias: (6,) at which the increments were integrated.
         bias_sd: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
-        mount_sd: (6,) of the camera's place (m) and attitude (rad) on the IMU.
+        mount_sd: (6,) of the camera's position (m) and attitude (rad) on the IMU.
         offset_sd: Of the camera's clock, s.
-        scale_sd: Of told depths, as a share.
+        scale_sd: Of measured depths, relative.
         gravity: m/s².
     """
 
@@ -60,7 +62,7 @@ class Beliefs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Alignment:
-    """State at the newest picture, in the IMU's axes there.
+    """State at the newest image, in the IMU's axes there.
 
     Attributes:
         up: (3,) away from gravity, of length 1.
@@ -82,11 +84,11 @@ class Alignment:
     misfit: float
 
     def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
-        """(15, 15) of place, attitude (on its right), velocity and biases in a world whose z axis is up.
+        """(15, 15) of position, attitude (on its right), velocity and biases in a world whose z axis is up.
 
         Args:
             R_world_imu: (3, 3).
-            place: (3, 3) of the place, m².
+            place: (3, 3) of the position, m².
             heading_sd: rad.
         """
         J = np.zeros((15, 12))
@@ -105,7 +107,7 @@ class Alignment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _State:
-    """All that is sought, in the IMU's axes at the newest picture's told time; `up` as in `Alignment`."""
+    """All unknowns, in the IMU's axes at the newest image's nominal time; `up` as in `Alignment`."""
 
     R: Array
     p: Array
@@ -120,11 +122,11 @@ class _State:
 
 
 def aligned(structure: Structure, increments: Increment, rates: Array, beliefs: Beliefs) -> Alignment | None:
-    """State at the newest picture; None where what vision and IMU tell does not fit together.
+    """State at the newest image; None if vision and IMU are inconsistent.
 
     Args:
         structure: K ≥ 3 cameras.
-        increments: K − 1 of them, from each picture to the next.
+        increments: K − 1 of them, from each image to the next.
         rates: (K, 3) angular rate at each, rad/s.
         beliefs: About the rig.
     """
@@ -137,7 +139,7 @@ def aligned(structure: Structure, increments: Increment, rates: Array, beliefs: 
 
 
 def gyro_bias(structure: Structure, increments: Increment, beliefs: Beliefs) -> Array:
-    """(3,) rad/s to be added to the bias that the increments were taken at (Qin et al. 2018, (15))."""
+    """(3,) rad/s correction of the bias that the increments were integrated at (Qin et al. 2018, (15))."""
     R_ic = beliefs.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
     over = np.swapaxes(increments.gamma, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
@@ -149,7 +151,7 @@ def gyro_bias(structure: Structure, increments: Increment, beliefs: Beliefs) -> 
 
 
 def _linear(structure: Structure, z: Increment, bias: Array, beliefs: Beliefs) -> _State | None:
-    """Velocities, gravity and scale (Qin et al. 2018, (16)-(19)), these with gravity of any size."""
+    """Velocities, gravity of free magnitude and scale (Qin et al. 2018, (16)-(19))."""
     K = len(structure.R)
     R_ic, p_ic = beliefs.T_imu_camera[:3, :3], beliefs.T_imu_camera[:3, 3]
     R = R_ic @ structure.R @ R_ic.T
@@ -160,7 +162,7 @@ def _linear(structure: Structure, z: Increment, bias: Array, beliefs: Beliefs) -
     A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
     for k in range(K - 1):
         dt, i, j = z.dt[k, 0], 6 * k, 3 * k
-        # rows of both kinds are speeds, m/s
+        # both kinds of rows are speeds, m/s
         A[i : i + 3, j : j + 3] = -np.eye(3)
         A[i : i + 3, -4:-1] = -0.5 * dt * np.eye(3)
         A[i : i + 3, -1] = (cameras[k + 1] - cameras[k]) / dt
@@ -183,12 +185,12 @@ def _linear(structure: Structure, z: Increment, bias: Array, beliefs: Beliefs) -
 
 
 def _refined(s: _State, structure: Structure, z: Increment, rates: Array, beliefs: Beliefs) -> Alignment | None:
-    """Gauss–Newton over all."""
+    """Gauss–Newton over all unknowns."""
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K
     n = TILT + 2 + 6 + 1 + 6 + 1
     free, prior = np.ones(n, bool), np.zeros(n)
-    free[6 * K - 6 : 6 * K] = False  # the newest camera is where all is told from
+    free[6 * K - 6 : 6 * K] = False  # the newest camera is the reference
     told = np.concatenate(
         [beliefs.bias_sd, [beliefs.scale_sd if structure.scaled else np.inf], beliefs.mount_sd, [beliefs.offset_sd]]
     )
@@ -219,7 +221,7 @@ def _refined(s: _State, structure: Structure, z: Increment, rates: Array, belief
         if not np.isfinite(e).all():
             return None
         s = _moved(s, e, K)
-        # Errors of the attitudes add up to the first order, as their information is of that order.
+        # Attitude errors add to first order, as their information is of that order.
         moved += e
         size = np.abs(e[6 * K :]).max()
         large = size > _LARGE
@@ -240,7 +242,7 @@ def _refined(s: _State, structure: Structure, z: Increment, rates: Array, belief
 
 
 def _columns(K: int) -> Array:
-    """(K − 1, 34) which of all errors the increments' own are."""
+    """(K − 1, 34) indices of each increment's errors among all errors."""
     rows = []
     for k in range(K - 1):
         a, v = 6 * k, 6 * K + 3 * k
@@ -256,13 +258,13 @@ def _derived(s: _State, z: Increment, rates: Array, gravity: float) -> tuple[Arr
 
 
 def _mismatch(s: _State, z: Increment, rates: Array, gravity: float, x: Array) -> Array:
-    """(D, K − 1, 9) what the motion between pictures has over what the IMU told of it, for errors (D, 1, 34)."""
+    """(D, K − 1, 9) motion between images minus the IMU's measurement of it, for errors (D, 1, 34)."""
     ic = s.mount_R @ exponentials(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
     scale = s.scale * np.exp(x[..., _SCALE, None])
     up = turned(exponentials(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
     bias = s.bias + x[..., _BIAS : _BIAS + 6]
-    # pose of the IMU at the told time of each picture, in its axes at that of the newest
+    # pose of the IMU at each image's nominal time, in its axes at that of the newest
     back = exponentials(offset * (rates[-1] - bias[..., :3]))
     poses = []
     for k, column in ((slice(0, -1), _CAMERA_A), (slice(1, None), _CAMERA_B)):
@@ -301,10 +303,10 @@ def _moved(s: _State, e: Array, K: int) -> _State:
 
 
 class Starter:
-    """Follows points from picture to picture and keeps what every third or so of them saw: of constant memory.
+    """Tracks points from image to image and keeps the observations of about every third one; constant memory.
 
     Args:
-        core: Its tracker, lens, IMU and calibration serve, as no window needs them yet.
+        core: Provides tracker, lens, IMU and calibration, which no window needs yet.
     """
 
     def __init__(self, core: Core) -> None:
@@ -317,12 +319,12 @@ class Starter:
         self._alive, self._pixels = np.zeros(slots, bool), np.zeros((slots, 2), np.float32)
 
     def forget(self) -> None:
-        """Begins anew."""
+        """Restarts."""
         self._t_ns.clear()
         self._alive[:] = False
 
     def take(self, picture: Picture) -> Alignment | None:
-        """Takes a picture whose time the IMU has reached; returns the state there once it is known well enough."""
+        """Takes an image whose time the IMU has reached; returns the state there once it is certain enough."""
         core, t_ns, p = self._core, self._core.imu_time(picture.t_ns), self._parameters
         heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
         if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < p.gap_s * 1e9):
@@ -343,7 +345,7 @@ class Starter:
         return found if sure else None
 
     def _follow(self, t_ns: int) -> None:
-        """Points of the picture before, from where the gyroscope has them."""
+        """Tracks the points of the previous image, from their gyroscope predictions."""
         ids = np.flatnonzero(self._alive)
         if not len(ids):
             return
@@ -356,7 +358,7 @@ class Starter:
         self._pixels[ids] = there
 
     def _keep(self, picture: Picture, t_ns: int) -> None:
-        """Writes down what is seen, and looks for new points."""
+        """Stores observations and searches for new points."""
         core, c = self._core, self._core.window.calibration
         if len(self._t_ns) == self._parameters.views:
             self._t_ns.pop(0)
@@ -387,7 +389,7 @@ class Starter:
         return aligned(found, increments, np.array([x.rate_at(t) for t in t_ns]), self._beliefs())
 
     def _structure(self) -> Structure | None:
-        """Of at least so many pictures as an alignment needs."""
+        """Structure from at least as many images as an alignment needs."""
         p, K = self._core.parameters, len(self._t_ns)
         often = self._seen[:K].sum(axis=0) > 1
         s = Sightings(

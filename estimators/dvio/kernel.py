@@ -16,7 +16,7 @@ _called = cached(Path(__file__).parent, error_model="numpy")
 
 @_called
 def integrate_into(zs, k, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
-    """`preintegration.integrate` into the `k`-th of some increments, with its weight."""
+    """`imu_factors.integrate` into the `k`-th of some increments, with its inverse covariance."""
     z = imu_factors.increment_at(zs, k)
     imu_factors.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
     z.weight[:] = np.linalg.inv(z.covariance)

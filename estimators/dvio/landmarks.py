@@ -1,7 +1,7 @@
-"""What the camera tells: the normal equations of all sightings and told depths, landmarks eliminated from them.
+"""Camera factors: normal equations of all observations and measured depths, with landmarks eliminated.
 
-Cameras have no velocity and no bias: the equations are those of the calibration and of the frames' poses, six columns
-each, close together, and go into those of all states at the end.
+Camera factors do not depend on velocity or bias. Their equations therefore hold only the calibration and six columns
+per frame pose, and are added to those of all states at the end.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from stridetwin.estimators.dvio.state import CALIBRATION, D_LENS, D_SCALE, FRAME
 from stridetwin.streams.samples import Array
 
 POSE = 6
-_LOOSE = 1e-2  # m²; information on an inverse depth of which nothing is known: a standard deviation of 10/m
-_FIXED = 1e12  # m²; on one that may not change
+_LOOSE = 1e-2  # m²; information on an unknown inverse depth: a standard deviation of 10/m
+_FIXED = 1e12  # m²; on a fixed one
 
 
 class Sightings(NamedTuple):
-    """Normal equations of what is seen, M = 10 + 6 F columns, and what is needed to find the landmarks again.
+    """Normal equations of the observations, M = 10 + 6 F columns, and what is needed to recover the landmarks.
 
     Attributes:
         H: (M, M) of calibration and poses; the lower triangle counts.
         b: (M,).
-        pairs: (F, 22, 24) sums over one host's landmarks, by seer: its Jacobian's products and, in column 22, those
-            with the residual.
+        pairs: (F, 22, 24) sums per host and observing frame: products of the Jacobian and, in column 22,
+                with the residual.
         own: (L,) information on each inverse depth.
         b_own: (L,).
         cross: (L, M) between landmark and the rest.
-        J: (3, 24) room for a sighting's Jacobian and residual.
-        J_own: (3,) room for that by the inverse depth.
+        J: (3, 24) buffer for an observation's Jacobian and residual.
+        J_own: (3,) buffer for its derivative by the inverse depth.
     """
 
     H: Array
@@ -60,7 +60,7 @@ class Sightings(NamedTuple):
 
 
 def blank_sightings(frames: int, landmarks: int) -> Sightings:
-    """Room for F frames and L landmarks."""
+    """Workspace for F frames and L landmarks."""
     m = CALIBRATION + POSE * frames
     return Sightings(
         H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, SIGHT, COLUMNS)), own=np.zeros(landmarks),
@@ -70,7 +70,7 @@ def blank_sightings(frames: int, landmarks: int) -> Sightings:
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last: int, host_depth: bool) -> float:
-    """Adds the sightings (10) and told depths (13), (14) of a landmark; returns their cost.
+    """Adds the observations (10) and measured depths (13), (14) of a landmark; returns their cost.
 
     See docs/dvio.md (7)-(9).
 
@@ -78,10 +78,10 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
         window: Frames and landmarks.
         terms: Which factors there are.
         views: Of the frames.
-        s: Sums by seer, and the landmark's own row.
+        s: Sums per observing frame, and the landmark's own row.
         l: Slot of the landmark.
-        last: Slot of the last frame whose sightings count.
-        host_depth: Whether (11) is there.
+        last: Slot of the last frame whose observations count.
+        host_depth: Whether (11) is used.
     """
     marks, J, Jl = window.landmarks, s.J, s.J_own
     host, xi, scale = marks.host[l], marks.inverse_depth[l], window.calibration.scale[0]
@@ -94,7 +94,7 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
         if terms.depth_fixed:
             own += _FIXED
         elif host_depth:
-            # Scaled on the side of the landmark: a scale on what is told would win by shrinking its noise.
+            # The scale applies to the landmark; on the measurement it would lower the cost by shrinking the noise.
             r = scale * xi - told
             c, w = huber(r * r * terms.depth_weight, terms.depth_limit)
             w *= terms.depth_weight
@@ -158,7 +158,7 @@ def _eliminate(s: Sightings, l: int, host: int, seen: NDArray[np.uint8], last: i
         s: H and b are changed.
         l: Its slot.
         host: Slot of its host.
-        seen: (F,) by which frames it is seen.
+        seen: (F,) frames that observe it.
         last: Slot of the last frame that counts.
     """
     cross, share = s.cross[l], 1.0 / s.own[l]
@@ -191,7 +191,7 @@ def _gather(s: Sightings, host: int, last: int) -> None:
             row = s.H[i]
             for e in range(CALIBRATION):
                 row[e] += pair[a, e]
-            # a host is older than a seer, so that what is filled is the lower triangle, and squares across it
+            # a host is older than its observing frames, so this fills the lower triangle, and full diagonal blocks
             if a >= HOST:
                 for e in range(POSE):
                     row[first + e] += pair[a, HOST + e]
@@ -202,7 +202,7 @@ def _gather(s: Sightings, host: int, last: int) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def usable(window: Window, l: int, last: int) -> bool:
-    """Whether a landmark has a host and is seen by another frame."""
+    """Whether a landmark has a host and is observed by another frame."""
     if window.landmarks.host[l] == NO_HOST or window.landmarks.host[l] > last:
         return False
     others = 0
@@ -223,16 +223,16 @@ def add_sightings(
     H: Array,
     b: Array,
 ) -> float:
-    """Adds all that the camera tells of the landmarks of some hosts, these eliminated; returns its cost.
+    """Adds all camera factors of the landmarks of some hosts and eliminates these landmarks; returns the cost.
 
     Args:
         window: Frames and landmarks.
         terms: Which factors there are.
         views: Of the frames.
-        s: Room.
-        hosts: Landmarks of so many oldest frames count.
-        last: Slot of the last frame whose sightings count.
-        host_depth: Whether (11) is there.
+        s: Workspace.
+        hosts: Number of oldest frames whose landmarks count.
+        last: Slot of the last frame whose observations count.
+        host_depth: Whether (11) is used.
         H: (N, N) of all states, changed; the lower triangle counts.
         b: (N,) changed.
     """
@@ -260,7 +260,7 @@ def add_sightings(
 
 @njit(error_model="numpy", **INSIDE)
 def state(i: int, shared: int) -> int:
-    """Which of all states the i-th of calibration and poses is."""
+    """Index among all states of the i-th of calibration and poses."""
     if i < CALIBRATION:
         return i
     return shared + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE

@@ -1,4 +1,4 @@
-"""The newest state between pictures: propagated with each IMU sample, with its covariance."""
+"""The newest state between images: propagated with each IMU sample, with its covariance."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Live(NamedTuple):
 
 
 def blank_live() -> Live:
-    """At rest at the origin, perfectly known."""
+    """Stationary at the origin, with zero covariance."""
     return Live(
         t_ns=np.zeros(1, np.int64), R=np.eye(3), p=np.zeros(3), v=np.zeros(3), bias=np.zeros(6),
         covariance=np.zeros((FRAME, FRAME)),
@@ -62,7 +62,7 @@ def carry(
 
     Args:
         live: Changed in place.
-        z: Room for the increment.
+        z: Buffer for the increment.
         t_ns: See `integrate`.
         samples: See `integrate`.
         doubt: See `integrate`.
@@ -109,7 +109,7 @@ def carry(
 
 @njit(error_model="numpy", **INSIDE)
 def sound(live: Live) -> bool:
-    """Whether a state can be one of a person."""
+    """Whether a state is physically possible for a person."""
     total = live.p.sum() + live.bias.sum() + live.R.sum() + live.covariance.sum()
     fast = live.v[0] ** 2 + live.v[1] ** 2 + live.v[2] ** 2
     if not (math.isfinite(total) and fast < _FASTEST**2):

@@ -1,4 +1,4 @@
-"""What the window expects of a new frame, and what it makes of what was seen there."""
+"""Predicted landmark observations of a new frame, and outlier removal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stridetwin.streams.samples import Array
 
 @njit(error_model="numpy", **INSIDE)
 def _between(R: Array, p: Array, Rh: Array, ph: Array, c: Calibration) -> tuple[Array, Array]:
-    """From the camera of a pose (Rh, ph) of the IMU to that of another (R, p): (3, 3) rotation and (3,) shift, m."""
+    """Camera at IMU pose (Rh, ph) to camera at IMU pose (R, p): (3, 3) rotation and (3,) translation, m."""
     Rc = np.ascontiguousarray(c.R.T)
     M = mul(np.ascontiguousarray(R.T), Rh)
     return mul(Rc, mul(M, c.R)), rotate(Rc, rotate(M, c.p) + rotate_back(R, ph - p) - c.p)
@@ -36,17 +36,17 @@ def foresee(
     warp: Array,
     known: NDArray[np.uint8],
 ) -> None:
-    """Where landmarks will be seen from a pose, and where they are believed to have been seen from a frame.
+    """Predicts landmark observations from a pose and from an earlier frame.
 
     Args:
         window: Frames, landmarks, calibration.
         R: (3, 3) world <- IMU.
         p: (3,) m.
         before: Slot of the frame.
-        expected: (L, 3) out: x and y on the plane at depth 1 as told, and inverse depth.
+        expected: (L, 3) out: x and y on the plane at depth 1 by the nominal intrinsics, and inverse depth.
         start: (L, 3) out: the same in the frame `before`.
-        warp: (L, 2, 2) out: how the host's picture about the landmark is turned and stretched in the new one.
-        known: (L,) out: 1 where the landmark is before the camera in both.
+        warp: (L, 2, 2) out: affine map from the host's image about the landmark to the new one.
+        known: (L,) out: 1 where the landmark is in front of the camera in both.
     """
     marks, c, f = window.landmarks, window.calibration, window.frames
     n = f.count[0]
@@ -79,17 +79,17 @@ def foresee(
 
 @njit(error_model="numpy", **INSIDE)
 def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[np.uint8]) -> int:
-    """Removes sightings that do not fit what the window believes; a landmark that the newest frame mis-sees is let go.
+    """Removes outlier observations; a landmark that is an outlier in the newest frame is dropped.
 
     Args:
         window: Changed in place.
-        terms: What the factors believe.
-        work: Room.
-        most: Standard deviations.
-        alive: (L,) changed: 0 where following the landmark should stop.
+        terms: Noise model of the factors.
+        work: Workspace.
+        most: Limit, standard deviations.
+        alive: (L,) changed: 0 where tracking of the landmark should stop.
 
     Returns:
-        How many sightings of the newest frame remain.
+        Number of remaining observations of the newest frame.
     """
     cull_planes(window, terms)
     view(window, terms, work.views)
@@ -124,7 +124,7 @@ def cull(window: Window, terms: Terms, work: Work, most: float, alive: NDArray[n
 
 @njit(error_model="numpy", **INSIDE)
 def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
-    """Mean motion of points between two frames that is not due to turning, on the plane at depth 1; and how many.
+    """Mean motion of points between two frames without that of rotation, on the plane at depth 1; and their number.
 
     Args:
         window: Frames and landmarks.

@@ -1,4 +1,4 @@
-"""What the odometry believes about any rig, and the published methods as choices of terms."""
+"""Parameters of the odometry for any rig, and the published methods as choices of factors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class TrackingParameters:
     iterations: int = 12
     """Of optical flow per level."""
     flow_settled_px: float = 0.02
-    """Move below which optical flow stops."""
+    """Optical flow stops at smaller steps."""
     cells_x: int = 10
     """Columns of the grid over which new points are spread."""
     cells_y: int = 8
@@ -35,19 +35,19 @@ class TrackingParameters:
     margin_px: int = 10
     """No new point lies closer to the image's border."""
     settled_px: float = 0.01
-    """Move below which alignment with a patch stops, whole resolution."""
+    """Alignment with a patch stops at smaller steps, whole resolution."""
     coarse_reach_px: float = 8.0
     """Largest move of alignment at half the resolution, pixels of the whole one."""
     coarse_settled_px: float = 0.1
-    """Move below which that stops, pixels of the half resolution."""
+    """This alignment stops at smaller steps, pixels of the half resolution."""
     coarse_likeness: float = 0.6
     """Least correlation with the patch there."""
     fast_threshold: int = 14
     """Grey levels, of the FAST detector."""
     fast_threshold_low: int = 5
-    """The same where the first one finds too few corners."""
+    """The same if the first one finds too few corners."""
     found_share: float = 0.7
-    """With this share of the corners wanted no more are searched for."""
+    """The search stops at this share of the corners wanted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +63,9 @@ class StartParameters:
     gap_s: float = 0.5
     """Points are not followed over a longer gap."""
     tilt_sd_rad: float = 0.03
-    """With a less certain vertical it goes on collecting."""
+    """While the vertical is less certain, collection continues."""
     speed_sd_mps: float = 0.1
-    """The same of the velocity."""
+    """The same for the velocity."""
     misfit: float = 3.0
     """Mean squared residual, in variances, beyond which vision and IMU contradict each other."""
 
@@ -75,23 +75,23 @@ class RecoveryParameters:
     """Gaps, failures and starts without alignment; hand-chosen on tuning seeds."""
 
     same_s: float = 0.012
-    """Colour and depth this near are of one moment: less than half of a frame at 30 Hz."""
+    """Colour and depth closer in time are simultaneous: less than half a frame period at 30 Hz."""
     blind_s: float = 3.0
-    """After this long without an image the window begins anew at the dead-reckoned state."""
+    """After this long without an image the window restarts at the dead-reckoned state."""
     alone_s: float = 0.3
     """After this long without an image the estimate is dead reckoning ..."""
     alone_frames: float = 2.0
     """... or after this many frames of a slow camera."""
     moving_speed_sd_mps: float = 0.5
-    """Speed of a wearer who starts without standing."""
+    """Speed of a wearer at a start in motion."""
     moving_tilt_sd_rad: float = 0.15
     """Error of the mean force as the vertical, in motion."""
     resting_tilt_sd_rad: float = 0.03
-    """The same at rest."""
+    """The same when stationary."""
     start_sd: float = 1e-4
-    """m and rad: the world begins at the first place and heading."""
+    """m and rad: the first position and heading define the world."""
     lost_position_sd_m: float = 0.5
-    """After a failure, beside what was unknown before."""
+    """After a failure, in addition to the previous uncertainty."""
     lost_attitude_sd_rad: float = 0.3
     """Likewise."""
     lost_velocity_sd_mps: float = 1.0
@@ -101,7 +101,7 @@ class RecoveryParameters:
     lost_accel_bias_sd_mps2: float = 0.1
     """After a failure."""
     lost_walk_m_rts: float = 1.0
-    """Growth of the position's error while lost: the wearer walks on."""
+    """Growth of the position error while lost, because the wearer walks on."""
 
 
 def _numbers(parameters: object) -> dict[str, float]:
@@ -115,74 +115,73 @@ class DvioParameters:
     """One set serves head and chest, every gait and room; the defaults are those of the proposed method.
 
     Values without another origin were chosen by hand on twin walks of tuning seeds, below 1000 (docs/dvio.md).
-    Standard deviations are larger than at one instant: errors of one source last (of a patch, of an axis of the IMU),
-    and the window takes them as independent.
+    Standard deviations are larger than at one instant: errors of one source (a patch, an axis of the IMU) correlate
+    in time, and the window treats them as independent.
 
     Attributes:
-        keyframes: In the window, beside the newest frame.
-        landmarks: Followed at a time.
-        landmark_slots: Landmarks in the window, followed or not.
-        steps: Of the optimisation at each frame.
-        keyframe_steps: At each keyframe.
+        keyframes: In the window, in addition to the newest frame.
+        landmarks: Number tracked at a time.
+        landmark_slots: Landmarks in the window, tracked or not.
+        steps: Optimisation steps per frame.
+        keyframe_steps: The same per keyframe.
         cost_tolerance: Relative decrease of the cost at which the iteration stops.
         keyframe_parallax_px: Mean motion of points that makes a frame a keyframe.
-        keyframe_share: Or where less than this share of what the last keyframe saw is still followed.
-        keyframe_s: Or after so long.
-        host_depth: How the host's told depth of a landmark is used: `none` (never), `fixed` (the landmark keeps it),
-            `factor` (11).
-        projection_depth: Whether the depths told in the other frames are used (12).
-        host_depth_in_prior: Whether (11) of a landmark goes into the prior with it; the paper drops it.
-        first_estimates: Jacobians of frames that the prior speaks of stay where they were first taken.
-        standing: Whether a sensor that seems to stand is told to.
-        pixel_noise_px: Of a sighting.
-        sight_limit: Standard deviations beyond which a sighting counts less.
+        keyframe_share: Also a keyframe if less than this share of the last keyframe's points is still tracked ...
+        keyframe_s: ... or after this time.
+        host_depth: Use of the host's measured depth of a landmark: `none`, `fixed` (kept), `factor` (11).
+        projection_depth: Whether the depths measured in the other frames are used (12).
+        host_depth_in_prior: Whether (11) of a landmark is marginalised into the prior; the paper drops it.
+        first_estimates: Jacobians of frames in the prior are kept at the first linearisation point.
+        standing: Whether zero-velocity updates are used.
+        pixel_noise_px: Of an observation.
+        sight_limit: Observations beyond this many standard deviations are down-weighted (Huber).
         inverse_depth_sd_per_m: Of the host's measured inverse depth, 1/m; of a depth z it is this times z².
-        inverse_depth_again_sd_per_m: The same of later frames: many of them say little more than a few.
+        inverse_depth_again_sd_per_m: The same for later frames; larger, because their errors are correlated.
         depth_limit: As `sight_limit`.
-        depth_min_m: Nearest depth that counts, m.
-        depth_max_m: Farthest, m.
-        depth_edge_per_m: Difference of inverse depths about a point that makes an edge, 1/m.
-        cull_sd: Sightings further off are removed, standard deviations.
-        apart_sd: A point that is told so far from the depth that it should have is not followed, standard deviations.
-        gate_px: A point that is seen further from where motion and depth have it is not followed.
-        anchored: Whether a point is aligned with the patch of its host, where it is foreseen or was followed to.
-        anchor_px: Largest move of this.
+        depth_min_m: Nearest depth used, m.
+        depth_max_m: Farthest depth used, m.
+        depth_edge_per_m: Difference of inverse depths about a point that counts as an edge, 1/m.
+        cull_sd: Observations beyond this are removed, standard deviations.
+        apart_sd: A point is dropped if its measured depth is farther from the prediction, standard deviations.
+        gate_px: A point is dropped if it is observed farther from its prediction.
+        anchored: Whether a point is aligned with its host's patch, from its predicted or tracked position.
+        anchor_px: Largest move of this alignment.
         anchor_likeness: Least correlation with the patch.
-        forward_backward_px: Largest distance of a point followed there and back.
+        forward_backward_px: Largest forward-backward error of a tracked point.
         corner_least: Cornerness of a new point, grey levels² a pixel².
-        extrinsic_position_sd_m: How well the camera's place on the IMU is told, m; 0 takes it as told.
-        extrinsic_rotation_sd_rad: rad.
+        extrinsic_position_sd_m: Of the camera's nominal position on the IMU, m; 0: exactly known.
+        extrinsic_rotation_sd_rad: Of its nominal rotation, rad.
         time_offset_sd_s: Of the camera's clock, s.
         depth_scale_sd: Of the depth camera.
-        focal_sd: Of the focal lengths, as a share of each.
+        focal_sd: Of the focal lengths, relative.
         gravity_mps2: m/s².
-        imu_noise_factor: Actual over told noise of the IMU, for scale errors, misalignment and vibration.
-        walk_factor: The same of the walk of its biases.
-        rate_share_rts: Errors of the gyroscope's scale and axes, as noise by the rate itself, √s: 0.56 % over a second.
-        gyro_bias_sd_radps: Turn-on bias, rad/s, where the calibration has less.
-        accel_bias_sd_mps2: Turn-on bias, m/s², where the calibration has less.
-        saturated_rate_sd_radps: Error of a rate that stands for missing or saturated ones, rad/s.
-        saturated_force_sd_mps2: The same of a force, m/s².
-        still_s: How long all must be quiet to stand.
-        still_rate_sd_radps: Largest scatter of the rate of a sensor that stands, rad/s.
+        imu_noise_factor: Actual over nominal noise of the IMU, for scale errors, misalignment and vibration.
+        walk_factor: The same for the random walk of its biases.
+        rate_share_rts: Gyroscope scale and axis errors, as noise proportional to the rate, √s: 0.56 % over a second.
+        gyro_bias_sd_radps: Turn-on bias, rad/s, if the calibration has a smaller one.
+        accel_bias_sd_mps2: Turn-on bias, m/s², if the calibration has a smaller one.
+        saturated_rate_sd_radps: Error of a rate that is saturated or replaces missing samples, rad/s.
+        saturated_force_sd_mps2: The same for a force, m/s².
+        still_s: Time without motion after which the sensor is stationary.
+        still_rate_sd_radps: Largest scatter of the rate of a stationary sensor, rad/s.
         still_force_sd_mps2: Largest scatter of its force, m/s².
-        still_speed_sd_mps: Speed of a sensor that stands, m/s.
-        align_s: In motion, longest wait for pictures to align with the IMU; then the mean force is taken as up.
-        start_s: Span of that mean.
-        max_gap_s: A longer gap of the IMU makes a new start.
-        planes: Whether floors and walls that the depth picture shows are states too.
-        plane_depth_max_m: Farthest depth that counts for them, m; below the sensor's range.
-        plane_doubt: Error of a plane in one picture beyond the noise of its depths: of its direction, rad, and of its
-            distance, as a share.
+        still_speed_sd_mps: Speed of a stationary sensor, m/s.
+        align_s: In motion, longest wait for vision and IMU to align; then the mean force is taken as the vertical.
+        start_s: Duration of that mean.
+        max_gap_s: A longer gap of the IMU causes a new start.
+        planes: Whether floors and walls in the depth image are states too.
+        plane_depth_max_m: Farthest depth used for planes, m; below the sensor's range.
+        plane_doubt: Error of a plane in one image beyond its depth noise: of its direction, rad, and of its distance,
+            relative.
         plane_limit: As `sight_limit`.
-        feet: Whether the legs of an exoskeleton tell the speed, where the camera sees little.
-        feet_speed_sd_mps: Of the speed of the camera about that of the trunk, m/s.
+        feet: Whether the legs of an exoskeleton measure the speed when the camera observes little.
+        feet_speed_sd_mps: Of the camera's speed relative to the trunk, m/s.
         wait_s: Longest wait for the depth image of a colour image.
-        unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, a room.
-        measured_sd: Standard deviations of an inverse depth from which on parallax counts as having measured it.
+        unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, typical of a room.
+        measured_sd: From this many standard deviations of inverse depth on, parallax counts as a measurement.
         still_px: Motion of points per frame up to which the camera may be stationary.
-        predicted_share: Where fewer points than this share are where they were predicted, all are searched for.
-        points_min: With fewer points the IMU is alone.
+        predicted_share: If fewer points than this share are where they were predicted, all are searched for.
+        points_min: With fewer points only the IMU is used.
         observations_min: A frame with fewer counts as dead reckoning.
         tracking: Of the front end.
         start: Of the start in motion.
@@ -280,7 +279,7 @@ class DvioParameters:
         return self.host_depth != "none" or self.projection_depth
 
     def noise(self, imu: ImuCalibration) -> ImuNoise:
-        """Of the samples of an IMU."""
+        """Noise of an IMU's samples."""
         f, w = self.imu_noise_factor, self.walk_factor
         return ImuNoise(
             rate=f * max(imu.gyroscope_noise_density, 1e-5),
@@ -293,7 +292,7 @@ class DvioParameters:
         )
 
     def terms(self, focal_px: float, noise: ImuNoise) -> Terms:
-        """Of the factors, for a camera of some focal length."""
+        """Noise model of the factors for a camera's focal length."""
         return Terms(
             gravity=self.gravity_mps2,
             sight_weight=(focal_px / self.pixel_noise_px) ** 2,
@@ -337,7 +336,7 @@ def named(method: str) -> DvioParameters:
     """The parameters of a method.
 
     Raises:
-        ConfigError: No such method; the message lists those there are.
+        ConfigError: Unknown method; the message lists the available ones.
     """
     method = current_name(method)
     if method not in METHODS:

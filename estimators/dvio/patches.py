@@ -1,10 +1,8 @@
-"""Compiled looks at the patch about a point: how it lies in space, and where another picture shows it.
+"""Compiled image kernels: corner selection, patch alignment, and depth and its slope at points.
 
-Points that are followed from picture to picture drift: each step adds its own error, and after a second the path of a
-point is no longer that of what was first seen there. Aligned with the patch of the frame that first saw it (inverse
-compositional, Baker & Matthews 2004), warped as motion and depth have it (as Forster et al. 2014 do), it stays.
-
-Compiled looks at pictures: the best corner of each cell, and depth where it can be trusted.
+Points tracked from image to image drift, because the errors of the steps add up. Alignment with the patch of the first
+frame (inverse compositional, Baker & Matthews 2004), warped by motion and depth (as Forster et al. 2014), removes the
+drift.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
-_REACH = 3  # px; half of the window in which a corner is judged
+_REACH = 3  # px; half of the window for cornerness
 _DEPTH_REACH = 2
 
 
@@ -51,22 +49,22 @@ def pick(
     wanted: int,
     out: NDArray[np.float32],
 ) -> int:
-    """The best candidates, spread over the picture: the best of each cell that has none, then the next best.
+    """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
     Args:
         grey: (H, W).
         candidates: (N, 2) px.
-        taken: (M, 2) px, points that there are already.
-        columns: Of cells.
-        rows: Of cells.
+        taken: (M, 2) px, existing points.
+        columns: Number of cell columns.
+        rows: Number of cell rows.
         apart: Least distance between two points, px.
-        margin: From the picture's edge, px, ≥ 5.
-        least: Cornerness of a point.
-        wanted: How many.
+        margin: From the image border, px, ≥ 5.
+        least: Least cornerness of a point.
+        wanted: Number of points wanted.
         out: (wanted, 2) px.
 
     Returns:
-        How many there are.
+        Number of points.
     """
     height, width = grey.shape
     n = len(candidates)
@@ -113,14 +111,14 @@ def pick(
 def read_depth(
     depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, spread: float, told: Array
 ) -> None:
-    """Inverse depth at points, where all about them is one smooth surface.
+    """Inverse depth at points on smooth surfaces.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
         points: (N, 2) px.
         least: Nearest depth that counts, m.
         most: Farthest.
-        spread: Largest difference of inverse depths about a point, 1/m; beyond it there is an edge.
+        spread: Largest difference of inverse depths about a point, 1/m; a larger one is an edge.
         told: (N,) out: median of the inverse depths, 1/m; 0 where none.
     """
     height, width = depth.shape
@@ -162,11 +160,11 @@ def _value(grey: NDArray[np.uint8], x: float, y: float) -> float:
 
 
 class Patches(NamedTuple):
-    """What points looked like where they were first seen.
+    """Appearance of points where they were first observed.
 
     Attributes:
-        basis: (L, PIXELS, 3) gradient along x and y, a pixel, and grey value, each less its mean.
-        inverse: (L, 3, 3) of the products of the basis' columns; 0 where they tell no place.
+        basis: (L, PIXELS, 3) gradient along x and y, per pixel, and grey value, each minus its mean.
+        inverse: (L, 3, 3) of the products of the basis' columns; 0 for patches without enough texture.
         power: (L,) sum of the squares of the grey values.
     """
 
@@ -176,18 +174,18 @@ class Patches(NamedTuple):
 
 
 def blank_patches(slots: int) -> Patches:
-    """Patches of nothing."""
+    """Empty patches."""
     return Patches(np.zeros((slots, PIXELS, 3), np.float32), np.zeros((slots, 3, 3)), np.zeros(slots))
 
 
 @njit(error_model="numpy", **INSIDE)
 def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
-    """Keeps the patches about points.
+    """Stores the patches about points.
 
     Args:
         grey: (H, W).
         ids: (N,) slot of each.
-        points: (N, 2) px; where a patch reaches over the picture's edge, the edge goes on.
+        points: (N, 2) px; outside the image, the border is replicated.
         patches: Out.
     """
     height, width = grey.shape
@@ -226,7 +224,7 @@ def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.floa
 def _compare(
     grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
 ) -> tuple[float, float, float, float]:
-    """Products of what is seen about (x, y) with a patch's basis, by column, and with itself, its mean taken off."""
+    """Products of the image about (x, y) with a patch's basis, by column, and with itself, its mean removed."""
     g0, g1, g2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     total, square = np.float32(0.0), np.float32(0.0)
     k = 0
@@ -246,7 +244,7 @@ def _compare(
             g1 += basis[k, 1] * s
             g2 += basis[k, 2] * s
             k += 1
-    # the basis has no mean: what is seen need not lose its own before
+    # the basis has zero mean, so the image's mean need not be removed before
     return float(g0), float(g1), float(g2), float(square - total * total / PIXELS)
 
 
@@ -262,18 +260,18 @@ def align(
     points: NDArray[np.float32],
     good: NDArray[np.bool_],
 ) -> None:
-    """Moves points to where their patches lie.
+    """Aligns points with their patches.
 
     Args:
         grey: (H, W).
-        patches: As kept.
+        patches: As stored by `cut`.
         ids: (N,) slot of each.
-        warps: (N, 2, 2) from the patch's pixels to the picture's.
+        warps: (N, 2, 2) from the patch's pixels to the image's.
         far: Largest move, px.
-        alike: Least correlation of what is seen with the patch.
-        settled: A move as small ends the search, px.
+        alike: Least correlation of the image with the patch.
+        settled: The iteration stops at a smaller move, px.
         points: (N, 2) px, changed.
-        good: (N,) changed: False where a point cannot be aligned; those that are False are left out.
+        good: (N,) changed: False where alignment fails; points that are False on entry are skipped.
     """
     height, width = grey.shape
     for l in range(len(ids)):
@@ -295,7 +293,7 @@ def align(
                 break
             g0, g1, g2, own = _compare(grey, x, y, M, patches.basis[ids[l]])
             likeness = g2 / math.sqrt(own * power + 1e-9)
-            # what is seen: the patch, moved by d and times a gain
+            # image model: the patch, moved by d and scaled by a gain
             d0 = inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2
             d1 = inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2
             gain = inverse[2, 0] * g0 + inverse[2, 1] * g1 + inverse[2, 2] * g2
@@ -319,7 +317,7 @@ def align(
 def read_slope(
     depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, rough: float, slope: Array
 ) -> None:
-    """How the inverse depth changes about points: on a plane it is linear in the picture.
+    """Gradient of the inverse depth about points: on a plane it is linear in the image.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
@@ -327,7 +325,7 @@ def read_slope(
         least: Nearest depth that counts, m.
         most: Farthest.
         rough: Largest mean deviation from a plane, 1/m.
-        slope: (N, 2) out: 1/m a pixel; 0 where no plane is seen.
+        slope: (N, 2) out: 1/m per pixel; 0 where there is no plane.
     """
     height, width = depth.shape
     r, step = _SLOPE_REACH, _SLOPE_STRIDE

@@ -1,4 +1,4 @@
-"""Planes that a depth picture shows: inverse depth is linear over each, so that cells of equal slope grow together."""
+"""Planes in a depth image: inverse depth is linear on each, so cells with the same slope are merged."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
-STEP_PX = 4  # between samples: noise of a stereo camera is alike within its matching window
-_SIDE = 10  # samples of a cell
-_FULL = 0.9  # share of a cell's samples that are told
-_ROUGH = 1.6  # standard deviations of a cell's samples about its plane
-_ALIKE = 14.0  # squared difference of planes over its covariance: 0.3 % of one plane's cells differ more
+STEP_PX = 4  # between samples: the noise of a stereo camera is correlated within its matching window
+_SIDE = 10  # samples per cell side
+_FULL = 0.9  # least share of a cell's samples that are measured
+_ROUGH = 1.6  # largest scatter of a cell's samples about its plane, standard deviations
+_ALIKE = 14.0  # squared Mahalanobis distance of planes: 0.3 % of one plane's cells exceed it
 _LEAST_CELLS = 8
-_SUMS = 11  # of a cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatter about its plane
+_SUMS = 11  # per cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatter about its plane
 
 
 def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
-    """(R, C, 2) px of the samples of a picture (H, W): whole cells of them."""
+    """(R, C, 2) px of the samples of an image (H, W): whole cells of them."""
     rows, columns = (n // (STEP_PX * _SIDE) * _SIDE for n in shape)
     v, u = np.mgrid[:rows, :columns] * STEP_PX + STEP_PX // 2
     return np.stack([u, v], axis=-1).astype(np.float32)
@@ -43,7 +43,7 @@ def inverse_of(s: Array, out: Array) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def _solve(s: Array, inverse: Array, plane: Array) -> bool:
-    """Plane (3,) of some sums, and the inverse of their normal equations."""
+    """Plane (3,) from sums, and the inverse of their normal equations."""
     if not inverse_of(s, inverse):
         return False
     for i in range(3):
@@ -53,7 +53,7 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def _sums(depth: NDArray[np.float32], rays: Array, least: float, most: float, sd: float, cells: Array) -> None:
-    """Sums of each cell, (R, C, 11); no samples counted (the sixth is 0) where it is not full, or rough."""
+    """Sums of each cell, (R, C, 11); the sixth, the number of samples, is 0 if the cell is not full or is rough."""
     inverse, plane = np.empty((3, 3)), np.empty(3)
     for r in range(cells.shape[0]):
         for c in range(cells.shape[1]):
@@ -85,11 +85,11 @@ def _sums(depth: NDArray[np.float32], rays: Array, least: float, most: float, sd
 
 @njit(error_model="numpy", **INSIDE)
 def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) -> float:
-    """Squared difference between the plane of a cell's sums and a region's, over their covariance.
+    """Squared Mahalanobis distance between the plane of a cell's sums and a region's.
 
     Args:
         s: (11,) of the cell.
-        region: (3, 3) inverse of the region's normal equations; 0 takes its plane as true.
+        region: (3, 3) inverse of the region's normal equations; 0 takes its plane as exact.
         variance: Of a sample.
         plane: (3,) of the region.
         room: (2, 3, 3).
@@ -114,7 +114,7 @@ def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) 
 
 @njit(error_model="numpy", **INSIDE)
 def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
-    """Lets a region take in its neighbours that are of its plane, then all other cells that are; returns its size.
+    """Grows a region by neighbours on its plane, then by all other cells on it; returns its size.
 
     Args:
         cells: (R, C, 11) sums.
@@ -148,7 +148,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
                     _solve(total, inverse, plane)
                     count += 1
                     grown = True
-    # What came in early may not be of the plane that the rest has made.
+    # Cells added early may not lie on the final plane.
     inverse[:] = 0.0
     for r in range(rows):
         for c in range(columns):
@@ -170,20 +170,20 @@ def read_planes(
     planes: Array,
     weights: Array,
 ) -> int:
-    """The largest planes of a depth picture; 0.4 ms.
+    """The largest planes of a depth image; 0.4 ms.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
         rays: (R, C, 2) of `sample_pixels` on the plane at depth 1.
         least: Nearest depth that counts, m.
-        most: Farthest: below the sensor's range, at whose end only what is told too near is told.
+        most: Farthest: below the sensor's range, near whose end measured depths are biased towards the camera.
         sd: Of an inverse depth, 1/m.
-        doubt: Of a plane: error of its direction, rad, and of its distance as a share, beyond the samples' noise.
+        doubt: Of a plane: error of its direction, rad, and of its distance, relative, beyond the samples' noise.
         planes: (P, 3) out: inverse depth at (x, y) is its product with (x, y, 1); 1/m, largest first.
         weights: (P, 3, 3) out: inverse of its covariance.
 
     Returns:
-        How many there are.
+        Number of planes.
     """
     rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
@@ -206,7 +206,7 @@ def read_planes(
         n = _grow(cells, group, name, sd * sd, total, plane)
         if n < _LEAST_CELLS or not _solve(total, inverse, plane):
             continue
-        # sorted in by size
+        # insertion sort by size
         at = min(count, len(planes))
         while at > 0 and size[at - 1] < n:
             at -= 1

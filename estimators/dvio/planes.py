@@ -1,8 +1,8 @@
-"""Planes that outlast the window: floors and walls as states, seen as inverse depths that are linear in the picture.
+"""Floors and walls as states that outlast the window, observed as inverse depths that are linear in the image.
 
 A plane n · X = d of the world is π · (x, y, 1) of inverse depth in a camera, π = n_c / (d − n · p_c). It is a state
-from the first keyframe that sees it until its slot is needed: what leaves the window leaves its knowledge of the plane
-in the prior. So a floor holds tilt and height, and a wall the heading, as long as they are seen, with no drift between.
+from the first keyframe that observes it until its slot is needed. Frames that leave the window leave their information
+on the plane in the prior. A floor constrains tilt and height, and a wall the heading, without drift.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from stridetwin.estimators.dvio.state import (
 )
 from stridetwin.streams.samples import Array
 
-# A sighting's Jacobian has columns of the calibration, of the plane, and of the seer's pose.
+# An observation's Jacobian has columns of the calibration, of the plane, and of the observing frame's pose.
 _PLANE, _SEER, COLUMNS = CALIBRATION, CALIBRATION + PLANE, CALIBRATION + PLANE + 6
-_LEAST_DISTANCE = 0.05  # m; of a camera from a plane that it sees
-_TURNED, _OFF = 0.1, 0.15  # rad, m; what is further from a plane is not it, however little is known
-_STRANGE = 16.3  # squared difference over its covariance: 0.1 % of a plane's own sightings differ more
+_LEAST_DISTANCE = 0.05  # m; least distance of a camera from a plane
+_TURNED, _OFF = 0.1, 0.15  # rad, m; a plane farther off never matches, however uncertain
+_STRANGE = 16.3  # chi-square gate: 0.1 % of a plane's own observations exceed it
 
 
 class Room(NamedTuple):
-    """Room for a sighting.
+    """Buffers for an observation.
 
     Attributes:
         r: (3,) residual.
@@ -56,7 +56,7 @@ def _dot(a: Array, b: Array) -> float:
 
 @njit(error_model="numpy", **INSIDE)
 def tangent(n: Array) -> Array:
-    """(2, 3) unit vectors across a unit vector, and across each other."""
+    """(2, 3) unit vectors orthogonal to a unit vector and to each other."""
     k = 0
     for i in range(1, 3):
         if abs(n[i]) < abs(n[k]):
@@ -94,7 +94,7 @@ def _in_camera(window: Window, n: Array, d: float, R: Array, p: Array) -> tuple[
 
 @njit(error_model="numpy", **INSIDE)
 def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room: Room) -> bool:
-    """Residual of a plane seen by a frame, s L π − π_told, and its Jacobian; s scales depth, L the focal lengths.
+    """Residual of a plane observed by a frame, s L π − π_told, and its Jacobian; s scales depth, L the focal lengths.
 
     See docs/dvio.md (12).
 
@@ -103,11 +103,11 @@ def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room:
         terms: Whether Jacobians are taken at first estimates.
         k: Slot of the plane.
         j: Slot of the frame.
-        told: (3,) 1/m.
+        told: (3,) measured plane, 1/m.
         room: Out.
 
     Returns:
-        False where the camera is not before the plane.
+        False if the camera is not in front of the plane.
     """
     f, c, planes, J = window.frames, window.calibration, window.planes, room.J
     lens = (1.0 + c.lens[0], 1.0 + c.lens[1], 1.0)
@@ -126,7 +126,7 @@ def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room:
     if away < _LEAST_DISTANCE:
         return False
     T = tangent(n)
-    # of the distance: by plane, place and attitude
+    # derivatives of the distance by plane, position and attitude
     by_away = np.zeros(COLUMNS)
     for i in range(2):
         by_away[_PLANE + i] = -_dot(T[i], p) - _dot(rotate_back(R, T[i]), c.p)
@@ -160,7 +160,7 @@ def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room:
 
 @njit(error_model="numpy", **INSIDE)
 def _column(i: int, k: int, j: int, shared: int) -> int:
-    """Which of all states a column of a sighting's Jacobian is of."""
+    """Index among all states of a column of an observation's Jacobian."""
     if i < _PLANE:
         return i
     if i < _SEER:
@@ -179,7 +179,7 @@ def _squared(weight: Array, r: Array) -> float:
 
 @njit(error_model="numpy", **INSIDE)
 def add_planes(window: Window, terms: Terms, last: int, H: Array, b: Array) -> float:
-    """Adds the planes that frames up to `last` see; returns the cost."""
+    """Adds the plane observations of frames up to `last`; returns the cost."""
     planes, shared, cost = window.planes, window.shared, 0.0
     room = Room(np.empty(3), np.empty((3, COLUMNS)))
     for k in range(len(planes.used)):
@@ -202,7 +202,7 @@ def add_planes(window: Window, terms: Terms, last: int, H: Array, b: Array) -> f
 
 @njit(error_model="numpy", **INSIDE)
 def cull_planes(window: Window, terms: Terms) -> None:
-    """Removes sightings of planes that do not fit what the window believes."""
+    """Removes outlier observations of planes."""
     planes = window.planes
     room = Room(np.empty(3), np.empty((3, COLUMNS)))
     for k in range(len(planes.used)):
@@ -216,7 +216,7 @@ def cull_planes(window: Window, terms: Terms) -> None:
 def _strangeness(
     window: Window, terms: Terms, L: Array, k: int, j: int, told: Array, cover: Array, room: Room
 ) -> float:
-    """Squared difference of a told plane from a known one, over its covariance; inf where it is far off.
+    """Squared Mahalanobis distance of a measured plane from a known one; inf if it is far off.
 
     Args:
         window: States.
@@ -224,9 +224,9 @@ def _strangeness(
         L: Cholesky factor of the normal equations of all states.
         k: Slot of the known plane.
         j: Slot of the frame.
-        told: (3,) 1/m.
-        cover: (3, 3) covariance of what is told.
-        room: Room.
+        told: (3,) measured plane, 1/m.
+        cover: (3, 3) covariance of the measurement.
+        room: Buffers.
     """
     if not plane_sight(window, terms, k, j, told, room):
         return math.inf
@@ -257,19 +257,19 @@ def _strangeness(
 
 @njit(error_model="numpy", **INSIDE)
 def match_planes(window: Window, terms: Terms, L: Array, told: Array, weights: Array, count: int, new: Array) -> int:
-    """Counts planes told in the newest frame as sightings of the known ones that they can be.
+    """Associates planes measured in the newest frame with known ones.
 
     Args:
         window: Its planes are changed in place.
         terms: As of `plane_sight`.
         L: Cholesky factor of the normal equations of all states.
-        told: (P, 3) 1/m.
+        told: (P, 3) measured planes, 1/m.
         weights: (P, 3, 3) inverse of the covariance of each.
-        count: How many there are.
-        new: (P,) out: which of them are of no known plane.
+        count: Number of measured planes.
+        new: (P,) out: which of them match no known plane.
 
     Returns:
-        How many are of none.
+        Number of planes without a match.
     """
     planes, j, strangers = window.planes, window.frames.count[0] - 1, 0
     room = Room(np.empty(3), np.empty((3, COLUMNS)))
@@ -296,7 +296,7 @@ def match_planes(window: Window, terms: Terms, L: Array, told: Array, weights: A
 
 @njit(error_model="numpy", **INSIDE)
 def found_plane(window: Window, k: int, told: Array, weight: Array) -> None:
-    """A new plane in slot `k`, where the newest frame tells it; (3,) 1/m and (3, 3) inverse covariance."""
+    """Adds a new plane in slot `k` as measured in the newest frame: (3,) 1/m and (3, 3) inverse covariance."""
     f, c, planes = window.frames, window.calibration, window.planes
     j = f.count[0] - 1
     R, p = at_exposure(f, j, c.offset[0])
@@ -316,7 +316,7 @@ def found_plane(window: Window, k: int, told: Array, weight: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def move_planes(window: Window, step: Array) -> None:
-    """Takes a step (N,) of all states."""
+    """Applies a step (N,) of all states."""
     planes = window.planes
     for k in range(len(planes.used)):
         if not planes.used[k]:
@@ -334,7 +334,7 @@ def move_planes(window: Window, step: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def hold_planes(window: Window, H: Array) -> None:
-    """From now on the prior H speaks of the planes that it has; their Jacobians stay where they are first taken."""
+    """Marks the planes in the prior H: their Jacobians stay at the first linearisation point from now on."""
     planes = window.planes
     for k in range(len(planes.used)):
         o = CALIBRATION + PLANE * k
@@ -345,10 +345,10 @@ def hold_planes(window: Window, H: Array) -> None:
 
 
 def free_slot(window: Window) -> int | None:
-    """A slot for a new plane, if need be that of the one unseen for longest; None where the window sees all of them."""
+    """A slot for a new plane, if need be that of the one unseen for longest; None if all are observed."""
     planes, n = window.planes, int(window.frames.count[0])
     unseen = ~planes.seen[:, :n].any(axis=1)
-    # A plane that the prior does not know and that no frame sees any more is nothing.
+    # A plane that neither the prior nor any frame contains carries no information.
     planes.used[unseen & (planes.held == 0)] = 0
     free = np.flatnonzero(planes.used == 0)
     if len(free):
@@ -362,7 +362,7 @@ def free_slot(window: Window) -> int | None:
 
 
 def forget_plane(window: Window, k: int) -> None:
-    """Marginalises a plane that no frame of the window sees out of the prior."""
+    """Marginalises a plane that no frame of the window observes out of the prior."""
     planes, H, b = window.planes, window.prior.H, window.prior.b
     own = slice(CALIBRATION + PLANE * k, CALIBRATION + PLANE * (k + 1))
     if planes.held[k]:

@@ -1,4 +1,4 @@
-"""What cameras see: where a landmark lies in a picture, its residuals and their Jacobians."""
+"""Camera projection: a landmark's image position, its residuals and their Jacobians."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from stridetwin.estimators.dvio.algebra import exponential, mul, rotate
 from stridetwin.estimators.dvio.state import CALIBRATION, D_LENS, D_OFFSET, D_SCALE, Calibration, Frames, Terms, Window
 from stridetwin.streams.samples import Array
 
-# A sighting's Jacobian has columns of the calibration, then of the host's pose, then of the seer's; the residual comes
-# after them, and a column that fills the vector units' width.
+# An observation's Jacobian has columns of the calibration, then of the host's pose, then of the observing frame's. The
+# residual follows, then a column that pads to the width of the vector units.
 HOST, SEER, SIGHT = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
 RESIDUAL, COLUMNS = SIGHT, SIGHT + 2
-_LEAST_DEPTH = 1e-3  # of a point before the camera, over the host's depth
+_LEAST_DEPTH = 1e-3  # least depth of a point in front of the camera, relative to the host's depth
 
 
 class Views(NamedTuple):
-    """Cameras of the window's frames, now and where Jacobians are taken, and from each to every later one.
+    """Cameras of the window's frames, at the current and the linearisation states, and from each to every later one.
 
-    A host is older than who sees its landmarks.
+    A host is older than the frames that observe its landmarks ("seers").
 
     Attributes:
         turn: (F, F, 3, 3) seer's camera <- host's camera.
@@ -54,7 +54,7 @@ def blank_views(frames: int) -> Views:
 
 @njit(error_model="numpy", **INSIDE)
 def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
-    """Pose of a frame's IMU when its picture was taken, by what the time offset is believed to be now.
+    """Pose of a frame's IMU when its image was taken, by the current estimate of the time offset.
 
     See docs/dvio.md (5).
 
@@ -96,7 +96,7 @@ def view(window: Window, terms: Terms, views: Views) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
-    """Where a sighting (2,) lies on the plane at depth 1, by what the focal lengths are believed to be."""
+    """An observation (2,) on the plane at depth 1, by the current estimate of the focal lengths."""
     return at[0] * (1.0 + calibration.lens[0]), at[1] * (1.0 + calibration.lens[1])
 
 
@@ -104,20 +104,20 @@ def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
 def seen_at(
     views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float
 ) -> tuple[float, float, float, bool]:
-    """Where a landmark is seen, as (8), with the division by the depth that (1) has.
+    """Projection of a landmark, as (8), with the division by the depth that (1) has.
 
     See docs/dvio.md (6).
 
     Args:
         views: Of the frames.
         host: Slot of the frame in whose camera the landmark lies along (x, y, 1).
-        seer: Slot of the frame that sees it.
+        seer: Slot of the observing frame.
         x: On the plane at depth 1.
         y: On it.
         inverse_depth: In the host's camera, 1/m.
 
     Returns:
-        x and y on the plane at depth 1 and inverse depth in the seer's camera, and whether it lies before it.
+        x and y on the plane at depth 1 and inverse depth in the seer's camera, and whether it is in front of it.
     """
     A, s = views.turn[host, seer], views.shift[host, seer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
@@ -132,7 +132,7 @@ def seen_at(
 def sight(
     window: Window, views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float, J: Array, Jl: Array
 ) -> bool:
-    """Jacobians of what `seen_at` gives. Written out: it runs a thousand times a picture, and room is slow to get.
+    """Jacobians of `seen_at`. Written out: it runs a thousand times per image, and allocation is slow.
 
     Args:
         window: Frames and calibration.
@@ -146,7 +146,7 @@ def sight(
         Jl: (3,) out: by the inverse depth.
 
     Returns:
-        False where the landmark is not before the camera; then nothing is written.
+        False if the landmark is not in front of the camera; then nothing is written.
     """
     frames, c = window.frames, window.calibration
     A, s = views.turn_first[host, seer], views.shift_first[host, seer]
@@ -170,7 +170,7 @@ def sight(
             J[i, j] = xi * (CR[i, j] - R[j, i])
             J[i, a + j] = xi * C[i, j]
             J[i, b + j] = -xi * C[i, j]
-        # -A [m]x, to which [q]x comes, and -CR [h]x
+        # -A [m]x, to which [q]x is added, and -CR [h]x
         J[i, 3] = A[i, 2] * y - A[i, 1]
         J[i, 4] = A[i, 0] - A[i, 2] * x
         J[i, 5] = A[i, 1] * x - A[i, 0] * y
@@ -210,7 +210,7 @@ def sight(
 
 @njit(error_model="numpy", **INSIDE)
 def huber(squared: float, limit: float) -> tuple[float, float]:
-    """Cost and weight of a residual of so many standard deviations, squared."""
+    """Huber cost and weight of a squared residual in variances."""
     if squared <= limit * limit:
         return 0.5 * squared, 1.0
     size = math.sqrt(squared)

@@ -1,4 +1,4 @@
-"""One picture after the other into the sliding window."""
+"""The sliding window's core: takes one image after the other, tracks points and optimises."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from stridetwin.estimators.dvio.tracker import Lens, Tracker
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array
 
-_TAKEN_AS_TOLD = 1e-7  # standard deviation of what is not estimated
+_TAKEN_AS_TOLD = 1e-7  # standard deviation of quantities that are not estimated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Picture:
-    """One picture of the camera.
+    """One image of the camera.
 
     Attributes:
         t_ns: On the camera's clock.
@@ -50,13 +50,13 @@ class Picture:
 
 
 class Core:
-    """The window, what follows points into it, and the state that its newest frame leads to.
+    """The window, its point tracker, and the state propagated from its newest frame.
 
     Args:
         camera: Calibration.
         imu: Calibration.
         T_imu_camera: (4, 4) camera to IMU.
-        parameters: What holds for any rig.
+        parameters: Parameters for any rig.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Core:
         self._work = blank_work(self._frames, slots, planes)
         self.window: Window = blank_window(self._frames, slots, T_imu_camera, camera.timeshift_cam_imu_s, planes)
         self.live: Live = blank_live()
-        # `live` at the newest frame, or later, as far back as the IMU's samples stay: where a late picture begins anew
+        # `live` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
         self._behind: Live = blank_live()
         self._room = blank_increment()
         self._alive = np.zeros(slots, np.uint8)
@@ -96,14 +96,14 @@ class Core:
         return self.seen >= self.parameters.observations_min
 
     def imu_time(self, t_ns: int) -> int:
-        """A stamp of the camera on the IMU's clock, by what the offset is believed to be."""
+        """A camera stamp on the IMU's clock, by the estimated offset."""
         return t_ns + round(self.window.calibration.offset[0] * 1e9)
 
     def start(self, picture: Picture, covariance: Array) -> None:
-        """Begins a window with a picture, at what `live` says.
+        """Begins a window with an image, at the state `live`.
 
         Args:
-            picture: The first.
+            picture: The first image.
             covariance: (15, 15) of the state.
         """
         w, p = self.window, self.parameters
@@ -138,7 +138,7 @@ class Core:
         self.seen = int(self._alive.sum())
 
     def start_covariance(self, place: Array, heading_sd: float, tilt_sd: float, speed_sd: float) -> Array:
-        """(15, 15) of a state of which only the biases' own spread is known.
+        """(15, 15) of a state with biases of their a-priori spread.
 
         Args:
             place: (3, 3) m².
@@ -155,12 +155,12 @@ class Core:
         return P
 
     def take(self, picture: Picture, still: bool, footing: Footing | None = None) -> None:
-        """Takes the next picture; the IMU has been heard up to its time.
+        """Takes the next image; the IMU samples up to its time are already here.
 
         Args:
-            picture: The next.
-            still: Whether the IMU seems to rest.
-            footing: What the feet tell of that time, for where the camera sees little.
+            picture: The next image.
+            still: Whether the IMU is stationary.
+            footing: Leg measurement at that time, used when the camera observes little.
         """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1
@@ -205,11 +205,11 @@ class Core:
     def carry(self, until_ns: int) -> None:
         """Propagates `live` to a time that the IMU has reached."""
         self._carry(self.live, until_ns)
-        # What no sample reaches back to could not be carried any more.
+        # A state older than the samples could not be propagated any more.
         self._carry(self._behind, self.inertial.staying_ns)
 
     def go_back(self, t_ns: int) -> bool:
-        """Sets `live` to what the IMU leads to at a time since the newest frame; False where that is too long ago."""
+        """Sets `live` to the propagated state at a time since the newest frame; False if that is too long ago."""
         if t_ns < self._behind.t_ns[0]:
             return False
         for a, b in zip(self.live, self._behind, strict=True):
@@ -225,13 +225,13 @@ class Core:
 
     @property
     def joined(self) -> bool:
-        """Whether the IMU's samples cover all since the frame that the next picture's is joined to."""
+        """Whether the IMU samples are complete since the frame to which the next image's frame will be linked."""
         f = self.window.frames
         return self.inertial.reaches_back(int(f.t_ns[f.count[0] - (1 if self._newest_is_key else 2)]))
 
     @property
     def sound(self) -> bool:
-        """Whether the newest state can be one of a person."""
+        """Whether the newest state is physically possible for a person."""
         return bool(kernel.sound(self.live))
 
     def _carry(self, state: Live, until_ns: int) -> None:
@@ -262,17 +262,17 @@ class Core:
         f.still_sd[slot] = np.inf
 
     def _hold(self, slot: int) -> None:
-        """From now on the prior speaks of a frame: its Jacobians stay at what it is now."""
+        """Marks a frame as in the prior: its Jacobians stay at its current state."""
         f = self.window.frames
         f.held[slot] = 1
         f.R_first[slot], f.p_first[slot], f.v_first[slot] = f.R[slot], f.p[slot], f.v[slot]
         f.bias_first[slot], f.moved[slot] = f.bias[slot], 0.0
 
     def _tell_speed(self, slot: int, v: Array | None) -> None:
-        """What is told of the velocity (3,) of the newest frame, m/s, or nothing, as a prior of that frame."""
+        """Sets the measured velocity (3,) of the newest frame, m/s, or none, as a prior of that frame."""
         f, prior, first = self.window.frames, self.window.prior, self.window.shared + FRAME * slot
         own = slice(first, first + FRAME)
-        # Another frame may have had this slot.
+        # The slot may have held another frame before.
         prior.H[own], prior.H[:, own], prior.b[own] = 0.0, 0.0, 0.0
         if v is None:
             return
@@ -292,7 +292,7 @@ class Core:
         return state
 
     def _follow(self, picture: Picture, foreseen: Live, before: int, slot: int) -> float:
-        """Follows landmarks into the picture and writes what was seen into the slot; returns how far they moved, px."""
+        """Tracks landmarks into the image and stores their observations in the slot; returns their mean motion, px."""
         w, marks, p = self.window, self.window.landmarks, self.parameters
         n = len(marks.host)
         expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
@@ -311,7 +311,7 @@ class Core:
         elsewhere = good.sum() < p.predicted_share * len(ids)
         if elsewhere:
             there, good = self.tracker.follow(was, foreseen_at)
-        # What moves by itself is elsewhere than the wearer's own motion and the point's depth have it.
+        # Reject moving points: they are not where the wearer's motion and the point's depth predict them.
         off = np.linalg.norm(there - foreseen_at, axis=1)
         speed_sd = float(np.sqrt(np.trace(self.live.covariance[6:9, 6:9])))
         dt = (foreseen.t_ns[0] - w.frames.t_ns[before]) * 1e-9
@@ -326,7 +326,7 @@ class Core:
             there, good = self.tracker.settle(ids, there, warps, good, p.anchor_px, p.anchor_likeness)
         ids, there, was = ids[good], there[good], was[good]
         told = self.depth(picture, there)
-        # So is what is at another depth, or hidden by something that came before it.
+        # Reject points at another depth, or occluded by something in front.
         apart = np.abs(w.calibration.scale[0] * expected[ids, 2] - told) > p.apart_sd * p.inverse_depth_sd_per_m
         here = ~(apart & (told > 0) & (marks.measured[ids] > 0))
         ids, there, was, told = ids[here], there[here], was[here], told[here]
@@ -339,14 +339,14 @@ class Core:
         return float(np.median(np.linalg.norm(there - was, axis=1))) if len(ids) >= p.points_min else np.inf
 
     def _measure(self) -> None:
-        """Counts landmarks as measured whose depth the motion has told."""
+        """Marks landmarks as measured whose depth is known from motion."""
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
         sure = marks.inverse_depth[l] ** 2 * self._work.sightings.own[l] > self.parameters.measured_sd**2
         marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
 
     def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(N,) which points one pose of the camera explains, where the foreseen one explains few."""
+        """(N,) which points one camera pose explains, if the predicted one explains few."""
         w, marks = self.window, self.window.landmarks
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
@@ -362,7 +362,7 @@ class Core:
         return agree
 
     def depth(self, picture: Picture, points: NDArray[np.float32]) -> Array:
-        """(N,) inverse depths as told at (N, 2) px, 1/m; 0 where none can be trusted."""
+        """(N,) measured inverse depths at (N, 2) px, 1/m; 0 where none is reliable."""
         told = np.zeros(len(points))
         p = self.parameters
         if picture.depth is not None and p.uses_depth and len(points):
@@ -389,7 +389,7 @@ class Core:
         self._pixels[ids] = points
 
     def _see_planes(self, picture: Picture) -> None:
-        """Planes in the depth picture of the newest frame: sightings of known ones, or new ones."""
+        """Planes in the depth image of the newest frame: observations of known ones, or new ones."""
         p, w = self.parameters, self.window
         if not len(w.planes.used) or picture.depth is None:
             return
@@ -411,7 +411,7 @@ class Core:
                 kernel.found_plane(w, k, told[i], weights[i])
 
     def _anchor(self, picture: Picture, slot: int) -> None:
-        """Keeps what the landmarks that the slot hosts look like."""
+        """Stores the patches of the landmarks that the slot hosts."""
         marks, p = self.window.landmarks, self.parameters
         if not p.anchored:
             return
@@ -424,7 +424,7 @@ class Core:
         marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:
-        """Whether the newest frame tells something new against the last keyframe."""
+        """Whether the newest frame differs enough from the last keyframe to be one."""
         p, f = self.parameters, self.window.frames
         moved, common = kernel.parallax(self.window, slot, slot - 1)
         return bool(

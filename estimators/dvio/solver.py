@@ -1,6 +1,6 @@
-"""The window's non-linear least squares (15): landmarks eliminated first, then Cholesky; Levenberg–Marquardt.
+"""The window's non-linear least squares (15), and marginalisation of its oldest frame into the prior (6).
 
-Takes the oldest frame out of the window and keeps what it told as the prior (6).
+Landmarks are eliminated first, then Cholesky; Levenberg–Marquardt.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ _FIRST_DAMPING, _MOST_DAMPING = 1e-9, 1e2
 
 
 class Work(NamedTuple):
-    """Room for the normal equations, so that nothing is allocated from frame to frame.
+    """Preallocated buffers for the normal equations.
 
     Attributes:
         H: (N, N) of frames and calibration; the lower triangle counts.
         b: (N,).
         factor: (N, N) its Cholesky factor.
         step: (N,).
-        sightings: What the camera tells.
+        sightings: Camera factors.
         views: Of the frames.
-        saved: (F, 21 + 15) states before a step, and how far they had moved.
+        saved: (F, 21 + 15) states before a step, and their deviations from the first estimates.
         saved_calibration: (26,).
         saved_depth: (L,).
         saved_planes: (K, 7).
@@ -53,7 +53,7 @@ class Work(NamedTuple):
 
 
 def blank_work(frames: int, landmarks: int, planes: int = 0) -> Work:
-    """Room for F frames, L landmarks and K planes."""
+    """Buffers for F frames, L landmarks and K planes."""
     n = CALIBRATION + PLANE * planes + FRAME * frames
     return Work(
         H=np.zeros((n, n)),
@@ -90,7 +90,7 @@ def linearise(window: Window, terms: Terms, work: Work) -> float:
 def factorise(L: Array, size: int) -> bool:
     """Cholesky factor of the leading `size` rows, in place in the lower triangle; False where there is none.
 
-    Four rows at a time, so that what they are multiplied with is read once; quicker than LAPACK at this size.
+    Four rows at a time, so that their common factor is read once; faster than LAPACK at this size.
     """
     for j in range(size):
         a = L[j]
@@ -123,7 +123,7 @@ def factorise(L: Array, size: int) -> bool:
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def solve(work: Work, size: int, damping: float) -> bool:
-    """Step of the first `size` states, damped by a share of the diagonal; False where H is not positive definite."""
+    """Step of the first `size` states, damped by a fraction of the diagonal; False if H is not positive definite."""
     A, L, x = work.H, work.factor, work.step
     for i in range(size):
         for j in range(i):
@@ -146,7 +146,7 @@ def solve(work: Work, size: int, damping: float) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def move(window: Window, work: Work) -> None:
-    """Takes the step."""
+    """Applies the step."""
     frames, c, d = window.frames, window.calibration, work.step
     c.p[:] += d[0:3]
     c.R[:] = mul(c.R, exponential(d[3:6]))
@@ -196,7 +196,7 @@ def _copy(row: Array, at: int, values: Array, back: bool) -> int:
 
 @njit(error_model="numpy", **INSIDE)
 def _save(window: Window, work: Work, back: bool) -> None:
-    """Saves the states, or takes them back."""
+    """Saves the states, or restores them."""
     frames, planes, c, row = window.frames, window.planes, window.calibration, work.saved_calibration
     at = _copy(row, 0, c.R.reshape(9), back)
     for values in (c.p, c.offset, c.scale, c.lens, c.moved):
@@ -220,13 +220,13 @@ def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float
 
     Args:
         window: Changed in place.
-        terms: What the factors believe.
-        work: Room; its factor is that of the last normal equations.
-        steps: At most so many.
-        enough: Stop where a step lowers the cost by less than this share.
+        terms: Noise model of the factors.
+        work: Workspace; its factor is that of the last normal equations.
+        steps: Largest number of steps.
+        enough: The iteration stops if a step lowers the cost by less than this share.
 
     Returns:
-        The cost before the last step that was taken.
+        The cost before the last accepted step.
     """
     size = window.shared + FRAME * window.frames.count[0]
     damping, cost = _FIRST_DAMPING, linearise(window, terms, work)
@@ -255,7 +255,7 @@ def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float
 
 @njit(error_model="numpy", **INSIDE)
 def hold(window: Window, H: Array, last: int) -> None:
-    """From now on the prior H speaks of frames up to `last`: their Jacobians stay where they are first taken."""
+    """Marks frames up to `last` as in the prior H: their Jacobians stay at the first linearisation point."""
     f = window.frames
     for k in range(1, last + 1):
         o = window.shared + FRAME * k
@@ -274,8 +274,8 @@ def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
     Args:
         H: (N, N), symmetric on return.
         b: (N,).
-        shared: How many states are of no frame.
-        size: Of the states.
+        shared: Number of states that belong to no frame.
+        size: Number of states.
     """
     o, m = shared, shared + FRAME
     for i in range(size):
@@ -319,13 +319,13 @@ def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> None:
-    """Gives the landmarks of the oldest frame to the newest one, where that sees them, or lets them go.
+    """Moves the landmarks of the oldest frame to the newest one if it observes them, else drops them.
 
     Args:
         window: Its landmarks are changed in place.
         work: Views of the frames.
         alive: (L,) 1 where the landmark is followed.
-        newest: Slot of the newest frame, whose sightings of these landmarks have not been used for the prior.
+        newest: Slot of the newest frame, whose observations of these landmarks are not used for the prior.
     """
     marks, c = window.landmarks, window.calibration
     for l in range(len(marks.host)):
@@ -349,12 +349,12 @@ def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> 
 def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.uint8]) -> None:
     """Marginalises the oldest frame with the landmarks that it hosts; `shift` then takes it out of the window.
 
-    Each sighting is used once: those of these landmarks by the newest frame are left to it, which becomes their host.
+    Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
 
     Args:
         window: Of three frames or more; changed in place.
-        terms: What the factors believe.
-        work: Room.
+        terms: Noise model of the factors.
+        work: Workspace.
         alive: (L,) 1 where a landmark is followed.
     """
     n = window.frames.count[0]

@@ -1,7 +1,4 @@
-"""All that the odometry remembers, as arrays of fixed size that the compiled kernels change in place.
-
-What the factors believe, and which of them there are.
-"""
+"""The odometry's state and noise model, as arrays of fixed size that the compiled kernels change in place."""
 
 from __future__ import annotations
 
@@ -14,21 +11,21 @@ from stridetwin.streams.samples import Array
 
 
 class Terms(NamedTuple):
-    """What the factors believe, and which of them there are.
+    """Noise model of the factors, and which factors are used.
 
     Attributes:
         gravity: m/s².
-        sight_weight: 1 / variance of a sighting on the plane at depth 1.
-        sight_limit: Sightings further off than this many standard deviations count less (Huber).
-        depth_weight: 1 / variance of an inverse depth that the host is told, m².
-        again_weight: The same of one that another frame is told.
+        sight_weight: 1 / variance of an observation on the plane at depth 1.
+        sight_limit: Observations beyond this many standard deviations are down-weighted (Huber).
+        depth_weight: 1 / variance of the host's measured inverse depth, m².
+        again_weight: The same for another frame's.
         depth_limit: As `sight_limit`.
         plane_limit: As `sight_limit`, of planes.
-        host_depth: (11) is there.
-        depth_fixed: A landmark keeps the depth that the host was told.
-        projection_depth: (12) is there.
-        host_depth_in_prior: (11) goes into the prior as well.
-        first_estimates: Jacobians of frames that the prior speaks of are taken at their first estimates.
+        host_depth: (11) is used.
+        depth_fixed: A landmark keeps the host's measured depth.
+        projection_depth: (12) is used.
+        host_depth_in_prior: (11) is marginalised into the prior.
+        first_estimates: Jacobians of frames in the prior are taken at their first estimates.
         rate_walk: Of the gyroscope's bias, rad/s²/√Hz.
         force_walk: Of the accelerometer's bias, m/s³/√Hz.
     """
@@ -55,20 +52,20 @@ D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_LENS = 0, 3, 6, 7, 8
 CALIBRATION = 10
 D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
 FRAME = 15
-PLANE, PLANES = 3, 6  # states of a plane, and how many planes are known at most
+PLANE, PLANES = 3, 6  # states per plane, and largest number of known planes
 NO_HOST = -1
 
 
 class ImuNoise(NamedTuple):
-    """What an IMU's samples are off by.
+    """Noise of an IMU's samples.
 
     Attributes:
         rate: Density of the white noise, rad/s/√Hz.
         force: m/s²/√Hz.
-        rate_share: Noise by the rate itself, for errors of scale and axes that last about a second, √s.
-        rate_walk: Density of the walk of the bias, rad/s²/√Hz.
+        rate_share: Noise proportional to the rate, for errors of scale and axes that last about a second, √s.
+        rate_walk: Density of the bias's random walk, rad/s²/√Hz.
         force_walk: m/s³/√Hz.
-        doubtful_rate: Standard deviation of a value that stands for missing or saturated ones, rad/s.
+        doubtful_rate: Standard deviation of a value that is saturated or replaces missing ones, rad/s.
         doubtful_force: m/s².
     """
 
@@ -82,7 +79,7 @@ class ImuNoise(NamedTuple):
 
 
 class Increment(NamedTuple):
-    """What the IMU says of the motion from one frame to another, in the first one's axes, without gravity.
+    """Preintegrated IMU measurement between two frames, in the first one's axes, without gravity.
 
     Attributes:
         dt: (1,) s.
@@ -92,7 +89,7 @@ class Increment(NamedTuple):
         by_bias: (9, 6) derivative of position, rotation and velocity by the biases of gyroscope and accelerometer.
         covariance: (9, 9) of position, rotation and velocity.
         weight: (9, 9) its inverse, where the increment is a factor of the window.
-        bias: (6,) at which it was taken, rad/s and m/s².
+        bias: (6,) at which it was integrated, rad/s and m/s².
     """
 
     dt: Array
@@ -115,15 +112,15 @@ class Frames(NamedTuple):
         p: (F, 3) IMU in the world, m.
         v: (F, 3) m/s.
         bias: (F, 6) of gyroscope (rad/s) and accelerometer (m/s²).
-        held: (F,) 1 where the prior speaks of the frame, and Jacobians are taken at its first estimate.
+        held: (F,) 1 where the prior contains the frame; its Jacobians are then taken at its first estimate.
         R_first: (F, 3, 3) that estimate.
         p_first: (F, 3).
         v_first: (F, 3).
         bias_first: (F, 6).
-        moved: (F, 15) how far the state is from its first estimate.
+        moved: (F, 15) deviation of the state from its first estimate.
         rate: (F, 3) angular rate at the frame, rad/s.
-        offset: (F,) time offset that `t_ns` of the frame was told with, s.
-        still_sd: (F,) standard deviation of the velocity about 0, m/s; inf where it is not known to stand.
+        offset: (F,) time offset by which `t_ns` was computed, s.
+        still_sd: (F,) standard deviation of the velocity about 0, m/s; inf if not known to be stationary.
     """
 
     count: NDArray[np.int64]  # type: ignore[assignment]
@@ -144,16 +141,16 @@ class Frames(NamedTuple):
 
 
 class Landmarks(NamedTuple):
-    """Points that are followed: L slots.
+    """Tracked points: L slots.
 
     Attributes:
         host: (L,) slot of the frame that first saw it, NO_HOST where the slot is free.
         inverse_depth: (L,) in the host's camera, 1/m.
         slope: (L, 2) change of the inverse depth about it over the plane at depth 1 of the host, 1/m.
-        measured: (L,) 1 where a depth camera or parallax has told it.
+        measured: (L,) 1 if a depth camera or parallax has measured it.
         seen: (L, F) 1 where the frame saw it.
         at: (L, F, 2) where, on the plane at depth 1.
-        told: (L, F) 1 / depth as told there, 1/m; 0 where none.
+        told: (L, F) measured 1 / depth there, 1/m; 0 where none.
     """
 
     host: NDArray[np.int64]
@@ -166,18 +163,18 @@ class Landmarks(NamedTuple):
 
 
 class Planes(NamedTuple):
-    """Planes of the world, seen in depth pictures: K slots.
+    """Planes of the world, observed in depth images: K slots.
 
     Attributes:
         used: (K,) 1 where there is one.
-        normal: (K, 3) unit vector, away from those who see it.
+        normal: (K, 3) unit vector, away from the observing cameras.
         distance: (K,) of the plane from the origin along it, m.
-        held: (K,) 1 where the prior speaks of it, and Jacobians are taken at its first estimate.
+        held: (K,) 1 where the prior contains it; its Jacobians are then taken at its first estimate.
         normal_first: (K, 3) that estimate.
         distance_first: (K,).
-        moved: (K, 3) how far it is from its first estimate: along the normal's two tangents, and the distance.
+        moved: (K, 3) deviation from its first estimate: along the normal's two tangents, and the distance.
         seen: (K, F) 1 where the frame saw it.
-        told: (K, F, 3) as which inverse depths, 1/m: their value at (x, y) is the product with (x, y, 1).
+        told: (K, F, 3) measured plane, 1/m: the inverse depth at (x, y) is its product with (x, y, 1).
         weight: (K, F, 3, 3) inverse of the covariance of that.
         seen_ns: (K,) when it was seen last.
     """
@@ -202,9 +199,9 @@ class Calibration(NamedTuple):
         R: (3, 3) IMU <- camera.
         p: (3,) camera in the IMU's frame, m.
         offset: (1,) t_imu = t_cam + offset, s.
-        scale: (1,) true over told depth.
-        lens: (2,) by which share a sighting's x and y are larger than the told focal lengths have them.
-        moved: (10,) how far they are from where the prior was first taken.
+        scale: (1,) true over measured depth.
+        lens: (2,) relative corrections of x and y of an observation by the nominal focal lengths.
+        moved: (10,) deviation from the prior's linearisation point.
     """
 
     R: Array
@@ -216,7 +213,7 @@ class Calibration(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What marginalised states told: ½ dᵀ H d − bᵀ d of the errors d from the first estimates (Zhao et al. 2023, (6)).
+    """Information of marginalised states: ½ dᵀ H d − bᵀ d of errors d from first estimates (Zhao et al. 2023, (6)).
 
     Attributes:
         H: (N, N).
@@ -237,7 +234,7 @@ class Window(NamedTuple):
         planes: Floors and walls.
         calibration: Of the sensors.
         prior: Of calibration, planes and frames.
-        shared: States that are of no frame.
+        shared: Number of states that belong to no frame.
     """
 
     frames: Frames
@@ -250,7 +247,7 @@ class Window(NamedTuple):
 
 
 def blank_increment(slots: int | None = None) -> Increment:
-    """An increment of no time, or an array of them."""
+    """An increment of zero duration, or an array of them."""
     lead = () if slots is None else (slots,)
     gamma = np.zeros((*lead, 3, 3))
     gamma[...] = np.eye(3)
@@ -274,7 +271,7 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
         landmarks: Slots of landmarks.
         T_imu_camera: (4, 4) camera to IMU.
         offset_s: t_imu = t_cam + offset.
-        planes: How many it can know; each has states, known or not.
+        planes: Slots of planes; each has states, known or not.
     """
     F, L, K = frames, landmarks, planes
     shared = CALIBRATION + PLANE * K

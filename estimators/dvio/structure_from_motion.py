@@ -1,7 +1,7 @@
-"""Structure from motion over a few pictures, with depth or without (Zhao et al. 2023, (1)-(5)).
+"""Structure from motion over a few images, with depth or without (Zhao et al. 2023, (1)-(5)).
 
-All is told in the axes of the newest camera. Without depth, lengths are in units of the way from the oldest to the
-newest camera.
+All poses are in the axes of the newest camera. Without depth, the unit of length is the distance between the oldest
+and the newest camera.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from numpy.typing import NDArray
 from stridetwin.estimators.dvio.algebra import exponentials, turned
 from stridetwin.streams.samples import Array
 
-FEW = 12  # points that two pictures must share
-_LIMIT = 1.5  # standard deviations beyond which a sighting counts less
-_CULL = 4.0  # beyond which it does not count
-_PARALLAX = 0.02  # rad; a point seen under less has no depth that counts, where none is told
-_SHARED_PARALLAX = 0.05  # rad; median of the points of the first two pictures, where no depth is told
-_NEAR = 0.02  # of a point before the camera; it is not taken as nearer
+FEW = 12  # least number of points shared by two images
+_LIMIT = 1.5  # standard deviations beyond which an observation is down-weighted
+_CULL = 4.0  # beyond which it is removed
+_PARALLAX = 0.02  # rad; points with less have no usable depth, unless it is measured
+_SHARED_PARALLAX = 0.05  # rad; median over the points of the first two images, without measured depth
+_NEAR = 0.02  # least depth of a point in front of the camera
 _PINNED = 1e8  # information on the unit of length
 _SURE = 0.999
-_FAR = 1e3  # times the way between two cameras; no farther point counts for their pose
-_ENOUGH = 1e-2  # share of the cost; a step that gains less is the last
+_FAR = 1e3  # times the distance between two cameras; points beyond it do not count for their pose
+_ENOUGH = 1e-2  # relative decrease of the cost below which the iteration stops
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sightings:
-    """What K pictures saw of N points.
+    """Observations of N points in K images.
 
     Attributes:
         seen: (K, N) whether.
         at: (K, N, 2) where, on the plane at depth 1.
-        told: (K, N) inverse depth as told there, 1/m; 0 where none.
+        told: (K, N) measured inverse depth there, 1/m; 0 where none.
         sd: Of `at`.
         told_sd: Of `told`, 1/m.
     """
@@ -47,7 +47,7 @@ class Sightings:
     told_sd: float
 
     def since(self, k: int) -> Sightings:
-        """Those of the pictures from the k-th on."""
+        """Observations of the images from the k-th on."""
         return replace(self, seen=self.seen[k:], at=self.at[k:], told=self.told[k:])
 
 
@@ -56,10 +56,10 @@ class Structure:
     """Cameras in the axes of the newest, the last one.
 
     Attributes:
-        first: Which of the pictures the first one is.
+        first: Index of its first image.
         R: (K, 3, 3) newest <- camera.
         p: (K, 3) m, or in units of the first one's distance.
-        information: (6K, 6K) on the errors of place and attitude (on its right) of each; the newest has none.
+        information: (6K, 6K) on the errors of position and attitude (on its right) of each; the newest has none.
         misfit: Mean squared residual, in variances.
         scaled: Whether lengths are in m.
     """
@@ -73,9 +73,9 @@ class Structure:
 
 
 def structure_with_depth(s: Sightings) -> Structure | None:
-    """Cameras by the points of known depth: P3P from each picture to the next, then all of (5) at once.
+    """Cameras by the points of known depth: P3P from each image to the next, then all of (5) at once.
 
-    None where the pictures share too few points; `first` > 0 where only the newer ones hang together.
+    None if the images share too few points; `first` > 0 if only the newer ones are connected.
     """
     k = len(s.seen) - 1
     R, p = [np.eye(3)], [np.zeros(3)]
@@ -93,7 +93,7 @@ def structure_with_depth(s: Sightings) -> Structure | None:
     if len(R) < 2:
         return None
     s = s.since(k)
-    # The depths that the newest picture tells are left to the window that begins with it.
+    # The newest image's depths are left to the window that begins with it.
     told = s.told.copy()
     told[-1] = 0.0
     seen = agree[k:] & ((agree[k:].sum(axis=0) > 1) & (told > 0).any(axis=0))
@@ -103,9 +103,9 @@ def structure_with_depth(s: Sightings) -> Structure | None:
 
 
 def structure_of_bearings(s: Sightings) -> Structure | None:
-    """Cameras by bearings alone: two pictures by their essential matrix, the others by P3P, then (2) of all.
+    """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then (2) of all.
 
-    None where no picture shares enough points with the newest, seen from far enough apart.
+    None if no image shares enough points with the newest at enough parallax.
     """
     last = len(s.seen) - 1
     for k in range(last - 1):
@@ -122,13 +122,13 @@ def structure_of_bearings(s: Sightings) -> Structure | None:
             continue
         M, t = np.asarray(turn, float), np.asarray(shift, float)[:, 0]
         if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < _SHARED_PARALLAX:
-            return None  # older ones are not there, and newer ones see less
+            return None  # older ones are missing, and newer ones have less parallax
         return _around(s.since(k), shared[fits], M, t, k)
     return None
 
 
 def _around(s: Sightings, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
-    """The pictures between the oldest and the newest, whose pose to each other is known."""
+    """The images between the oldest and the newest, whose relative pose is known."""
     K, N = s.seen.shape
     ends = np.zeros((K, N), bool)
     ends[0, shared] = ends[-1, shared] = True
@@ -152,9 +152,9 @@ def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[
 
     Args:
         points: (N, 3) m.
-        at: (N, 2) where they are seen, on the plane at depth 1.
-        error: Of the sighting of a point that agrees, on that plane.
-        fewest: Points that must be there, and agree.
+        at: (N, 2) their observations on the plane at depth 1.
+        error: Largest error of an inlier's observation, on that plane.
+        fewest: Least number of points, and of inliers.
     """
     if len(points) < fewest:
         return None
@@ -169,12 +169,12 @@ def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[
 
 
 def _step(points: Array, at: Array, sd: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """`perspective`, with which half of the points must agree."""
+    """`perspective` with at least half of the points as inliers."""
     return perspective(points, at, 8.0 * sd, max(FEW, 0.5 * len(points)))
 
 
 def _placed(R: Array, p: Array, at: Array, told: Array) -> Array:
-    """(N, 3) points by the first depth that is told of each."""
+    """(N, 3) points by the first measured depth of each."""
     n = np.arange(at.shape[1])
     k = (told > 0).argmax(axis=0)
     depth = 1.0 / np.where(told[k, n] > 0, told[k, n], 1.0)
@@ -182,11 +182,11 @@ def _placed(R: Array, p: Array, at: Array, told: Array) -> Array:
 
 
 def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """(N, 3) where the rays of each point come nearest to each other, and whether they cross before all cameras."""
+    """(N, 3) points nearest to all their rays, and whether they are in front of all cameras."""
     ray = np.matmul(_rays(at), np.swapaxes(R, 1, 2))
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     across = (np.eye(3) - ray[..., :, None] * ray[..., None, :]) * seen[..., None, None]
-    # The least eigenvalue is about that of two rays, ½ angle², and that many of them.
+    # The least eigenvalue is about that of two rays, ½ angle², times their number.
     A = across.sum(axis=0)
     sure = np.linalg.eigvalsh(A)[:, 0] > 0.5 * _PARALLAX**2
     b = np.einsum("knij,kj->ni", across, p)
@@ -196,7 +196,7 @@ def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[A
 
 
 def _bundled(s: Sightings, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
-    """Least squares of (1) and (3) over cameras and points, twice: without what did not fit at first."""
+    """Least squares of (1) and (3) over cameras and points, twice: the second time without outliers."""
     use = s.seen.sum(axis=0) > 1
     s = replace(s, seen=s.seen[:, use], at=s.at[:, use], told=s.told[:, use])
     points = points[use]
@@ -226,7 +226,7 @@ def _descended(s: Sightings, R: Array, p: Array, points: Array, scaled: bool, st
     damping, cost = 1e-4, _cost(_residuals(s, R, p, points)[0])
     for _ in range(steps):
         m = _equations(s, R, p, points, scaled)
-        n = len(m.b) - 6  # the newest stays
+        n = len(m.b) - 6  # the newest camera is fixed
         e = np.zeros((len(R), 6))
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
         e_points = turned(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
@@ -312,7 +312,7 @@ def _equations(s: Sightings, R: Array, p: Array, points: Array, scaled: bool) ->
 
 
 def _summed(a: Array) -> Array:
-    """(K, N, ...) of (K, N, 3, ...): sums over the three residuals of a sighting."""
+    """(K, N, ...) of (K, N, 3, ...): sums over the three residuals of an observation."""
     return np.asarray(a[:, :, 0] + a[:, :, 1] + a[:, :, 2])
 
 

@@ -1,6 +1,6 @@
-"""The front end: points followed from picture to picture (Lucas and Kanade 1981), and new ones where there are few.
+"""The front end: points tracked from image to image (Lucas and Kanade 1981), new points, and stereo depth.
 
-Depth of a stereo pair by semi-global matching (Hirschmüller 2008), for rigs without a depth camera.
+Stereo pairs are matched by semi-global matching (Hirschmüller 2008), for rigs without a depth camera.
 """
 
 from __future__ import annotations
@@ -64,10 +64,10 @@ class Lens:
 
 
 class Tracker:
-    """Follows points; keeps the last picture.
+    """Tracks points; keeps the last image.
 
     Args:
-        shape: (H, W) of the pictures.
+        shape: (H, W) of the images.
         parameters: Of the odometry; each landmark slot keeps a patch.
     """
 
@@ -82,22 +82,22 @@ class Tracker:
         self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in thresholds]
 
     def forget(self) -> None:
-        """Follows nothing into the next picture."""
+        """Restarts: no point is tracked into the next image."""
         self._grey, self._scales = None, []
 
     def take(self, grey: NDArray[np.uint8]) -> None:
-        """Takes the next picture, (H, W)."""
+        """Takes the next image, (H, W)."""
         self._before, self._grey, self._scales = self._grey, grey, []
 
     def follow(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """Points of the picture before the last one, by how they looked there.
+        """Tracks points of the previous image into the last one, by their appearance there.
 
         Args:
             points: (N, 2) px there.
             start: (N, 2) px where they are expected in the last one.
 
         Returns:
-            (N, 2) px where they are, and (N,) whether they could be followed there and back.
+            (N, 2) px in the last image, and (N,) whether forward and backward tracking succeeded.
         """
         before, grey = self._before, self._grey
         if before is None or grey is None or not len(points):
@@ -118,24 +118,24 @@ class Tracker:
         return np.asarray(there, np.float32), good
 
     def anchor(self, slots: NDArray[np.int64], points: Points) -> None:
-        """Keeps the patches of the last picture about (N, 2) px in slots (N,)."""
+        """Stores the patches of the last image about (N, 2) px in slots (N,)."""
         for scale, (grey, patches) in enumerate(zip(self._smoothed(), self._patches)):
             kernel.cut(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
 
     def align(
         self, slots: NDArray[np.int64], points: Points, warps: Array, far: float, alike: float
     ) -> tuple[Points, NDArray[np.bool_]]:
-        """Points of the last picture, each moved to where its slot's patch lies: at half the resolution, then whole.
+        """Aligns points of the last image with their slots' patches: at half the resolution, then whole.
 
         Args:
             slots: (N,) of their patches.
             points: (N, 2) px.
-            warps: (N, 2, 2) from the patch's pixels to the picture's.
+            warps: (N, 2, 2) from the patch's pixels to the image's.
             far: Largest move at the whole resolution, px.
             alike: Least correlation with the patch.
 
         Returns:
-            (N, 2) px, and (N,) which of them are there.
+            (N, 2) px, and (N,) which of them were aligned.
         """
         half, found = points / np.float32(2.0), np.ones(len(points), bool)
         p = self._parameters
@@ -149,7 +149,7 @@ class Tracker:
     def settle(
         self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_], far: float, alike: float
     ) -> tuple[Points, NDArray[np.bool_]]:
-        """As `align`, but only at the whole resolution, of those points that are `good`, (N,)."""
+        """As `align`, but only at the whole resolution and for points that are `good`, (N,)."""
         points, good = points.copy(), good.copy()
         kernel.align(
             self._smoothed()[0], self._patches[0], slots, warps, far, alike, self._parameters.settled_px, points, good
@@ -164,7 +164,7 @@ class Tracker:
         return self._scales
 
     def find(self, taken: Points, wanted: int) -> Points:
-        """(N, 2) px, new points in the last picture, N ≤ wanted, away from those that there are."""
+        """(N, 2) px, new points in the last image, N ≤ wanted, away from existing ones."""
         out = np.zeros((max(wanted, 0), 2), np.float32)
         if wanted <= 0 or self._grey is None:
             return out
@@ -189,14 +189,14 @@ class Tracker:
         return out[:count]
 
 
-_SHRINK = 2  # matching takes a quarter of the pixels and an eighth of the time
+_SHRINK = 2  # matching takes an eighth of the time on a quarter of the pixels
 _DISPARITIES, _BLOCK = 48, 5
-_FIXED_POINT = 16.0  # OpenCV counts disparities in sixteenths of a pixel
-_LEAST_PX = 1.0  # a smaller disparity tells next to nothing
+_FIXED_POINT = 16.0  # OpenCV's disparities are in sixteenths of a pixel
+_LEAST_PX = 1.0  # a smaller disparity is nearly uninformative
 
 
 class Stereo:
-    """Gives each picture of the left camera its depth.
+    """Depth of each image of the left camera.
 
     Args:
         left: Calibration of the camera that the odometry follows.
@@ -204,7 +204,7 @@ class Stereo:
         topic: Of the depth.
 
     Raises:
-        ConfigError: The two do not look at the same things side by side, or an unknown model of distortion.
+        ConfigError: The two do not view the same scene side by side, or an unknown model of distortion.
     """
 
     def __init__(self, left: CameraCalibration, right: CameraCalibration, topic: str) -> None:
@@ -216,7 +216,7 @@ class Stereo:
         small = (left.width // _SHRINK, left.height // _SHRINK)
         fisheye = left.distortion_model == "equidistant"
         D = [np.array(c.distortion, dtype=float) for c in (left, right)]
-        # Which way to turn each camera depends on the rotation between them alone.
+        # The rectifying rotation of each camera depends only on the rotation between them.
         none = np.zeros(4)
         R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], alpha=0)[:4]
         P1, P2 = (np.diag([1 / _SHRINK, 1 / _SHRINK, 1.0]) @ P for P in (P1, P2))
@@ -238,7 +238,7 @@ class Stereo:
         )  # fmt: skip
 
     def depth(self, left: Image, right: Image) -> Depth:
-        """Depth registered to the left picture, of its time; 0 where nothing is matched.
+        """Depth registered to the left image, of its time; 0 where there is no match.
 
         Args:
             left: Grey or colour.
@@ -253,12 +253,12 @@ class Stereo:
 
 
 def with_stereo(rig: Rig, left: str, depth: str) -> Rig:
-    """The rig, whose left camera now has depth.
+    """The rig with depth for its left camera.
 
     Args:
         rig: Of two cameras.
         left: Topic of the one that the odometry follows.
-        depth: Topic of its depth to be.
+        depth: Topic of its new depth stream.
     """
     return replace(rig, cameras={**rig.cameras, left: replace(rig.cameras[left], depth_topic=depth)})
 

@@ -52,7 +52,7 @@ def exponential(x: float, y: float, z: float) -> Array:
 
 @njit(**INSIDE)
 def force_at_middle(f: Array, x: float, y: float, z: float) -> Array:
-    """(3,) force at the middle of a turn by (x, y, z) rad that changes the velocity as the constant `f` does in it.
+    """(3,) force at the middle of a rotation by (x, y, z) rad with the velocity change of the constant `f` over it.
 
     The velocity changes by Γ₁(φ) f dt, Γ₁ the left Jacobian of SO(3), which is Exp(φ/2) (1 + [φ]x²/24) to the second
     order (Barfoot 2017, ch. 7).

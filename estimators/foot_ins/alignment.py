@@ -1,4 +1,4 @@
-"""Finding the vertical: from the first still window, or, if the foot never stands, from the mean force."""
+"""Initial alignment: the vertical from the first stationary window or, without one, from the mean force."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from stridetwin.streams.samples import Array
 
 @njit(**INSIDE)
 def begin(memory: Memory, t_ns: int) -> None:
-    """Starts to look for a still window at the sample of time `t_ns`, and forgets what came before."""
+    """Starts the search for a stationary window at the sample of time `t_ns`; clears what came before."""
     memory.clock[PHASE] = ALIGNING
     memory.clock[T_ALIGN] = t_ns
     memory.clock[T_STILL] = t_ns
@@ -55,7 +55,7 @@ def begin(memory: Memory, t_ns: int) -> None:
 
 @njit(**INSIDE)
 def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array, statistic: float) -> None:
-    """Takes one sample into the alignment; ends it once the foot has stood for `align_s`, or late."""
+    """Takes one sample into the alignment; ends it once the foot was stationary for `align_s`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
     if statistic > parameters.still_level:
         clock[T_STILL] = t_ns
@@ -81,11 +81,11 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
 
 @njit(**INSIDE)
 def level(memory: Memory, force_sum: Array) -> None:
-    """Turns the attitude at the begin the shortest way until the mean force points up; an unknown heading becomes 0.
+    """Rotates the initial attitude the shortest way until the mean force points up; an unknown heading becomes 0.
 
-    Shortest ways one after the other, as the mean settles, would turn the heading.
+    Successive shortest rotations, as the mean settles, would rotate the heading.
 
-    Heading is that of the sensor's x axis, or of its z axis where x is nearer to the vertical than 25°.
+    The heading is that of the sensor's x axis, or of its z axis if x is within 25° of the vertical.
     """
     q = memory.tilted.copy()
     up = rotation_matrix(q) @ force_sum[:3]
@@ -105,7 +105,7 @@ def level(memory: Memory, force_sum: Array) -> None:
 
 @njit(**INSIDE)
 def _set_covariance(memory: Memory, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float) -> None:
-    """Covariance of an alignment: the variances of position, heading and biases outlive it."""
+    """Covariance of an alignment: the variances of position, heading and biases are kept."""
     P, clock, o = memory.covariance, memory.clock, memory.row
     variance = np.zeros(STATES)
     if clock[LEVERED] == 0:

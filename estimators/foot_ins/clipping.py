@@ -1,4 +1,4 @@
-"""What a sensor hid beyond its range, put back once it has returned."""
+"""Reconstruction of clipped peaks, once the sensor is back within its range."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from stridetwin.estimators.foot_ins.state import (
 from stridetwin.estimators.foot_ins.strapdown import carry, shift
 from stridetwin.streams.samples import Array
 
-AT_LIMIT = 0.99  # share of the range at which a sample is taken to be clipped
-LONGEST_S = 0.15  # a longer time at the limit has a shape that its two ends do not tell
-LEAST_RATES, LEAST_FORCES = 1, 3  # clipped samples; what hits an accelerometer for less rings, and has no such shape
-UPWARD = 0.7  # cosine between a channel that feels the floor and the vertical, at least
+AT_LIMIT = 0.99  # share of the range above which a sample counts as clipped
+LONGEST_S = 0.15  # a longer peak is not determined by its two ends
+LEAST_RATES, LEAST_FORCES = 1, 3  # clipped samples; a shorter impact on an accelerometer rings, and has no such shape
+UPWARD = 0.7  # least cosine between a channel that senses the floor and the vertical
 
 
 @njit(**INSIDE)
 def restore(memory: Memory, parameters: KernelParameters) -> None:
-    """Goes back to before a channel reached its range, and forth again with the peak that it hid.
+    """Rewinds to before a channel reached its range, and propagates again with the reconstructed peak.
 
     See docs/foot_ins.md (15).
 
-    As the foot pushes off, it turns faster than many a gyro measures, and as a fast one brakes before it lands, it
-    exceeds many an accelerometer: always the same way, by some tenths of a radian or a metre a second. A linear filter
-    puts that right but in part. The signal enters and leaves the range with a slope, and the cubic between (Hermite) is
-    the peak. A channel is looked at once two samples are back within the range. How far off that still is remains the
-    filter's noise at the limit.
+    At push-off the foot rotates faster than many a gyro's range, and before landing it brakes beyond many an
+    accelerometer's: always in the same direction, by some tenths of a radian or a metre per second. A linear filter
+    corrects that only in part. The signal enters and leaves the range with a slope; the cubic between (Hermite) is the
+    peak. A channel is processed once two samples are back within the range. The remaining error is the filter's noise
+    at the limit.
 
-    A floor that is landed on hits too shortly for a shape. It is known to push upwards, and so on average it hides
-    something: `impact_excess` for each sample. Left out, the foot sinks a little at every landing, up stairs and down.
+    A landing impact is too short for a shape. It is known to push upwards, so on average it hides `impact_excess` per
+    sample. Without this, the foot sinks a little at every landing, up stairs and down.
 
     Args:
-        memory: Its nominal state and ring are changed where a peak has ended, and what that came to is noted.
-        parameters: With the ranges; nothing is done where they are not known.
+        memory: Nominal state and ring change if a peak has ended; the correction is recorded.
+        parameters: With the ranges; unknown ranges disable the reconstruction.
     """
     first = 0
     hidden = np.zeros((RING, 6))
@@ -65,7 +65,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
         carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2)
     for back in range(first, -1, -1):
         i = (head - back) % RING
-        memory.ring[i] += hidden[back]  # whoever looks back later sees the peak
+        memory.ring[i] += hidden[back]  # later reads of the ring include the peak
         carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
         moved[back, :ATTITUDE] = x[:ATTITUDE] - moved[back, :ATTITUDE]
         moved[back, ATTITUDE + 1 :] *= -1.0
@@ -75,9 +75,9 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
 
 @njit(**INSIDE)
 def hides(memory: Memory, parameters: KernelParameters) -> bool:
-    """Whether a channel is at its range, or has left it too lately for `restore` to have put back what it hid.
+    """Whether a channel is clipped, or too recently so for `restore` to have reconstructed its peak.
 
-    What is seen meanwhile would be blamed on the state, and the same peak then put back a second time.
+    An update meanwhile would blame the state for the error, and the same peak would be added a second time.
     """
     for back in range(2):
         for channel in range(6):
@@ -95,18 +95,18 @@ def _dt(memory: Memory, i: int) -> float:
 
 @njit(**INSIDE)
 def _peak(memory: Memory, channel: int, known: float, least: int, excess: float, hidden: Array) -> int:
-    """Writes what one channel hid into `hidden` (RING, 6), the newest sample first.
+    """Writes the hidden part of one channel into `hidden` (RING, 6), the newest sample first.
 
     Args:
-        memory: Left alone.
+        memory: Not changed.
         channel: Of the ring.
-        known: Its range, 0 where that is not known.
-        least: Fewer clipped samples than this have no shape.
-        excess: Mean of what a landing hides in one of those, as a share of the range.
+        known: Its range, 0 if unknown.
+        least: Least number of clipped samples of a peak.
+        excess: Mean hidden by a landing in each such sample, as a share of the range.
         hidden: Changed in place.
 
     Returns:
-        How many samples back the peak began; 0 where none has just ended.
+        Number of samples since the peak began; 0 if none has just ended.
     """
     head, fill = memory.clock[HEAD], memory.clock[FILL]
     limit = AT_LIMIT * known
@@ -138,7 +138,7 @@ def _peak(memory: Memory, channel: int, known: float, least: int, excess: float,
     length = (end - 1) * dt - before - after
     if length <= 0.0:
         return 0
-    # the slopes were measured some way outside, and a peak that is curved evenly is flatter where it begins
+    # the slopes are measured outside the range; a peak of even curvature is flatter where it begins
     flatter = 1.0 / (1.0 + (dt + before + after) / length)
     for back in range(2, end):
         u = min(max(((end - back) * dt - before) / length, 0.0), 1.0)

@@ -44,9 +44,9 @@ class StartPose:
 
     Attributes:
         p_imu_in_world: (3,) m.
-        q_world_imu: (4,) unit quaternion (w, x, y, z); its heading is taken as it is.
-        position_sd: How well the position is known, m.
-        heading_sd: How well the heading is known, rad.
+        q_world_imu: (4,) unit quaternion (w, x, y, z); its heading is used unchanged.
+        position_sd: Standard deviation of the position, m.
+        heading_sd: Standard deviation of the heading, rad.
     """
 
     p_imu_in_world: Array
@@ -67,7 +67,7 @@ class StartPose:
                 raise ConfigError("StartPose", name, getattr(self, name), "a finite number ≥ 0")
 
     def place(self, memory: Memory) -> None:
-        """Puts a foot that has seen no sample yet where this says."""
+        """Places a foot without samples at this pose."""
         q = np.asarray(self.q_world_imu, dtype=float)
         memory.nominal[POSITION : POSITION + 3] = self.p_imu_in_world
         memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
@@ -77,7 +77,7 @@ class StartPose:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootInsEstimate:
-    """What is believed of the foot's sensor after one sample.
+    """Estimated state of the foot's sensor after one sample.
 
     Attributes:
         t_ns: Time of the sample.
@@ -85,9 +85,8 @@ class FootInsEstimate:
         v_imu_in_world: (3,) m/s.
         covariance: (15, 15) of the errors of position (m), velocity (m/s), attitude (rad, world axes), gyro
             bias (rad/s) and accelerometer bias (m/s², both sensor axes).
-        standing_speed_sd: Standard deviation that the foot's speed was given because it seems to stand, m/s;
-            inf where it does not.
-        aligned: False while the filter still looks for the vertical.
+        standing_speed_sd: Standard deviation of the speed of a foot detected as stationary, m/s; inf if it is moving.
+        aligned: False until the vertical is found.
     """
 
     t_ns: int
@@ -99,7 +98,7 @@ class FootInsEstimate:
 
     @classmethod
     def of(cls, memory: Memory, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
-        """What the memory holds, copied, after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
+        """A copy of the memory after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
         p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
         return cls(
@@ -126,12 +125,12 @@ class FootInsEstimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootInsPath:
-    """What was believed after each usable sample of a block.
+    """Estimates after each usable sample of a block.
 
     Attributes:
-        trajectory: Poses of the sensor with covariance, one a usable sample.
+        trajectory: Poses of the sensor with covariance, one per usable sample.
         v_imu_in_world: (N, 3) m/s.
-        standing_speed_sd: (N,) m/s, inf where the foot does not seem to stand.
+        standing_speed_sd: (N,) m/s, inf where the foot is not stationary.
         aligned: (N,) bool.
     """
 
@@ -144,7 +143,7 @@ class FootInsPath:
     def of(
         cls, t_ns: NDArray[np.int64], phase: NDArray[np.int8], standing_speed_sd: Array, state: Array, covariance: Array
     ) -> FootInsPath:
-        """What a kernel wrote after each of N samples, less those that it ignored.
+        """The kernel's output after each of N samples, without those that it ignored.
 
         Args:
             t_ns: (N,).
@@ -192,17 +191,17 @@ class FootInsPath:
 class FootIns:
     """Zero-velocity-aided inertial navigation of one foot: causal, of constant memory, deterministic.
 
-    The world's z axis is up. Unless a start pose says otherwise, its origin is where the sensor first stood
-    and its x axis points where the sensor's x axis pointed then (its z axis, where x is within about 25° of
-    the vertical). A sample with a value that is not finite or that no sensor gives, and one that is not later
-    than the last used one, is ignored. A gap is bridged up to `max_gap_s`; after a longer one the filter
-    stays where it was, says how little it knows, and aligns anew.
+    The world's z axis is up. Without a start pose, its origin is where the sensor was first stationary, and its x axis
+    is the sensor's x axis then (its z axis, if x is within about 25° of the vertical). A sample is ignored if it is not
+    finite, physically impossible, or not later than the last used one. A gap is bridged up to `max_gap_s`; after a
+    longer one the filter keeps its position, with a large covariance, and aligns again.
+
 
     Args:
-        rig: Noise and turn-on biases of the IMU on the foot; None = any consumer sensor. The calibration of one IMU in
+        rig: Noise and turn-on biases of the IMU on the foot; None: any consumer sensor. The calibration of one IMU in
             its place is deprecated.
-        parameters: What holds for any foot and sensor.
-        start: Where the sensor stands at the first sample.
+        parameters: Parameters for any foot and sensor.
+        start: Pose of the sensor at the first sample.
         options: `foot`.
 
     Raises:
@@ -243,7 +242,7 @@ class FootIns:
         """The path of one foot over a whole recording, smoothed where the options have a lag.
 
         Raises:
-            StrideTwinError: The topic or the calibration is missing, or the foot never stands still.
+            StrideTwinError: The topic or the calibration is missing, or the foot is never stationary.
         """
         topic = _topic(options)
         block, estimator = recording.block(topic), cls.batch(recording.rig, options)
@@ -253,12 +252,12 @@ class FootIns:
 
     @classmethod
     def follow_block(cls, block: Block[Imu], options: Options) -> Trajectory:
-        """The path of an IMU that nothing is known of."""
+        """The path of an IMU without calibration."""
         return cls.batch(None, options).run(block).trajectory
 
     @classmethod
     def batch(cls, rig: Rig | None, options: Options) -> FootIns | FootInsSmoother:
-        """The filter for whole blocks, or its smoother where the options have a lag."""
+        """The filter for whole blocks, or its smoother if the options have a lag."""
         from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 
         if options.lag_s is None:
@@ -266,7 +265,7 @@ class FootIns:
         return FootInsSmoother(options.lag_s, None if rig is None else rig.imu(_topic(options)))
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
-        """Takes one sample; returns the new estimate, or None where the sample is ignored."""
+        """Takes one sample; returns the new estimate, or None if the sample is ignored."""
         phase, speed, _, _ = self._run(np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None])
         if phase[0] == IGNORED:
             return None
@@ -274,7 +273,7 @@ class FootIns:
 
     @property
     def nis(self) -> float:
-        """Mean squared innovation of the standing foot by its variance, per degree of freedom: 1 if honest; or NaN."""
+        """Mean normalised innovation squared of zero-velocity updates, per degree of freedom: 1 if consistent."""
         return standing_nis(self._memory)
 
     def run(self, block: Block[Imu]) -> FootInsPath:
@@ -308,6 +307,6 @@ def _topic(options: Options) -> str:
 
 
 def standing_nis(memory: Memory) -> float:
-    """Mean squared innovation of the standing foot by its variance, per degree of freedom; NaN before it has stood."""
+    """Mean normalised innovation squared of zero-velocity updates, per degree of freedom; NaN before the first."""
     total, count = memory.nis
     return float(total / count) if count else math.nan

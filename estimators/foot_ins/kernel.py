@@ -1,4 +1,4 @@
-"""One sample after the other through the filter, compiled."""
+"""The compiled filter, sample by sample."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent)
 
-MAX_RATE = 100.0  # rad/s; no gyro that a foot could carry measures more
+MAX_RATE = 100.0  # rad/s; beyond any foot-mounted gyro
 MAX_FORCE = 5000.0  # m/s²
 
 
 @njit(**INSIDE)
 def possible(rate: Array, force: Array) -> bool:
-    """Whether a sensor on a foot can have measured this; NaN cannot be."""
+    """Whether a sensor on a foot can have measured this; False for NaN."""
     fine = True
     for i in range(3):
         fine = fine and abs(rate[i]) <= MAX_RATE and abs(force[i]) <= MAX_FORCE
@@ -49,11 +49,11 @@ def possible(rate: Array, force: Array) -> bool:
 def take(
     memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
 ) -> tuple[int, float, float]:
-    """Takes one sample into the ring, where it is usable, and aligns with it, where that is not done yet.
+    """Takes a usable sample into the ring and, until the filter is aligned, into the alignment.
 
     Args:
-        memory: Changed in place, or left alone where the sample is not usable.
-        parameters: What the filter believes.
+        memory: Changed in place if the sample is usable.
+        parameters: Of the filter.
         t_ns: End of the interval that the sample is the mean of.
         rate: (3,) rad/s.
         force: (3,) m/s².
@@ -90,15 +90,15 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
     """Takes one sample into the memory.
 
     Args:
-        memory: Changed in place, or left alone where the sample is not usable.
-        parameters: What the filter believes.
+        memory: Changed in place if the sample is usable.
+        parameters: Of the filter.
         t_ns: End of the interval that the sample is the mean of.
         rate: (3,) rad/s.
         force: (3,) m/s².
 
     Returns:
-        Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the
-        standing foot's speed, m/s, inf while nothing says that it stands.
+        Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the stationary
+        foot's speed, m/s, inf while it is not detected as stationary.
     """
     phase, dt, statistic = take(memory, parameters, t_ns, rate, force)
     if phase != TRACKING:
@@ -142,16 +142,16 @@ def run(
     state: Array,
     covariance: Array,
 ) -> None:
-    """Takes N samples and writes what is believed after each.
+    """Takes N samples and writes the estimates after each.
 
     Args:
         memory: Changed in place.
-        parameters: What the filter believes.
+        parameters: Of the filter.
         t_ns: (N,) int64.
         rate: (N, 3) rad/s.
         force: (N, 3) m/s².
         phase: (N,) int8, out: phase in which the sample was used.
-        speed: (N,) out: standard deviation of the standing foot's speed, m/s.
+        speed: (N,) out: standard deviation of the stationary foot's speed, m/s.
         state: (N, 20) out: nominal state.
         covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """

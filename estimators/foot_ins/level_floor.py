@@ -1,4 +1,4 @@
-"""Level ground: a foot that lands where its height seems unchanged stands as high as before."""
+"""Level-floor constraint: a foothold at an apparently unchanged height is at the height of the last one."""
 
 from __future__ import annotations
 
@@ -31,20 +31,21 @@ from stridetwin.estimators.foot_ins.zero_velocity import inject
 
 @njit(**INSIDE)
 def stand(memory: Memory, parameters: KernelParameters, t_ns: int, standing_speed: float) -> None:
-    """Compares the height of a foot that has just come to stand with that of its last floor.
+    """Compares the height of a foot that has just become stationary with that of its last floor.
 
     See docs/foot_ins.md (14).
 
-    Zero velocities see no height, so its error grows with every stride, and mostly with one sign. Built ground is level
-    or clearly not: where the foot stands flat and its height has changed by less than `level_step` and than the filter
-    thinks possible without a step, the floor is taken to be the same, up to `floor_sd` (after Abdulrahim, Hide, Moore,
-    Hill 2012). Elsewhere, on a stair or a ramp, the floor is where the foot stands now, as uncertain as the foot.
+    Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
+    ground is level or clearly not. If the foot is stationary and flat, and its height has changed by less than
+    `level_step` and by no more than the filter's uncertainty, the floor is taken to be the same, up to `floor_sd`
+    (after Abdulrahim, Hide, Moore, Hill 2012). Elsewhere, on a stair or ramp, the floor is at the foot's height and as
+    uncertain as the foot.
 
     Args:
         memory: Changed in place.
-        parameters: What the filter believes.
+        parameters: Of the filter.
         t_ns: Time of the sample.
-        standing_speed: Standard deviation of the standing foot's speed, m/s, inf where it does not stand.
+        standing_speed: Standard deviation of the stationary foot's speed, m/s, inf if it is moving.
     """
     clock = memory.clock
     if standing_speed > parameters.stand_speed_mps:

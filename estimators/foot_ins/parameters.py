@@ -22,49 +22,49 @@ class FootInsParameters:
     """
 
     gravity_mps2: float = 9.8029
-    """Local gravity, set for the real walks (origin unrecorded); another site has its own."""
+    """Local gravity, set for the real walks (origin unrecorded); site-dependent."""
     lever_arm_m: float = 0.072
-    """From the sensor straight down (as it first stood) to the point that stands still, m. [real walks]"""
+    """Vertical distance from the sensor (at its first stationary attitude) to the stationary point, m. [real walks]"""
     lever_sd_m: float = 0.04
-    """How far that point may be from there in any one sample, m. [real walks]"""
+    """Uncorrelated displacement of that point per sample, m. [real walks]"""
     contact_sd_m: float = 0.058
-    """How far the point that stands still wanders along the sole, and remembers that it did, m. [real walks]"""
+    """Correlated displacement of the stationary point along the sole, m. [real walks]"""
     contact_s: float = 10.0
-    """How long it remembers, s. [real walks]"""
+    """Correlation time of that displacement, s. [real walks]"""
     gyro_noise_radps_rthz: float = 0.0022
-    """Scale and sampling errors of the angular rate, rad/s/√Hz, beside the calibration's noise. [real walks]"""
+    """Scale and sampling errors of the angular rate, rad/s/√Hz, in addition to the calibration's noise. [real walks]"""
     gyro_limit_noise_radps_rthz: float = 0.057
     """Added about an axis that is at its limit, rad/s/√Hz. [real walks]"""
     accel_noise_mps2_rthz: float = 0.0034
-    """Noise of the specific force at rest, m/s²/√Hz, beside the calibration's. [real walks]"""
+    """Noise of the specific force at rest, m/s²/√Hz, in addition to the calibration's. [real walks]"""
     accel_motion_noise_per_rthz: float = 0.0019
-    """What scale, alignment and sampling errors add for 1 m/s², 1/√Hz. [real walks]"""
+    """Scale, alignment and sampling errors per 1 m/s², 1/√Hz. [real walks]"""
     accel_jerk_noise_s_rthz: float = 2.15e-5
-    """What sampling adds where the specific force changes by 1 m/s³, s/√Hz. [real walks]"""
+    """Sampling errors per 1 m/s³ of change of the specific force, s/√Hz. [real walks]"""
     accel_limit_noise_mps2_rthz: float = 3.0
     """Added along an axis that is at a known limit, m/s²/√Hz. [real walks]"""
     accel_extreme_noise_mps2_rthz: float = 0.141
-    """Added where the limit is not known, and may be none. [real walks]"""
+    """Added if the limit is unknown and may not exist. [real walks]"""
     impact_excess: float = 0.5
-    """What a landing hides of an upward force in each sample at a known limit, as a share of the range. [real walks]"""
+    """Clipped part of a landing's upward force per sample at a known limit, as a share of the range. [real walks]"""
     gyro_bias_walk_radps2_rthz: float = 1e-5
-    """rad/s²/√Hz, beside the calibration's."""
+    """rad/s²/√Hz, in addition to the calibration's."""
     accel_bias_walk_mps3_rthz: float = 1e-4
-    """m/s³/√Hz, beside the calibration's."""
+    """m/s³/√Hz, in addition to the calibration's."""
     gyro_bias_sd_radps: float = 3.3e-4
-    """Turn-on bias, rad/s, where the calibration has none."""
+    """Turn-on bias, rad/s, if the calibration has none."""
     accel_bias_sd_mps2: float = 0.07
-    """Turn-on bias, m/s², where the calibration has none."""
+    """Turn-on bias, m/s², if the calibration has none."""
     gyro_range_radps: float = 0.0
-    """Limit of the gyro, rad/s, where the calibration has none; 0 = the largest magnitude met so far on the axis."""
+    """Limit of the gyro, rad/s, if the calibration has none; 0 = the largest magnitude so far on the axis."""
     accel_range_mps2: float = 0.0
     """Limit of the accelerometer, m/s², likewise."""
     gyro_range_min_radps: float = 7.0
-    """No gyro is taken to be limited below this, rad/s."""
+    """Least limit of a gyro, rad/s."""
     accel_range_min_mps2: float = 45.0
-    """No accelerometer is taken to be limited below this, m/s²."""
+    """Least limit of an accelerometer, m/s²."""
     limit_share: float = 0.94
-    """Share of the range above which a sample counts as limited. [real walks]"""
+    """Share of the range above which a sample counts as saturated. [real walks]"""
     window_s: float = 0.0243
     """Span of the motion statistic, s. [real walks]"""
     gyro_scale_radps: float = 0.0017
@@ -72,57 +72,57 @@ class FootInsParameters:
     accel_scale_mps2: float = 0.0045
     """Specific force that counts 1 in the statistic, m/s². [real walks]"""
     peak_decay_s: float = 0.2
-    """Time constant by which the statistic's peak is forgotten, s. [real walks]"""
+    """Decay time of the statistic's peak, s. [real walks]"""
     still_level: float = 2890.0
-    """Statistic at which any foot begins to lose its standing. [real walks]"""
+    """Statistic above which the trust in zero velocity decreases for any foot. [real walks]"""
     still_share: float = 0.008
-    """The same as a share of the recent peak, so that a fast gait may stand less quietly. [real walks]"""
+    """The same as a share of the recent peak, for less quiet stances of a fast gait. [real walks]"""
     still_power: float = 4.63
     """Steepness of the loss of trust above that level. [real walks]"""
     still_velocity_mps: float = 0.01
-    """Speed of a standing foot, m/s. [real walks]"""
+    """Speed of a stationary foot, m/s. [real walks]"""
     still_correlation_s: float = 0.018
-    """How long such a speed lasts: updates within this time share their error, s. [real walks]"""
+    """Correlation time of that speed: updates within it share their error, s. [real walks]"""
     max_velocity_sd_mps: float = 2.0
-    """An update less certain than this is left out, m/s."""
+    """Updates with a larger standard deviation are skipped, m/s."""
     innovation_gate: float = 3.0
-    """Innovation, in standard deviations, beyond which an update is trusted less. [real walks]"""
+    """Innovation, in standard deviations, beyond which an update is down-weighted. [real walks]"""
     level_step_m: float = 0.0175
-    """A smaller change of the floor's height between two steps is none, m; 0 = each floor is new. [real walks]"""
+    """A smaller change of floor height between two steps counts as none, m; 0 = each floor is new. [real walks]"""
     level_tilt_rad: float = 0.06
-    """A foot that leans more, against how it first stood, is on no level floor, rad. [real walks]"""
+    """Largest tilt on a level floor, relative to the first stance, rad. [real walks]"""
     floor_sd_m: float = 0.0053
-    """How far the height of a foot on the same floor differs from step to step, m. [real walks]"""
+    """Height differences of a foot on the same floor from step to step, m. [real walks]"""
     stand_speed_mps: float = 0.02
-    """A foot whose speed is known no better does not stand on a floor yet, m/s. [real walks]"""
+    """Largest speed uncertainty of a foot on a floor, m/s. [real walks]"""
     stand_s: float = 0.0298
-    """How long it has to stand before its height counts, s. [real walks]"""
+    """Stationary time before its height counts, s. [real walks]"""
     rest_level: float = 880.0
-    """Peak of the statistic below which the foot rests: its mean rate is the gyro's bias. [real walks]"""
+    """Peak of the statistic below which the foot is at rest: its mean rate is the gyro's bias. [real walks]"""
     rest_rate_noise_radps_rthz: float = 3.2e-4
-    """Turning of a foot at rest, rad/s/√Hz. [real walks]"""
+    """Rotation rate of a foot at rest, rad/s/√Hz. [real walks]"""
     align_s: float = 0.1
-    """Still time that an alignment takes, s."""
+    """Stationary time of an alignment, s."""
     align_timeout_s: float = 2.0
-    """After this the filter starts without having stood still, s."""
+    """After this time the filter starts without a stationary window, s."""
     tilt_sd_rad: float = 0.0175
     """Error of an alignment at rest, rad."""
     moving_tilt_sd_rad: float = 0.2
     """Error of an alignment in motion, rad."""
     moving_speed_mps: float = 1.0
-    """Speed of a foot that never stood still, m/s."""
+    """Speed of a foot that was never stationary, m/s."""
     max_step_s: float = 0.03
     """A longer step is a gap, s."""
     max_gap_s: float = 0.3
-    """A longer gap is not bridged: the filter aligns anew, s."""
+    """After a longer gap the filter aligns again, s."""
     gap_gyro_noise_radps_rthz: float = 0.3
-    """What a gap hides, rad/s/√Hz."""
+    """Noise of a gap, rad/s/√Hz."""
     gap_accel_noise_mps2_rthz: float = 3.0
-    """What a gap hides, m/s²/√Hz."""
+    """Noise of a gap, m/s²/√Hz."""
     gap_speed_mps: float = 1.5
     """Speed of the wearer while the filter is lost, m/s."""
     gap_turn_rate_radps: float = 0.5
-    """Turning of the wearer while the filter is lost, rad/s."""
+    """Rotation rate of the wearer while the filter is lost, rad/s."""
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
@@ -148,10 +148,10 @@ else:
 
 
 def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None) -> KernelParameters:
-    """What the kernel is told: the parameters, with the sensor's own noise added where a calibration says it.
+    """The kernel's parameters: these, with the sensor's own noise added if the calibration has it.
 
     Args:
-        parameters: What holds for any sensor.
+        parameters: Parameters for any sensor.
         calibration: Noise densities and turn-on biases of this one; None = unknown.
     """
     values = {name: float(value) for name, value in asdict(parameters).items()}

@@ -1,27 +1,25 @@
-"""The one-foot inertial navigation a moment later: each pose with what the next second tells of it.
+"""Fixed-lag smoother of the one-foot inertial navigation, compiled.
 
-The last samples of a foot, held back until what follows has told what it can of them; compiled.
-
-Smoothing over an interval looks back from its end: what sample k+1 found, seen through how the error of sample k became
-that of k+1, is what it tells of k. In the form of Bryson & Frazier 1963 (Bierman 1973, Automatica 9:503) that needs no
-inverse of a covariance, which here is singular: the start is known, and the floor is as high as the foot that stands on
-it. Between two samples the error goes through Ψ (propagation, corrections, shifts, new floors, as they come), and the
-corrections gather the information J = Σ g gᵀ / s and the evidence j = Σ g z / s about the error that went in, where
-g = Ψ_iᵀ h with Ψ as far as it has come at correction i. With both gathered over all later samples
+Fixed-interval smoothing runs backward from the interval's end: the information of sample k+1, mapped through the
+propagation of the error from k to k+1, applies to k. In the form of Bryson & Frazier 1963 (Bierman 1973, Automatica
+9:503) it needs no inverse of a covariance, which here is singular: the start is known, and the floor is as high as the
+stationary foot. Between two samples the error is mapped by Ψ (propagation, corrections, shifts, new floors), and the
+corrections add the information J = Σ g gᵀ / s and the evidence j = Σ g z / s about the initial error, where
+g = Ψ_iᵀ h with Ψ up to correction i. With both summed over all later samples
 
     x_smoothed = x ⊕ P j,   P_smoothed = P - P J P.
 
-Two passages in a row are one: Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j_a + Ψ_aᵀ j_b. That is associative, so the
-passage over a sliding window takes three products a sample, however long the window is (two stacks, of which the older
-is summed from its end).
+Two consecutive passages combine to Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j_a + Ψ_aᵀ j_b. That is associative, so the
+passage over a sliding window takes three products per sample, however long the window is (two stacks, of which the
+older is summed from its end).
 
-Where a peak that a sensor hid is put back (`clipping`), the filter's state jumps, and with it what is held of the
-samples since the peak began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes
-T_k Ψ T_(k-1)⁻¹, and J and j are seen through T_(k-1)⁻¹, where T is what `shift` does to an error.
+When a clipped peak is restored (`clipping`), the filter's state jumps, and with it the stored samples since the peak
+began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
+and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift` on an error.
 
-The filter itself tells Ψ, J and j, without knowing: `listen` gives its covariance 19 rows more, with covariance 0 of
-their own and I with the error. Whatever linear thing is done to the error turns I into Ψᵀ, and each correction takes
-g gᵀ / s from the zeros and puts g z / s into the error beside them.
+The filter computes Ψ, J and j as a by-product: `listen` extends its covariance by 19 rows, with covariance 0 of their
+own and I with the error. Every linear operation on the error turns I into Ψᵀ; each correction subtracts g gᵀ / s from
+the zeros and adds g z / s to the error of these rows.
 """
 
 from __future__ import annotations
@@ -86,7 +84,7 @@ class Window(NamedTuple):
         transition: (C + 1, 19, 19) Ψ of the passage from the sample before; row C: over the samples not yet summed.
         information: (C + 1, 19, 19) J of the same.
         evidence: (C + 1, 19) j of the same.
-        given: What is told of a sample that leaves.
+        given: Output for a sample that leaves.
     """
 
     place: NDArray[np.int64]
@@ -102,7 +100,7 @@ class Window(NamedTuple):
 
 
 def empty_window(capacity: int) -> Window:
-    """A window of at most `capacity` samples that holds none."""
+    """An empty window of at most `capacity` samples."""
     transition = np.zeros((capacity + 1, STATES, STATES))
     transition[capacity] = np.eye(STATES)
     return Window(
@@ -126,7 +124,7 @@ def listening() -> Memory:
 
 @njit(**INSIDE)
 def listen(memory: Memory) -> None:
-    """Prepares the rows beside the foot's for the next sample, in place."""
+    """Prepares the additional rows for the next sample, in place."""
     P = memory.covariance
     P[:, STATES:] = 0.0
     P[STATES:] = 0.0
@@ -137,11 +135,11 @@ def listen(memory: Memory) -> None:
 
 @njit(**INSIDE)
 def put_back(window: Window, memory: Memory) -> None:
-    """Moves what is held of the samples since a hidden peak began by what `restore` found, in place.
+    """Corrects the stored samples since a clipped peak began by the result of `restore`, in place.
 
     Args:
-        window: Before `hold` takes the sample with which the peak was put back.
-        memory: After that sample; its passage now begins at the moved state.
+        window: Before `hold` takes the sample at which the peak was restored.
+        memory: After that sample; its passage now begins at the corrected state.
     """
     place, capacity = window.place, len(window.t_ns)
     held, summed, moved = place[HELD], place[SUMMED], memory.restored
@@ -176,7 +174,7 @@ def put_back(window: Window, memory: Memory) -> None:
 
 @njit(**INSIDE)
 def _move(window: Window, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
-    """Moves the ends of a row's passage, told in samples back; those beyond `reach` stay."""
+    """Moves the ends of a row's passage, given in samples back; those beyond `reach` stay."""
     if end <= reach:
         shift_rows(window.transition[row], 0, moved[end, POSITION:VELOCITY], moved[end, VELOCITY:ATTITUDE])
     if begin <= reach:
@@ -199,7 +197,7 @@ def _begin_at(M: Array, dp: Array, dv: Array) -> None:
 
 @njit(**INSIDE)
 def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
-    """Takes what the filter holds after a sample that it used in `phase`; there must be room."""
+    """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
     capacity = len(window.t_ns)
     i = (window.place[OLDEST] + window.place[HELD]) % capacity
     window.place[HELD] += 1
@@ -279,20 +277,20 @@ def run(
     force: Array,
     out: Rows,
 ) -> int:
-    """Takes N samples; after each, gives the oldest held if it is `lag_ns` old or there is no more room.
+    """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
 
     Args:
         memory: Of `listening`, changed in place.
         window: Changed in place.
-        parameters: What the filter believes.
+        parameters: Of the filter.
         lag_ns: Age at which a sample leaves the window.
         t_ns: (N,) int64.
         rate: (N, 3) rad/s.
         force: (N, 3) m/s².
-        out: Room for N rows, of which the first are written.
+        out: Buffer of N rows, of which the first are written.
 
     Returns:
-        How many rows are.
+        Number of rows written.
     """
     n = 0
     for k in range(len(t_ns)):
@@ -312,7 +310,7 @@ def run(
 
 @_called
 def drain(window: Window, out: Rows, n: int) -> int:
-    """Gives all that is still held, from row `n` of `out` on; returns up to which row."""
+    """Outputs all held samples, from row `n` of `out` on; returns the end row."""
     while window.place[HELD] > 0:
         _write(window, out, n)
         n += 1
@@ -320,23 +318,23 @@ def drain(window: Window, out: Rows, n: int) -> int:
 
 
 MAX_LAG_S = 10.0
-MAX_RATE_HZ = 1000.0  # of a faster sensor as many samples are held, and the lag is shorter
+MAX_RATE_HZ = 1000.0  # faster sensors have the same number of samples held, and a shorter lag
 
 
 class FootInsSmoother:
-    """`FootIns` with a fixed lag: a pose is told once the foot has gone on for `lag_s`, and better for it.
+    """`FootIns` with a fixed lag: each pose is smoothed with the following `lag_s`.
 
-    Within a swing the filter's error grows until the foot stands and says so. Told a swing later, the error is spread
-    over the swing that made it, and the path has no steps (Colomar, Nilsson, Händel 2012, "Smoothing for ZUPT-aided
-    INSs", IPIN). There, corrections are held back to the end of a step and smoothed as errors of an open loop, for a
-    loop that is closed has no error left to smooth. Here it is closed at every sample, and nothing is lost: what each
-    correction told is kept about the error that it found (`window`). The result is that of smoothing each interval of
-    `lag_s` from its end. An alignment (the first, or after a long gap) tells nothing of what came before it.
+    Within a swing the filter's error grows until the next zero velocity. With the lag, the correction is spread over
+    the swing, and the path has no steps (Colomar, Nilsson, Händel 2012, "Smoothing for ZUPT-aided INSs", IPIN). There,
+    corrections are held back to the end of a step and smoothed as errors of an open loop, because a closed loop has no
+    error left to smooth. Here the loop is closed at every sample without loss: each correction's information is kept
+    about the error that it corrected (`window`). The result is that of smoothing each interval of
+    `lag_s` from its end. An alignment (the first, or after a long gap) carries no information on earlier samples.
 
     Causal but for the lag, of constant memory, deterministic; the filter inside gives the numbers of `FootIns`.
 
     Args:
-        lag_s: Age at which a sample's pose is told, s, up to 10; a second holds a whole swing.
+        lag_s: Age at which a sample's pose is returned, s, up to 10; a second covers a whole swing.
         calibration: As of `FootIns`.
         parameters: As of `FootIns`.
         start: As of `FootIns`.
@@ -362,7 +360,7 @@ class FootInsSmoother:
             start.place(self._memory)
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
-        """Takes one sample; returns the oldest one's estimate that is not told yet, None while that is too young."""
+        """Takes one sample; returns the oldest estimate not yet returned, None while it is too young."""
         out = _rows(1)
         t_ns, rate, force = np.array([sample.t_ns]), sample.angular_rate[None], sample.specific_force[None]
         if self._take(t_ns, rate, force, out) == 0:
@@ -370,23 +368,23 @@ class FootInsSmoother:
         return FootInsEstimate.of(self._window.given, int(out[1][0]), float(out[2][0]))
 
     def run(self, block: Block[Imu]) -> FootInsPath:
-        """The path over the usable samples of a block and those held before, the last smoothed with what there is."""
+        """The path over the usable samples of a block and those held before, the last ones smoothed with less."""
         out = _rows(len(block) + self.held)
         n = self._take(block.t_ns, block.columns["angular_rate"], block.columns["specific_force"], out)
         return self._told(out, n)
 
     def finish(self) -> FootInsPath:
-        """The samples not told yet, smoothed with what there is."""
+        """The samples not yet returned, smoothed with what is available."""
         return self._told(_rows(self.held), 0)
 
     @property
     def nis(self) -> float:
-        """As of `FootIns`: what is smoothed are its errors, not what it met."""
+        """As of `FootIns`: of the filter's innovations, which smoothing does not change."""
         return standing_nis(self._memory)
 
     @property
     def held(self) -> int:
-        """Samples not told yet."""
+        """Number of samples not yet returned."""
         return int(self._window.place[HELD])
 
     def _told(self, out: Rows, n: int) -> FootInsPath:
@@ -408,5 +406,5 @@ class FootInsSmoother:
 
 
 def _rows(n: int) -> Rows:
-    """Room for `n` samples, as `FootInsPath.of` takes them."""
+    """Buffers for `n` samples, as `FootInsPath.of` takes them."""
     return np.empty(n, np.int64), np.empty(n, np.int8), np.empty(n), np.empty((n, NOMINAL)), np.empty((n, 6, 6))

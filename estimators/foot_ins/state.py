@@ -1,4 +1,4 @@
-"""All that the filter remembers of a foot, as arrays of fixed size that the compiled kernel changes in place."""
+"""State of the filter of one foot, as arrays of fixed size that the compiled kernel changes in place."""
 
 from __future__ import annotations
 
@@ -9,53 +9,53 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
 
-# Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, how far the point of the sole that
-# stands still has wandered from the end of the lever arm (sensor frame), height of the floor.
+# Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
+# point of the sole from the end of the lever arm (sensor frame), height of the floor.
 POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACCEL_BIAS, CONTACT, FLOOR = 0, 3, 6, 10, 13, 16, 19
 NOMINAL = 20
 # Error state (19,): true = nominal + error; that of the attitude is a rotation vector in the world,
 # R_true = exp([e]x) R.
 D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR = 0, 3, 6, 9, 12, 15, 18
 STATES = 19
-TOLD = 15  # of them are in an estimate
+TOLD = 15  # number of them in an estimate
 
-# Clock (12,): last sample, since when the foot stands still, since when the filter aligns, last sample that it tracked,
-# last sample of which it was not sure to stand, all in ns; head and fill of the ring; phase; is the heading known, is
-# the lever arm; has the foot landed; how many samples back the hidden peak began that was put back with the last one.
+# Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
+# not surely stationary, all in ns; head and fill of the ring; phase; whether the heading is known; whether the lever
+# arm is; whether the foot has landed; samples since the beginning of the peak restored with the last sample.
 T_LAST, T_STILL, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED, RESTORED = range(12)
 CLOCKS = 12
 IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
 
-START_POSITION_SD = 1e-4  # m; the start is where the world's origin is
-START_HEADING_SD = 1e-3  # rad; and its heading is the world's
+START_POSITION_SD = 1e-4  # m; the start defines the world's origin
+START_HEADING_SD = 1e-3  # rad; and its heading
 
-RING = 64  # samples that the statistic can look back on; 35 ms at 1.8 kHz
+RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
 
 
 class Memory(NamedTuple):
-    """Everything the filter remembers of one foot; covariance and error may be those of a filter of more.
+    """State of the filter of one foot; covariance and error may belong to a larger filter.
 
     Attributes:
         nominal: (20,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
             bias m/s², wandering of the contact m, height of the floor m.
         covariance: (n, n) of the filter's error state.
-        error: (n,) found by updates, but not yet moved into the nominal state of the foot that it belongs to.
+        error: (n,) found by updates, but not yet moved into the nominal state.
         row: First of the 19 rows of `covariance` and `error` that are this foot's.
-        tilted: (4,) quaternion that an alignment began with.
+        tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
         clock: (12,) int64, see the constants above.
         ring_t_ns: (RING,) times of the last samples.
         ring: (RING, 6) their angular rate and specific force.
-        restored: (RING, 10) by how much that peak moved position (m), velocity (m/s) and attitude (quaternion of the
-            turn, world) after each sample, the newest first; rows up to `clock[RESTORED]` hold.
-        force_sum: (2, 4) sum and count of the specific force since the foot stands still, and since the
-            filter aligns.
-        lever: (3,) from the sensor to the point that stands still, sensor frame, m.
-        peak: (1,) peak of the motion statistic, slowly forgotten.
+        restored: (RING, 10) correction by that peak of position (m), velocity (m/s) and attitude (quaternion, world)
+            after each sample, the newest first; rows up to `clock[RESTORED]` are valid.
+        force_sum: (2, 4) sum and count of the specific force since the foot has been stationary, and since the
+            alignment began.
+        lever: (3,) from the sensor to the stationary point, sensor frame, m.
+        peak: (1,) slowly decaying peak of the motion statistic.
         extreme: (6,) largest magnitude of each channel so far.
-        nis: (2,) over all updates with a standing foot: sum of the squared innovation by its variance, per degree of
-            freedom; and how many.
+        nis: (2,) over all zero-velocity updates: sum of the normalised innovation squared, per degree of freedom;
+            and their number.
     """
 
     nominal: Array
@@ -76,10 +76,10 @@ class Memory(NamedTuple):
 
 
 def blank(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> Memory:
-    """Memory of a foot that has seen no sample and stands at the origin.
+    """Memory of a foot at the origin without samples.
 
     Args:
-        covariance: (n, n) of the filter that the foot is part of; a filter of its own without.
+        covariance: (n, n) of the larger filter; None: a filter of its own.
         error: (n,) of that filter.
         row: First of the foot's 19 rows in it.
     """

@@ -1,7 +1,4 @@
-"""Inertial navigation over one sample, and how its uncertainty grows.
-
-Covariance of an error-state filter: one foot's block inside a matrix of any size.
-"""
+"""Strapdown navigation over one sample, and its error-state covariance, a block inside a matrix of any size."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
 
     See docs/foot_ins.md (4).
 
-    F is the strapdown error model of Titterton & Weston 2004, ch. 12, over one step; the Earth stands still.
+    F is the strapdown error model of Titterton & Weston 2004, ch. 12, over one step, without Earth rotation.
 
     Args:
         P: (n, n) covariance.
@@ -76,10 +73,10 @@ def shift(P: Array, o: int, dp: Array, dv: Array) -> None:
 
     See docs/foot_ins.md (12).
 
-    To turn the whole world about the vertical changes nothing that a foot can measure; in the error that turn is
-    (z × p, z × v, z) at position, velocity and attitude. Where a correction moves p and v, it must move along, or the
-    filter takes the difference for a measurement of the heading, which adds up to a false certainty. This is the
-    invariant filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
+    A rotation of the whole world about the vertical z is unobservable; in the error it is (z × p, z × v, z) at
+    position, velocity and attitude. Where a correction moves p and v, this direction must move along; otherwise the
+    filter takes the difference for a heading measurement, which adds up to false certainty. This is the invariant
+    filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
 
     Args:
         P: (n, n) covariance.
@@ -113,8 +110,8 @@ def correct(P: Array, dx: Array, o: int, h: Array, z: float, r: float) -> None:
         P: (n, n) covariance.
         dx: (n,) error found so far.
         o: First row of the states that the measurement depends on.
-        h: (m,) row of the measurement's Jacobian, with regard to these m states.
-        z: What was measured minus what the nominal state predicts.
+        h: (m,) row of the measurement's Jacobian with respect to these m states.
+        z: Measurement minus its prediction from the nominal state.
         r: Variance of the measurement.
     """
     n = P.shape[0]
@@ -137,7 +134,7 @@ def correct(P: Array, dx: Array, o: int, h: Array, z: float, r: float) -> None:
 
 @njit(**INSIDE)
 def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
-    """Moves a nominal state over one interval, in place; with a negative `dt` exactly back.
+    """Propagates a nominal state over one interval, in place; a negative `dt` exactly reverses it.
 
     See docs/foot_ins.md (2), (3).
 
@@ -166,13 +163,13 @@ def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tup
 
 @njit(**INSIDE)
 def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Array, dt: float) -> None:
-    """Moves state and covariance over the interval of length `dt` (s) that the sample is the mean of.
+    """Propagates state and covariance over the interval of length `dt` (s) that the sample is the mean of.
 
     See docs/foot_ins.md (5).
 
-    The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). What scale,
-    alignment and sampling errors do is white noise that grows with the motion; an axis at its limit hides an
-    unknown excess.
+    The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
+    sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess.
+
 
     Args:
         memory: Changed in place.
@@ -219,8 +216,8 @@ def _at_limit(
 ) -> bool:
     """Whether a channel may be limited: near its range or, where unknown, near the largest value so far.
 
-    A limited channel comes back to the same extreme stride after stride; one that is not reaches its largest
-    value seldom, so that little is lost by mistrusting it there.
+    A limited channel returns to the same extreme in every stride. An unlimited one rarely reaches its largest value, so
+    little is lost by down-weighting it there.
     """
     size = abs(value)
     if known > 0.0:

@@ -1,7 +1,4 @@
-"""What a standing foot tells: a point of the sole has no velocity; at rest, the gyro shows its bias.
-
-How much the foot moves: one number over the last few hundredths of a second, and the recent peak of it.
-"""
+"""Zero-velocity and zero-rate updates of a stationary foot, and the motion statistic that detects it."""
 
 from __future__ import annotations
 
@@ -78,7 +75,7 @@ def motion(memory: Memory, parameters: KernelParameters) -> float:
 
 @njit(**INSIDE)
 def standing_speed(statistic: float, peak: float, parameters: KernelParameters) -> float:
-    """Standard deviation of the foot's speed, m/s, so far as the statistic tells it stands.
+    """Standard deviation of the foot's speed, m/s, as a stationary foot, from the motion statistic.
 
     See docs/foot_ins.md (7).
     """
@@ -88,12 +85,12 @@ def standing_speed(statistic: float, peak: float, parameters: KernelParameters) 
 
 @njit(**INSIDE)
 def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
-    """Lets the point that stands still wander along the sole over `dt` (s).
+    """Random displacement of the stationary point along the sole over `dt` (s).
 
     See docs/foot_ins.md (13).
 
-    A first-order Gauss-Markov process of deviation `contact_sd` and time constant `contact_s`, across the lever arm: a
-    foot rolls over the same ball in every step.
+    A first-order Gauss-Markov process of standard deviation `contact_sd` and time constant `contact_s`, across the
+    lever arm: a foot rolls over the same ball in every step.
     """
     x, P, o = memory.nominal, memory.covariance, memory.row + D_CONTACT
     kept = math.exp(-dt / parameters.contact_s)
@@ -116,20 +113,20 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
 
     See docs/foot_ins.md (8)-(10).
 
-    It is a measurement in the axes of the sensor, where a turn of the whole world changes nothing; so the Jacobian on
-    the attitude is [v]x.
+    It is a measurement in sensor axes, invariant to a rotation of the whole world; so the Jacobian on the attitude is
+    [v]x.
 
-    Which point of the sole stands still wanders from heel to ball as the foot rolls. An arm uncertain by
-    σ_r in every direction adds σ_r² (|w|² I - w wᵀ) to the noise, so a turning foot tells little about the
-    speed across its axis: taken at its word, it would pull the rise of the heel to zero in every step.
+    The stationary point of the sole moves from heel to ball as the foot rolls. An arm uncertain by σ_r in every
+    direction adds σ_r² (|w|² I - w wᵀ) to the noise, so a rotating foot constrains the speed across its axis little.
+    Without this, the update would pull the rise of the heel to zero in every step.
 
-    The foot's true speed in stance is no white noise: within `still_correlation_s` all updates share one
-    error, so each sample brings dt / still_correlation_s of an update, whatever the rate of the samples.
+    The foot's true speed in stance is not white noise: within `still_correlation_s` all updates share one error, so
+    each sample counts as dt / still_correlation_s of an update, whatever the sample rate.
 
-    A swinging foot may look still for an instant: it glides without turning while its force passes g. Then the
-    innovation is a surprise of many standard deviations, and the update's own deviation grows in proportion to
-    what exceeds `max_surprise` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a filter that
-    has gone astray still finds back, within some samples of standing.
+    A swinging foot may appear stationary for an instant: it glides without rotation while its force passes g. Then the
+    normalised innovation is large, and the update's standard deviation grows in proportion to the excess over
+    `max_surprise` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a diverged filter recovers within
+    some samples of stance.
     """
     x = memory.nominal
     R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
@@ -170,7 +167,7 @@ def _own(memory: Memory) -> Array:
 
 @njit(**INSIDE)
 def surprise(P: Array, H: Array, z: Array) -> float:
-    """Length of the innovation z (m,), of unit noise and Jacobian H (m, n), in standard deviations."""
+    """Normalised innovation: length of z (m,), of unit noise and Jacobian H (m, n), in standard deviations."""
     return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(len(z)), z))
 
 
@@ -184,9 +181,9 @@ def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
 
 @njit(**INSIDE)
 def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
-    """Update with ω = b_g: a foot that has long been quiet does not turn.
+    """Update with ω = b_g: a foot at rest for long does not rotate.
 
-    Someone who stands for long sways: a rate that would be a surprise as a bias is trusted less, as in `zero_velocity`.
+    A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity`.
     """
     sd = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt)
     H = np.zeros((3, STATES))

@@ -1,4 +1,4 @@
-"""Inertial navigation of two shoes that see each other."""
+"""Inertial navigation of two shoes that observe each other."""
 
 from stridetwin.estimators.checkerboard.pose import BoardSighting
 from stridetwin.estimators.foot_to_foot.events import RelativePosition

@@ -1,4 +1,4 @@
-"""Pictures of the shoe cameras become sightings of boards, looked for where the filter expects them."""
+"""Board observations from shoe-camera images, searched for where the filter predicts them."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
-_HELD = 8  # pictures that may wait for the IMUs to reach their time; the oldest goes first
-_SD = 3.0  # standard deviations within which the board is looked for
-_LEAST_ERROR_PX = 12.0  # a part of a board is read wrong where its place is taken to be surer than it is
-_LOST_PX = 60.0  # expected no better than this, the board is looked for in the whole picture ...
-_SEARCH_EVERY_NS = 100_000_000  # ... so often at most, because that takes longer
-# Where no board was found where it was expected for so long, what is expected may be wrong; then whole pictures are
-# searched now and then. (A stride is no whole number of these times.)
+_HELD = 8  # images that may wait for the IMUs to reach their time; the oldest is dropped first
+_SD = 3.0  # search region, standard deviations
+_LEAST_ERROR_PX = 12.0  # an overconfident prediction misidentifies the corners of a partly visible board
+_LOST_PX = 60.0  # with a less certain prediction the whole image is searched ...
+_SEARCH_EVERY_NS = 100_000_000  # ... at most this often, because that takes longer
+# If no board is found at its prediction for so long, the prediction may be wrong; then whole images are searched now
+# and then. (A stride is no integer multiple of these times.)
 _MISSED_NS, _DOUBT_EVERY_NS = 2_000_000_000, 300_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Expected:
-    """How the filter expects the other foot's board before a camera.
+    """Predicted pose of the other foot's board in a camera.
 
     Attributes:
-        T_camera_board: (4, 4) at the picture's instant.
+        T_camera_board: (4, 4) at the image's instant.
         covariance: (6, 6) of position (m) and rotation vector (rad), camera axes.
-        T_before: (4, 4) pose an exposure's time earlier.
+        T_before: (4, 4) pose one exposure time earlier.
     """
 
     T_camera_board: Array
@@ -41,7 +41,7 @@ class Expected:
     T_before: Array
 
     def error_px(self, points_in_board: Array, focal_px: float) -> float:
-        """Standard deviation of where the farthest of (M, 3) points before the camera is expected, pixels."""
+        """Standard deviation of the farthest predicted point of (M, 3) in front of the camera, pixels."""
         arms = points_in_board @ self.T_camera_board[:3, :3].T
         x, y, z = (arms + self.T_camera_board[:3, 3]).T
         zero = np.zeros_like(z)
@@ -54,9 +54,10 @@ class Expected:
 class Eyes:
     """The cameras of both shoes, each with a detector of the other shoe's board.
 
-    A picture waits until both IMUs have reached its time. Where the board shows its back or is out of view nothing is
-    searched; where the filter has lost the other shoe the whole picture is, ten times a second at most. So it is, less
-    often, where no expected board has been found for long: parts may sit otherwise than the filter is told.
+    An image waits until both IMUs have reached its time. A board that faces away or is out of view is not searched for.
+    If the filter has lost the other shoe, the whole image is searched, at most ten times per second; and less often if
+    no predicted board has been found for long, because the calibration may be wrong.
+
 
     Args:
         shoes: Cameras and boards.
@@ -76,10 +77,12 @@ class Eyes:
         self._waiting: deque[Image] = deque(maxlen=_HELD)
         self._searched_ns = dict.fromkeys(self._cameras, -_SEARCH_EVERY_NS)
         self._newest_ns = dict.fromkeys(self._cameras, -(2**62))
-        self._found_ns: int | None = None  # when a board was where it was expected, at first: of the first picture
+        self._found_ns: int | None = (
+            None  # when a board was last found at its prediction; at first, time of the first image
+        )
 
     def take(self, picture: Image) -> bool:
-        """Keeps a picture until it can be looked at; False where no board can be in it, or it does not follow."""
+        """Queues an image; False if no board can be in it, or it is out of order."""
         if picture.topic not in self._cameras or picture.t_ns <= self._newest_ns[picture.topic]:
             return False
         self._newest_ns[picture.topic] = picture.t_ns
@@ -87,7 +90,7 @@ class Eyes:
         return True
 
     def ready(self, reached_ns: int) -> list[tuple[Image, int, int]]:
-        """Pictures whose time both IMUs have reached, with the camera's foot and the instant on the IMUs' clock."""
+        """Images whose time both IMUs have reached, with the camera's foot and the time on the IMUs' clock."""
         found = []
         for _ in range(len(self._waiting)):
             picture = self._waiting.popleft()
@@ -100,7 +103,7 @@ class Eyes:
         return sorted(found, key=lambda item: item[2])
 
     def look(self, picture: Image, expected: Expected) -> BoardSighting | None:
-        """The board in a picture."""
+        """The board in an image."""
         if self._found_ns is None:
             self._found_ns = picture.t_ns
         if picture.t_ns - self._found_ns > _MISSED_NS:
@@ -110,14 +113,14 @@ class Eyes:
         return self._look_where(picture, expected)
 
     def _look_where(self, picture: Image, expected: Expected) -> BoardSighting | None:
-        """The board in a picture where it is expected, or anywhere where little is expected."""
+        """The board in an image at its prediction, or anywhere if the prediction is uncertain."""
         detector, (_, camera) = self._detectors[picture.topic], self._cameras[picture.topic]
         guess = detector.predict(expected.T_camera_board)
         error_px = np.inf
         if guess is not None:
             error_px = _SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _LEAST_ERROR_PX
         elif _SD**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and _near(expected):
-            return None  # it surely shows its back, or lies behind the camera
+            return None  # it certainly faces away, or is behind the camera
         if guess is None or not error_px < _LOST_PX:
             return self._search(picture, detector, _SEARCH_EVERY_NS)
         inside = np.all((guess > -error_px) & (guess < np.array([camera.width, camera.height]) + error_px), axis=1)
@@ -138,19 +141,19 @@ class Eyes:
 
 
 def _near(expected: Expected) -> bool:
-    """Whether the board's place is known well against its distance."""
+    """Whether the board's position is certain relative to its distance."""
     distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
     return _SD * float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1])) < distance
 
 
 def relative_position(sighting: BoardSighting, foot: int, mounts: Array, expected: Expected) -> RelativePosition | None:
-    """What the published filter makes of a sighting; the attitudes of the feet tell a plane's two poses apart.
+    """Measurement of the published filter from an observation; the feet's attitudes select one of a plane's two poses.
 
     Args:
         sighting: Of either camera.
-        foot: Which carries the camera.
+        foot: The foot with the camera.
         mounts: (4, 7) as in `memory.Pair`.
-        expected: How the board was expected.
+        expected: Predicted pose of the board.
     """
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
     return RelativePosition.of_sighting(

@@ -1,7 +1,4 @@
-"""Samples of both feet and their aids, in the order in which the compiled kernel takes them.
-
-Where the other shoe is, as the published filter of two feet takes it.
-"""
+"""Samples of both feet and their aids, in the order in which the compiled kernel takes them."""
 
 from __future__ import annotations
 
@@ -19,10 +16,10 @@ from stridetwin.streams.samples import Array, Block, Imu, Range
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RelativePosition:
-    """Where the other foot is, as the published system takes it from a picture.
+    """Relative position of the other foot, as the published system takes it from an image.
 
     Attributes:
-        topic: Stream of the picture.
+        topic: Stream of the image.
         t_ns: Middle of the exposure, on the clock of the IMUs.
         p_other_in_imu: (3,) position of the other foot's IMU in this foot's, m.
         sd: Standard deviation on each axis, m.
@@ -54,17 +51,17 @@ class RelativePosition:
 
         p_a^b = p_a^C + C(q_a^C) [p_C^f - C(q_C^f) C(q_b^f)ᵀ p_b^f]
 
-        Of the two poses that a plane has, the likelier one counts.
+        Of a plane's two poses, the more likely one is used.
 
         Args:
             sighting: By foot a of the board f on foot b.
             T_imu_camera: (4, 4) pose of the camera C in a's IMU.
             T_other_board: (4, 4) pose of the board in b's IMU.
-            R_camera_board: (3, 3) what is known of the board's orientation in the camera.
-            rotation_sd: How well, rad.
+            R_camera_board: (3, 3) prior of the board's orientation in the camera.
+            rotation_sd: Its standard deviation, rad.
 
         Returns:
-            None where the corners lie on a line.
+            None if the corners are collinear.
         """
         poses = admissible(board_poses(sighting), R_camera_board, rotation_sd)
         if not poses:
@@ -86,7 +83,7 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
     Args:
         imus: Samples of each foot, by `l` and `r`.
         aids: In any order.
-        newest_ns: Time that each foot has reached before.
+        newest_ns: Time that each foot had reached before.
 
     Returns:
         Events, and the aids whose time is still to come.

@@ -1,4 +1,4 @@
-"""The inertial navigation of two shoes that see each other, as an estimator: samples in, poses of both feet out."""
+"""The inertial navigation of two shoes that observe each other, as an estimator: samples in, poses of both feet out."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range
 
-# Which aids each method listens to; `published` is the paper's name for its third one.
+# Aids of each method; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {
     PROPOSED: (BoardSighting, Range),
     "published": (RelativePosition,),
@@ -38,18 +38,18 @@ METHODS: dict[str, tuple[type, ...]] = {
     "zupt": (),
 }
 Aiding = BoardSighting | RelativePosition | Range
-HELD = 16  # aids that may wait for the IMUs to reach their time; the oldest goes first
+HELD = 16  # aids that may wait for the IMUs to reach their time; the oldest is dropped first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootToFootEstimate:
-    """What is believed of both feet after one sample.
+    """Estimated state of both feet after one sample.
 
     Attributes:
         t_ns: Time of the sample.
-        feet: Of each foot that has given a sample, by `l` and `r`, at that foot's newest sample.
+        feet: Of each foot with samples, by `l` and `r`, at that foot's newest sample.
         covariance: (30, 30) of the left foot's 15 errors, then the right's; see `FootInsEstimate`.
-        sightings: Boards that were seen in the pictures whose time has come with this sample.
+        sightings: Boards observed in the images processed with this sample.
         pose: Of the foot whose IMU gave the sample; None after a sample of another kind.
     """
 
@@ -61,11 +61,11 @@ class FootToFootEstimate:
 
 
 class FootToFoot:
-    """Inertial navigation of two shoes, tied together by what one sees or hears of the other.
+    """Inertial navigation of two shoes, coupled by camera or sonar measurements of each other.
 
     Causal, of constant memory and cost, deterministic. Each foot is filtered as by `FootIns`, within one covariance of
-    both; a foot alone, or two that know nothing of each other, give the same numbers as `FootIns`. A sighting or echo
-    is used once both IMUs have reached its time, at most one sample later.
+    both; one foot alone, or two without mutual measurements, give the same numbers as `FootIns`. A board observation or
+    echo is used once both IMUs have reached its time, at most one sample later.
 
     Args:
         rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.
@@ -73,9 +73,9 @@ class FootToFoot:
             (= `zupt_relative_position`), `zupt_relative_distance`, `zupt`.
         parameters: `FootToFootParameters` for the first method, `PublishedParameters` for the others.
         method: Deprecated form of `options.method`.
-        start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without, one foot starts as `FootIns` does,
-            two stand side by side.
-        earth_rate_in_world: (3,) turning of the Earth, rad/s; 0 where latitude or north are unknown.
+        start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without it, one foot starts as `FootIns`
+            does, and two start side by side.
+        earth_rate_in_world: (3,) rotation rate of the Earth, rad/s; 0 if latitude or north are unknown.
 
     Raises:
         ConfigError: An unknown method, or parameters of another one.
@@ -159,20 +159,20 @@ class FootToFoot:
         """The paths of both feet over a whole recording.
 
         Raises:
-            StrideTwinError: A topic or calibration is missing, or a foot never stands still.
+            StrideTwinError: A topic or calibration is missing, or a foot is never stationary.
         """
         from stridetwin.estimators.foot_to_foot.path import follow_recording
 
         return follow_recording(cls(recording.rig, options=options), recording, options)
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
-        """Takes one sample; returns the new estimate, or None where the sample is ignored or has to wait.
+        """Takes one sample; returns the new estimate, or None if the sample is ignored or has to wait.
 
-        A picture is searched for the other shoe's board, by the methods that listen to sightings or relative positions.
+        Methods that use board observations or relative positions search an image for the other shoe's board.
 
         Raises:
-            StrideTwinError: A sample of a topic that the rig does not have on a foot, or a picture that shows left and
-                right exchanged (`worn`).
+            StrideTwinError: A sample of a topic that the rig does not have on a foot, or an image that shows that left
+                and right are swapped (`worn`).
         """
         if isinstance(sample, Imu):
             events, phase = self._take({FEET[self._foot(sample, self._imu_of)]: _block(sample)}, [])[:2]
@@ -198,9 +198,9 @@ class FootToFoot:
 
     @property
     def nis(self) -> dict[str, float]:
-        """Mean squared innovation by its variance, per degree of freedom: 1 if honest.
+        """Mean normalised innovation squared per degree of freedom: 1 if consistent.
 
-        Of what was used: `standing_l`, `standing_r`, `sightings`, `echoes`.
+        Of the updates used: `standing_l`, `standing_r`, `sightings`, `echoes`.
         """
         sums = {f"standing_{f}": memory.nis for f, memory in zip(FEET, self._pair.feet)}
         sums |= {"sightings": self._pair.nis[SIGHTINGS], "echoes": self._pair.nis[ECHOES]}
@@ -219,7 +219,7 @@ class FootToFoot:
 
         Args:
             imus: Samples of each foot, by `l` and `r`.
-            aids: Sightings and echoes, in any order.
+            aids: Observations and echoes, in any order.
 
         Returns:
             Path of each foot over its usable samples, by `l` and `r`.
@@ -261,7 +261,7 @@ class FootToFoot:
         return self._foot(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
 
     def _look(self) -> list[BoardSighting] | None:
-        """Looks at the pictures whose time has come and uses what is seen; None where there is no such picture."""
+        """Processes the images whose time has come and uses their observations; None if there is no such image."""
         ready = self._eyes.ready(min(self._newest_ns))
         seen = []
         for picture, foot, t_ns in ready:

@@ -1,8 +1,8 @@
-"""A gyro that tells a share too much or too little of every turn.
+"""Scale errors of the gyros as states.
 
-One foot alone cannot tell: it turns back in every step. Two that see each other can, as they turn at different times;
-and untold, the error is taken for a longer or shorter step (Titterton & Weston 2004, 12.3: a scale error is to the
-attitude what a bias of its own size times the rate is).
+They are unobservable from one foot alone, because it rotates back in every step. They are observable from two feet that
+observe each other, because these rotate at different times. Unmodelled, the error appears as a longer or shorter step
+(Titterton & Weston 2004, 12.3: a scale error affects the attitude as a bias of its own size times the rate does).
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from stridetwin.streams.samples import Array
 
 @njit(**INSIDE)
 def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
-    """Lets the scale's error act on the attitude's over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
+    """Propagates the scale error into the attitude error over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
 
     See docs/foot_to_foot.md (8).
 
     Args:
         pair: Its covariance is changed in place.
-        foot: Whose gyro.
+        foot: Foot with the gyro.
         rate: (3,) rad/s, sensor frame.
         t_ns: Of the sample.
-        max_gap_s: After a longer gap the foot is found anew, and nothing is done here.
+        max_gap_s: After a longer gap the foot is aligned again, and nothing is done here.
     """
     memory = pair.feet[foot]
     dt = (t_ns - memory.clock[T_LAST]) * 1e-9
@@ -41,7 +41,7 @@ def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: floa
 
 @njit(**INSIDE)
 def _turned(M: Array, a: int, s: int, D: Array) -> None:
-    """Rows of the attitude from `a` on less D times those of the scale from `s` on, in place."""
+    """Attitude rows from `a` on minus D times the scale rows from `s` on, in place."""
     for j in range(M.shape[1]):
         s0, s1, s2 = M[s, j], M[s + 1, j], M[s + 2, j]
         for i in range(3):

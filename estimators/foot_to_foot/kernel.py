@@ -1,4 +1,4 @@
-"""One sample after the other, of either foot and either aid, through the filter of two feet, compiled."""
+"""The compiled filter of two feet, sample by sample, of either foot and either aid."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent)
 
 @njit(**INSIDE)
 def still_world(memory: Memory, earth: Array, rate: Array, force: Array) -> tuple[Array, Array]:
-    """The sample (rad/s, m/s²) as a world that does not turn would have it: less the Earth's rate and Coriolis' force.
+    """The sample (rad/s, m/s²) in a world without rotation: minus the Earth's rate and the Coriolis force.
 
     Titterton & Weston 2004, ch. 3; the centrifugal force is part of gravity.
     """
@@ -50,16 +50,16 @@ def run(
     state: Array,
     covariance: Array,
 ) -> None:
-    """Takes N events and writes what is believed after each.
+    """Takes N events and writes the estimates after each.
 
     Args:
         pair: Changed in place.
-        feet: What the filter believes of the left and of the right foot.
-        parameters: What it believes of both.
-        events: An aid stands right after the IMU sample by which both feet have reached its time.
+        feet: Parameters of the left and of the right foot.
+        parameters: Parameters of both.
+        events: An aid comes right after the IMU sample by which both feet have reached its time.
         phase: (N,) int8, out: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
-        figure: (N,) out: of an IMU sample, standard deviation of the standing foot's speed, m/s; of an aid, its
-            surprise, see `vision.see`.
+        figure: (N,) out: of an IMU sample, standard deviation of the stationary foot's speed, m/s; of an aid, its
+            normalised innovation, see `vision.see`.
         state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
     """
@@ -101,14 +101,14 @@ def run(
 def foresee(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int
 ) -> tuple[bool, Array, Array, Array, Array, Array]:
-    """Pose of the other foot's board in a foot's camera.
+    """Predicted pose of the other foot's board in a foot's camera.
 
     Args:
-        pair: Left alone.
-        foot: What the filter believes of the foot with the camera.
-        parameters: What it believes of both.
+        pair: Not changed.
+        foot: Parameters of the foot with the camera.
+        parameters: Parameters of both.
         camera: Foot that carries the camera.
-        t_ns: Instant of a picture as its clock tells it, not after the newest sample of either foot.
+        t_ns: Time of an image on its camera's clock, not after the newest sample of either foot.
         earlier_ns: How much earlier the second pose is.
 
     Returns:

@@ -1,4 +1,4 @@
-"""What the filter of two feet believes beyond what the one-foot filter does."""
+"""Parameters of the filter of two feet, in addition to those of the one-foot filter."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from stridetwin.streams.errors import check_numbers
 
 @dataclass(frozen=True, kw_only=True)
 class _Common:
-    """What both methods are told.
+    """Parameters of both methods.
 
     Attributes:
-        foot: What the filter believes of each foot; the same as for one foot alone. The published method takes gravity,
+        foot: Parameters of each foot; the same as for one foot alone. The published method takes gravity,
             alignment and gaps from it; its noise is the calibration's alone.
-        max_delay_s: A sighting or echo that arrives later after its instant than this is left out, s.
-        exposure_s: Of the shoe cameras: tells a board's blur from its motion, s.
-        start_position_sd_m: How well is known where the second foot stands at the start, where nobody says it, m.
-        start_heading_sd_rad: And where it points, rad.
+        max_delay_s: A later board observation or echo is discarded, s.
+        exposure_s: Of the shoe cameras: relates a board's blur to its motion, s.
+        start_position_sd_m: Position uncertainty of the second foot at a start without given poses, m.
+        start_heading_sd_rad: Its heading uncertainty, rad.
     """
 
     foot: FootInsParameters = field(default_factory=FootInsParameters)
@@ -41,21 +41,21 @@ class FootToFootParameters(_Common):
     """One set serves every wearer and rig.
 
     Attributes:
-        camera_position_sd_m: How well the camera's place on the shoe is known, m.
-        camera_rotation_sd_rad: How well its direction is known, rad.
-        board_position_sd_m: The same of the board, m.
+        camera_position_sd_m: Of the camera's nominal position on the shoe, m.
+        camera_rotation_sd_rad: Of its nominal rotation, rad.
+        board_position_sd_m: The same for the board, m.
         board_rotation_sd_rad: rad.
-        camera_clock_sd_s: How well a camera's clock is known, s.
-        camera_clock_walk_s_rts: What that loses, s/√s.
-        gyro_scale_sd: Scale error of a gyro's axis, a share; estimated only where a camera sees the other shoe, as
-            nothing else makes it observable.
-        scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz` there, which stands for errors of scale.
-        sighting_correlation_s: How long a sighting's error lasts: sightings within this time share it, s.
-        max_frame_s: A sighting speaks for no more time than this, s.
-        sighting_gate: Innovation of a sighting, in standard deviations, beyond which it is trusted less.
-        range_sd_m: A sonar's echo, m: its steps, and which part of the shoe answers.
-        range_gate: An echo farther off than this, in standard deviations, is of something else.
-        sonar_after_s: The sonar is listened to only where the other shoe has not been seen for so long, s.
+        camera_clock_sd_s: Of a camera's clock offset, s.
+        camera_clock_walk_s_rts: Random walk of that offset, s/√s.
+        gyro_scale_sd: Scale error of a gyro's axis, relative; estimated only if a camera observes the other shoe,
+            because nothing else makes it observable.
+        scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz` there, which covers scale errors.
+        sighting_correlation_s: Correlation time of an observation's error: observations within it share their error, s.
+        max_frame_s: Largest time that one observation counts for, s.
+        sighting_gate: Innovation of an observation, in standard deviations, beyond which it is down-weighted.
+        range_sd_m: Of a sonar's echo, m: its resolution, and which part of the shoe reflects.
+        range_gate: Echoes with a larger innovation, in standard deviations, are from something else.
+        sonar_after_s: The sonar is used only if the other shoe has not been observed for so long, s.
     """
 
     camera_position_sd_m: float = 0.001
@@ -76,17 +76,17 @@ class FootToFootParameters(_Common):
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedParameters(_Common):
-    """The system of Jao, Wang, Shkel 2020, so far as the paper leaves numbers open.
+    """Parameters of Jao, Wang, Shkel 2020 that the paper leaves open.
 
     Attributes:
-        window_s: Span of the stance detector's variances, s.
+        window_s: Duration of the stance detector's window, s.
         accel_spread_mps2: Amplitude σ̄_a by which the accelerometer's standard deviation is normalised, m/s².
         gyro_spread_radps: Amplitude σ̄_g of the gyro, rad/s.
-        threshold: γ; the foot stands where the sum of the normalised variances is lower.
+        threshold: γ; the foot is stationary if the sum of the normalised variances is lower.
         zero_velocity_sd_mps: m/s.
-        relative_position_sd_m: What the heading that turns a relative position does to it, m, beside its own noise.
+        relative_position_sd_m: Effect of the heading that rotates a relative position, m, in addition to its own noise.
         range_sd_m: Of a sonar's echo, m.
-        max_range_misfit_m: An echo farther off than this is of something else, m.
+        max_range_misfit_m: Echoes farther off are from something else, m.
     """
 
     window_s: float = 0.05
@@ -100,7 +100,7 @@ class PublishedParameters(_Common):
 
     @property
     def noise_of_the_calibration_alone(self) -> FootInsParameters:
-        """The one-foot parameters without what they add to a sensor's data sheet."""
+        """The one-foot parameters without their additions to a sensor's data sheet."""
         return replace(
             self.foot,
             gyro_noise_radps_rthz=0.0,
@@ -130,7 +130,7 @@ else:
 
 
 def for_kernel(parameters: FootToFootParameters | PublishedParameters) -> PairParameters:
-    """What the kernel takes."""
+    """Parameters for the kernel."""
     values: dict[str, Any] = dict.fromkeys(PairParameters._fields, 0.0)
     values |= {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name != "foot"}
     return PairParameters(**values | {"published": isinstance(parameters, PublishedParameters)})

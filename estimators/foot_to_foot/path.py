@@ -15,14 +15,14 @@ from stridetwin.streams.trajectory import Trajectory
 
 
 def follow(estimator: FootToFoot, samples: Iterable[Sample]) -> dict[str, FootInsPath]:
-    """What was believed after each usable IMU sample.
+    """Estimates after each usable IMU sample.
 
     Args:
         estimator: Takes the samples.
-        samples: In order of time, pictures included; of other kinds they are passed over.
+        samples: In time order, images included; samples of other kinds are skipped.
 
     Returns:
-        Path of each foot that gave a sample, by `l` and `r`, as of `FootIns.run`.
+        Path of each foot with samples, by `l` and `r`, as of `FootIns.run`.
     """
     rows: dict[str, list[FootInsEstimate]] = {}
     for sample in samples:
@@ -41,7 +41,7 @@ def follow_recording(estimator: FootToFoot, recording: Recording, options: Optio
     streams = [s for s in estimator.streams(recording.rig, options) if s.required or s.topic in recording.topics]
     if any(s.kind is Image for s in streams):
         paths = follow(estimator, recording.samples([s.topic for s in streams]))
-    else:  # no image has to be searched where the feet were believed to be by then: the same numbers, at once
+    else:  # no image is searched at a prediction, so one block gives the same numbers
         blocks = {foot: recording.block(f"/foot_{foot}/imu") for foot in FEET}
         echoes = [sample for s in streams if s.kind is Range for sample in recording.block(s.topic)]
         paths = estimator.run(blocks, echoes)

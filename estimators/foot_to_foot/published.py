@@ -1,8 +1,8 @@
 """The system of Jao, Wang, Shkel 2020 (IEEE/ION PLANS): hard zero velocities and the vector between the feet.
 
 The 30 error states are the paper's in another order. Two misprints are read as the text has them: the columns of
-A(t) follow the state vector, and the foot stands where the variances are *low*. Measurements are linear in the
-error, so one update after the other is the paper's batch.
+A(t) follow the state vector, and the foot is stationary if the variances are *low*. Measurements are linear in the
+error, so sequential updates equal the paper's batch.
 """
 
 from __future__ import annotations
@@ -85,17 +85,17 @@ def relate(
     p_other_in_imu: Array,
     sd: float,
 ) -> float:
-    """Update with z_feet: the vector between the feet, turned into the world by the attitude of the camera's foot.
+    """Update with z_feet: the vector between the feet, rotated into the world by the attitude of the camera's foot.
 
     See docs/foot_to_foot.md (10).
 
-    H_feet has ±I at the two positions and nothing at the attitudes: as printed, the error of the attitude that
-    turned the vector is left out, and the filter takes the heading of the foot that looks as free of error.
+    H_feet has ±I at the two positions and 0 at the attitudes: as printed, it omits the error of the attitude that
+    rotated the vector, and the filter takes the heading of the camera's foot as free of error.
 
     Args:
         pair: Changed in place.
-        foot: What the filter believes of the foot with the camera.
-        parameters: What the filter of both believes.
+        foot: Parameters of the foot with the camera.
+        parameters: Parameters of both feet.
         camera: Foot that carries the camera.
         t_ns: Middle of the exposure.
         p_other_in_imu: (3,) position of the other foot's IMU in this foot's, m.

@@ -1,4 +1,4 @@
-"""The sonar on one shoe hears the other: one number about the distance between the feet."""
+"""Sonar update: the distance between the two shoes."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from stridetwin.estimators.foot_to_foot.vision import UNUSED
 def hear(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
 ) -> float:
-    """Update with the distance between the two IMUs that a sonar's echo tells.
+    """Update with the distance between the two IMUs from a sonar's echo.
 
     See docs/foot_to_foot.md (9).
 
-    The published system knows the positions alone; ours lets the attitudes at both ends have their share, and listens
-    only where the other shoe has not been seen for `sonar_after_s`: an echo comes from some part of it, always with the
-    same sign, so that all within `sighting_correlation_s` share one error. Most echoes of a real walk are the floor's
-    or of things beyond: what is too far from the expected distance is left out.
+    The published system uses the positions alone. Here the attitudes at both ends enter too, and the sonar is used only
+    if the other shoe has not been observed for `sonar_after_s`: an echo comes from some part of it, always with the
+    same sign, so all within `sighting_correlation_s` share one error. Most echoes of a real walk are from the floor or
+    from things beyond: those too far from the predicted distance are rejected.
 
     Args:
         pair: Changed in place.
-        foot: What the one-foot filter believes of the foot with the sonar.
-        parameters: What the filter of both believes.
+        foot: Parameters of the foot with the sonar.
+        parameters: Parameters of both feet.
         sonar: Foot that carries the sonar.
         t_ns: Time of the echo.
-        distance: m, from the sonar to the point of the other foot that answers.
+        distance: m, from the sonar to the reflecting point of the other foot.
 
     Returns:
         Length of the innovation in standard deviations, or UNUSED.

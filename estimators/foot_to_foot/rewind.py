@@ -1,4 +1,4 @@
-"""Where a foot was a moment ago: a camera's or sonar's instant lies between the samples of the IMUs."""
+"""Past state of a foot: a camera's or sonar's time is between the IMU samples."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from stridetwin.estimators.foot_ins.state import (
 )
 from stridetwin.streams.samples import Array
 
-MAX_LEAD_S = 0.05  # s; a foot that goes on as in its newest sample is off by more than it is worth after that
+MAX_LEAD_S = 0.05  # s; longer extrapolation of the newest sample is too inaccurate
 
 
 class Then(NamedTuple):
-    """How a foot's IMU was at an instant.
+    """State of a foot's IMU at a past time.
 
     Attributes:
-        known: Whether the foot was tracked all the time from then until its newest sample.
+        known: Whether the foot was tracked continuously from then to its newest sample.
         p: (3,) position in the world, m.
         R: (3, 3) rotation, world <- IMU.
         v: (3,) velocity in the world, m/s.
         rate: (3,) angular rate, world axes, rad/s.
-        age: How far before the newest sample, s; less than 0 after it.
-        led: (3,) way that the specific force has led since, world, m.
+        age: Time before the newest sample, s; negative after it.
+        led: (3,) displacement by the specific force since then, world, m.
     """
 
     known: bool
@@ -52,16 +52,16 @@ class Then(NamedTuple):
 
 @njit(**INSIDE)
 def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
-    """How the foot's IMU was at `t_ns`, from the newest state back through the samples since.
+    """State of the foot's IMU at `t_ns`, from the newest state back through the samples since.
 
-    It undoes `foot_ins.strapdown.predict` sample by sample, and so is exact but for the noise in between. A little
-    after the newest sample (a camera's clock may turn out to be late) the foot goes on as in that sample.
+    It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
+    after the newest sample (a camera's clock may be late) that sample is extrapolated.
 
     Args:
-        memory: Left alone.
+        memory: Not changed.
         gravity: m/s².
         t_ns: At most `MAX_LEAD_S` after the newest sample.
-        max_age_s: Farthest way back, s.
+        max_age_s: Largest age, s.
     """
     clock, x = memory.clock, memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()

@@ -1,11 +1,9 @@
-"""How the parts sit on the two shoes, read from the rig's calibration.
+"""Mounts of the sensors on the two shoes, from the rig's calibration, and detection of swapped left and right.
 
-Whether the parts sit on the shoes that the rig says: left and right are easily exchanged.
-
-A picture of the other shoe's board tells how the two shoes are turned to each other, given which shoe carries the
-camera. So do the attitudes of the IMUs, given which shoe carries which. Of the four ways in which left and right can
-have been told, the true one makes the two agree. Cameras that sit mirrored on the shoes show an exchange while the
-wearer still stands; exchanged IMUs show when the feet swing.
+An image of the other shoe's board gives the relative rotation of the shoes, given which shoe carries the camera. So do
+the IMUs' attitudes, given which shoe carries which. Of the four assignments of left and right, only the true one makes
+the two agree. Cameras mounted as mirror images show a swap while the wearer is stationary; swapped IMUs show when the
+feet swing.
 """
 
 from __future__ import annotations
@@ -27,12 +25,16 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array
 
-_SD = 0.3  # rad: a plane's orientation in a picture, and the feet's headings while nobody knows them
-_MOST = 4.0  # standard deviations; a picture says no more than that against anything
-_APART_NS = 50_000_000  # pictures closer together say the same
-_DOUBT, _SURE, _CLEAR = 4.0, 20.0, 10.0  # differences of log-likelihoods: not used, decided, and between which two
+_SD = 0.3  # rad: a plane's orientation in an image, and the feet's headings while unknown
+_MOST = 4.0  # standard deviations; limit of one image's evidence
+_APART_NS = 50_000_000  # closer images are not independent
+_DOUBT, _SURE, _CLEAR = (
+    4.0,
+    20.0,
+    10.0,
+)  # differences of log-likelihoods: observation unused, swap decided, and margin to the next assignment
 
-_WAYS = tuple(product((0, 1), (0, 1)))  # IMUs exchanged, cameras exchanged; the first is as the rig says
+_WAYS = tuple(product((0, 1), (0, 1)))  # IMUs swapped, cameras swapped; the first is as the rig says
 _NAMES = {
     (0, 1): "the cameras sit on each other's shoe",
     (1, 0): "the IMUs sit on each other's shoe",
@@ -41,7 +43,7 @@ _NAMES = {
 
 
 class Worn:
-    """Weighs what pictures say about left and right, until they have said enough.
+    """Accumulates evidence from images about left and right, until it suffices.
 
     Args:
         mounts: (4, 7) of cameras and boards in their feet's IMUs, as in `memory.Pair`.
@@ -54,15 +56,15 @@ class Worn:
         self._settled = False
 
     def agrees(self, sighting: BoardSighting, camera: int, R_world_imu: Array) -> bool:
-        """Whether a sighting may be used: False as long as it looks as if left and right were exchanged.
+        """Whether an observation may be used: False while left and right seem swapped.
 
         Args:
             sighting: Of a foot's camera.
-            camera: That foot, as the rig says.
+            camera: That foot, according to the rig.
             R_world_imu: (2, 3, 3) attitudes that the IMUs of the left and of the right foot give about that time.
 
         Raises:
-            StrideTwinError: Left and right are exchanged; the message says of what.
+            StrideTwinError: Left and right are swapped; the message says for which sensors.
         """
         if self._settled:
             return True
@@ -81,15 +83,15 @@ class Worn:
         return bool(behind < _DOUBT)
 
     def _misfit(self, R_camera_board: Array, camera: int, R_world_imu: Array, imus: int, cameras: int) -> float:
-        """Log-likelihood against one way to wear the parts, of the (N, 3, 3) likeliest pose."""
-        foot = camera ^ cameras  # that the camera really sits on
+        """Negative log-likelihood of one assignment, of the most likely of (N, 3, 3) poses."""
+        foot = camera ^ cameras  # the foot that actually carries the camera
         by_picture = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
         by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
         cosine = (np.einsum("nij,ij->n", by_picture, by_imus).max() - 1.0) / 2.0
         return 0.5 * min(math.acos(max(-1.0, min(1.0, cosine))) / _SD, _MOST) ** 2
 
 
-SEPARATION = 0.2  # m between the feet where nobody says how they stand
+SEPARATION = 0.2  # m between the feet if not given
 TOE_OUT = 0.1  # rad, of each foot
 
 
@@ -103,7 +105,7 @@ M = TypeVar("M", bound=_Mounted)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shoes:
-    """Both shoes; what one does not carry has no calibration, and its pose is the identity.
+    """Both shoes; a missing part has no calibration, and its pose is the identity.
 
     Attributes:
         imus: Calibration of the IMU of each foot that has one, by `l` and `r`.
@@ -155,14 +157,14 @@ def shoes_of(rig: Rig) -> Shoes:
 
 
 def side_by_side(shoes: Shoes, parameters: FootToFootParameters | PublishedParameters) -> dict[str, StartPose]:
-    """How a wearer probably stands at the start: both feet flat, side by side, the toes a little out.
+    """Assumed stance at the start: both feet flat, side by side, the toes a little out.
 
-    The world's origin is on the ground between the heels, its x axis points forward. The left foot's place and heading
-    are this by definition; the right foot's are a guess.
+    The world's origin is on the ground between the heels, its x axis points forward. The left foot's position and
+    heading are this by definition; the right foot's are a guess.
 
     Args:
         shoes: For the IMUs' mounts.
-        parameters: How good the guess is.
+        parameters: Uncertainty of the assumption.
     """
     start = {}
     for foot, imu in shoes.imus.items():

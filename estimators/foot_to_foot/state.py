@@ -1,4 +1,4 @@
-"""What the filter of two feet remembers: two one-foot memories over one covariance, and how cameras and boards sit."""
+"""State of the filter of two feet: two one-foot memories over one covariance, and the mounts of cameras and boards."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ from stridetwin.streams.samples import Array
 LEFT, RIGHT = 0, 1
 FEET = ("l", "r")
 
-# Error state (70,): 19 of the left foot, 19 of the right, then 6 of each mount: camera left, camera right, board
-# left, board right, then the clocks of camera left and right, then 3 of each
-# gyro's scale. A mount's error is position (m) and rotation vector
-# (rad), both in the axes of its foot's IMU: R_true = exp([e]x) R. A clock's is what its pictures' times lack, s; a
-# scale's, by which share of itself a gyro's axis tells too much.
+# Error state (70,): 19 of the left foot, 19 of the right, then 6 of each mount: camera left, camera right, board left,
+# board right, then the clocks of camera left and right, then 3 of each gyro's scale. A mount's error is position (m),
+# rotation vector (rad), both in the axes of its foot's IMU: R_true = exp([e]x) R. A clock's is the offset to add to
+# image times, s; a scale's, the relative error by which a gyro's axis reads too much.
 MOUNTS = 2 * STATES
 CAMERA, BOARD = 0, 2  # first mount of a kind; the right foot's follows
 CLOCKS = MOUNTS + 4 * 6
@@ -33,7 +32,7 @@ SIGHTINGS, ECHOES = 0, 1  # rows of what is known of their innovations
 
 
 class Pair(NamedTuple):
-    """Everything the filter remembers of both feet.
+    """State of the filter of both feet.
 
     Attributes:
         feet: Left and right; their covariance and error are views of the two below.
@@ -41,14 +40,14 @@ class Pair(NamedTuple):
         error: (70,) see `foot_ins.memory.Memory`.
         mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each
             in its foot's IMU.
-        late: (2,) what is to be added to the times of each camera's pictures, s.
-        scales: (2, 3) share by which each axis of a foot's gyro tells too much.
+        late: (2,) offset to add to the times of each camera's images, s.
+        scales: (2, 3) relative error by which each axis of a foot's gyro reads too much.
         sonars: (2, 3) each foot's sonar, in its IMU, m.
-        echoes: (2, 3) the point of each foot that answers the other's sonar, in its IMU, m.
-        earth: (3,) turning of the Earth in world axes, rad/s.
-        seen: (2,) int64, time of the newest sighting used of each camera, ns.
+        echoes: (2, 3) the point of each foot that reflects the other's sonar, in its IMU, m.
+        earth: (3,) rotation rate of the Earth in world axes, rad/s.
+        seen: (2,) int64, time of the newest observation used of each camera, ns.
         heard: (2,) int64, time of the newest echo used of each sonar, ns.
-        nis: (2, 2) as `foot_ins.memory.Memory.nis`, of sightings and of echoes.
+        nis: (2, 2) as `foot_ins.memory.Memory.nis`, of observations and of echoes.
     """
 
     feet: tuple[Memory, Memory]
@@ -74,7 +73,7 @@ def blank_pair(
     echoes: Array,
     earth: Array,
 ) -> Pair:
-    """Memory of two feet that have seen no sample.
+    """Memory of two feet without samples.
 
     Args:
         mounts: (4, 7) as in `Pair`.
@@ -129,7 +128,7 @@ class Events(NamedTuple):
         row: (N,) int64 of the event in the arrays of its kind.
         rate: (I, 3) rad/s.
         force: (I, 3) m/s².
-        points: (S, M, 3) board points of each sighting, board frame, m; only the first `numbers` are valid.
+        points: (S, M, 3) board points of each observation, board frame, m; only the first `numbers` are valid.
         rays: (S, M, 2) their normalised image coordinates.
         numbers: (S,) int64, how many points each has.
         ray_sd: (S, M) their standard deviation.

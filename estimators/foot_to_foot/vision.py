@@ -1,4 +1,4 @@
-"""A camera on one shoe sees the board on the other: what its points say about both feet and how the parts sit."""
+"""Camera update: the points of the other shoe's board constrain both feet and the mounts."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from stridetwin.estimators.foot_to_foot.state import (
 )
 from stridetwin.streams.samples import Array
 
-MIN_DEPTH = 0.02  # m; a board nearer than this, or behind the camera, is not where the filter thinks
-LOOKS = 5  # at one picture, at most
-SETTLED = 0.1  # standard deviations of the picture; what moves the board by less needs no further look
-UNUSED = -1.0  # the surprise of a measurement that could not be used
+MIN_DEPTH = 0.02  # m; a predicted board nearer than this, or behind the camera, is invalid
+LOOKS = 5  # largest number of relinearisations per image
+SETTLED = 0.1  # standard deviations of the image; smaller changes of the board end the iteration
+UNUSED = -1.0  # the normalised innovation of an unused measurement
 
 
 @njit(**INSIDE)
@@ -45,22 +45,22 @@ def see(
     rays: Array,
     ray_sd: Array,
 ) -> float:
-    """Update with the picture of the other foot's board.
+    """Update with the image of the other foot's board.
 
     See docs/foot_to_foot.md (5), (7).
 
-    The points depend on the state through the board's pose in the camera alone. So the 2M rows are compressed to
-    six, the triangle R of a QR decomposition, before they meet the state; what is left over says how well any
-    pose of the board explains them. What lens, print and a yielding shoe do wrong they do wrong in every frame of
-    one pass of the other shoe, so within `sighting_correlation_s` all sightings share one error. A bad fit and a
-    surprise (after Chang 2014, as with zero velocities) widen the noise in proportion.
+    The points depend on the state only through the board's pose in the camera. So the 2M rows are compressed to six,
+    the triangle R of a QR decomposition, before the update; the remainder measures how well any pose of the board
+    explains them. Errors of lens, print and a yielding shoe are the same in every frame of one pass of the other shoe,
+    so within `sighting_correlation_s` all observations share one error. A bad fit and a large normalised innovation
+    (after Chang 2014, as with zero velocities) increase the noise in proportion.
 
     Args:
         pair: Changed in place.
-        foot: What the one-foot filter believes of the foot with the camera.
-        parameters: What the filter of both believes.
+        foot: Parameters of the foot with the camera.
+        parameters: Parameters of both feet.
         camera: Foot that carries the camera.
-        t_ns: Middle of the exposure, as the camera's clock tells it.
+        t_ns: Middle of the exposure, on the camera's clock.
         points_in_board: (M, 3) m, M ≥ 4.
         rays: (M, 2) normalised image coordinates of the points, x right, y down.
         ray_sd: (M,) standard deviation of each coordinate.
@@ -79,7 +79,7 @@ def see(
     by_clock = G[:, CLOCKS + camera]
     foretold = G @ pair.covariance @ G.T + walked * np.outer(by_clock, by_clock)
     m = len(points_in_board)
-    # A turn of a foot since the exposure that its gyro got wrong shifts all points alike.
+    # An error of a foot's rotation since the exposure moves all points alike.
     turned = foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
     sd = np.sqrt(ray_sd**2 + m * turned)
     frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
@@ -87,7 +87,7 @@ def see(
     ahead, T, z, alone = _tied(p, R, foretold, points_in_board, rays, sd, shared)
     if not ahead:
         return UNUSED
-    pair.covariance[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next sighting counts from this one
+    pair.covariance[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
     H, z = (T / (alone * shared)) @ G, z / (alone * shared)
     length = surprise(pair.covariance, H, z)
     pair.nis[SIGHTINGS, 0] += surprise(pair.covariance, shared * H, shared * z) ** 2 / 6.0
@@ -104,28 +104,28 @@ def see(
 def _tied(
     p: Array, R: Array, covariance: Array, points_in_board: Array, rays: Array, ray_sd: Array, shared: float
 ) -> tuple[bool, Array, Array, float]:
-    """What a picture says of the board's pose, as a linear measurement of how far the pose is from the foretold one.
+    """An image's linear measurement of the deviation of the board's pose from the predicted one.
 
     See docs/foot_to_foot.md (6).
 
-    A pose that is foretold badly is far from where the rays' Jacobian holds: a board that comes out a quarter nearer is
-    corrected by too much. So the rays are made linear anew where filter and picture together put the board, until that
-    stays (iterated Kalman filter; Jazwinski 1970, 9.7, in the six dimensions that matter).
+    A badly predicted pose is far from where the rays' Jacobian holds: a board that is a quarter nearer is
+    overcorrected. So the rays are linearised again at the updated board pose until it converges (iterated Kalman
+    filter; Jazwinski 1970, 9.7, in the six dimensions that matter).
 
     Args:
-        p: (3,) foretold position of the board in the camera, m.
-        R: (3, 3) foretold rotation, camera <- board.
+        p: (3,) predicted position of the board in the camera, m.
+        R: (3, 3) predicted rotation, camera <- board.
         covariance: (6, 6) of both, m and rad, camera axes.
         points_in_board: (M, 3) m.
         rays: (M, 2).
         ray_sd: (M,).
-        shared: Factor by which the noise grows as sightings share their error.
+        shared: Factor by which the noise grows as observations share their error.
 
     Returns:
-        Whether the board lies ahead of the camera; (6, 6) derivatives by the pose; (6,) innovations, both in standard
+        Whether the board is in front of the camera; (6, 6) derivatives by the pose; (6,) innovations, both in standard
         deviations of the rays; misfit, at least 1, by which these are too small.
     """
-    u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: pose found so far less the foretold one
+    u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: estimated minus predicted pose
     for look in range(LOOKS):
         q = exponential(u[3], u[4], u[5])
         A, ahead = _rows(p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
@@ -153,8 +153,8 @@ def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, A
     Args:
         pair: For the mounts.
         camera: Foot that carries the camera.
-        a: How that foot was at the picture's instant.
-        b: How the other one was.
+        a: State of that foot at the image's time.
+        b: State of the other one.
 
     Returns:
         (3,) m; (3, 3) camera <- board; (6, n) derivatives of the position (m) and of the rotation vector (rad), in
@@ -192,7 +192,7 @@ def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, then: Then)
 
     See docs/foot_to_foot.md (3).
 
-    δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × led: a turned foot would have been pushed another way.
+    δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × led: the force acts in the rotated direction.
     """
     G[:3, o + D_POSITION : o + D_POSITION + 3] = turn
     G[:3, o + D_VELOCITY : o + D_VELOCITY + 3] = -then.age * turn
@@ -208,7 +208,7 @@ def _rows(p: Array, R: Array, points_in_board: Array, rays: Array, ray_sd: Array
 
     See docs/foot_to_foot.md (4).
 
-    Also whether the board lies ahead of the camera.
+    Also whether the board is in front of the camera.
     """
     A = np.empty((2 * len(rays), 7))
     J = np.zeros((2, 3))
