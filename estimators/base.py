@@ -1,4 +1,4 @@
-"""What an estimator is: one interface, and what each estimator declares of itself.
+"""The interface of an estimator, and its declaration.
 
 A class is an estimator when it has a `declaration`, the class method `streams`, the constructor
 `Estimator(rig, *, options=None, parameters=None)` and `update(sample)`. A package offers it under the entry point group
@@ -50,7 +50,7 @@ class Options:
         method: One of `Declaration.methods`.
         foot: `l` or `r`, for an estimator of one foot.
         mount: Who carries the camera, one of `Declaration.mounts`; "" takes the first that the rig has.
-        poses_of: Frame whose poses come under `POSES`, such as `head/imu`; "" means the depth camera's optical frame.
+        poses_of: Frame of the poses under `POSES`, such as `head/imu`; "" means the depth camera's optical frame.
         lag_s: Smooth each pose with what follows within this time, s; None returns each pose at once.
         exoskeleton: File of an exoskeleton's geometry; None takes the one in the metadata.
         metadata: Texts that came with the samples.
@@ -91,7 +91,7 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True)
 class Declaration:
-    """What the commands, the report and the gate know of an estimator.
+    """Description of an estimator for the commands, the report and the gate.
 
     Attributes:
         name: In commands, files and scores.
@@ -161,7 +161,7 @@ class PathEstimate:
         name: In scores and files, such as `foot_ins_l`.
         frame: Frame whose path it is, such as `foot_l/imu`.
         path: Poses in the estimator's own world.
-        ready_ns: From when on it is scored: an estimator may look for the vertical first.
+        ready_ns: From when on it is scored: an estimator may align to gravity first.
         nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
         world: Estimates of one world are aligned with the truth together, as the first of them is; "" = each by itself.
         healthy: (N,) where the estimator trusts its pose; None where it does not say.

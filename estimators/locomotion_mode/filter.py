@@ -50,15 +50,15 @@ class LocomotionMode:
     the map and the step lengths, and replace the map where there is none.
 
     Without insoles it predicts only from the body's position before the first step. A foot with a dead insole is
-    predicted from the other foot's touch-downs. Without poses it returns nothing; when they jump, or after a long gap, it
-    resets, as the map does. Unobserved ground may be of any mode, and the probabilities reflect this.
+    predicted from the other foot's touch-downs. Without poses it returns nothing; when they jump, or after a long gap,
+    it resets, as the map does. Unobserved ground may be of any mode, and the probabilities reflect this.
 
     Args:
         rig: Rig with a depth camera. A map in its place, and the camera as second argument, are deprecated.
         camera: Deprecated; the depth camera.
         options: `poses_of`, the frame of the poses; `method`, one of `METHODS`: the first, or `published`, Zhao et
             al. 2023, eqs. (16)-(18).
-        ground: Map of the ground, built for the same options; it is updated here with the same samples. None builds one.
+        ground: Map of the ground for the same options; it is updated here with the same samples. None builds one.
         mount: Deprecated; pose of the camera in the frame of the poses.
         method: Deprecated form of `options.method`.
         parameters: One set serves everyone.

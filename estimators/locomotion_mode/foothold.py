@@ -199,7 +199,7 @@ class Footing:
         )  # fmt: skip
         self._alike = self._alike + 1 if mode and even > 0.5 else 0
         length = made - before
-        if self._alike > 1 and went_m is not None:  # the body moves as far as the feet, and its position is known better
+        if self._alike > 1 and went_m is not None:  # the body moves as far as the feet, and is known better
             length, sd = went_m, 0.5 * self._p.body_sd_m
         self._lengthen(foot, mode, length, sd, even)
 

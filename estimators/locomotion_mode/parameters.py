@@ -77,7 +77,7 @@ class LocomotionModeParameters:
         back_m: How far behind the body the ground is read from the map.
         standing_sd_m: Standard deviation of the first foot about the body, at the start.
         walking_sd_m: The same after a reset during the walk.
-        turned_rad: From this rotation on, the foot's lateral position on the old path gives its position along the new one.
+        turned_rad: From this rotation on, the foot's lateral position gives its position along the new path.
         turn_sd_rad: A step that rotates by more does not update the step statistics.
         beside_sd_m: Lateral standard deviation of the foot from the body's path.
         height_sd_m: Largest standard deviation of a usable body height.

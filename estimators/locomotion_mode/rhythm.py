@@ -91,7 +91,7 @@ class Rhythm:
         self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares))
         self.foot, self.down_ns, self.step = "", -1, 0
         self._silent = ""  # foot whose insole did not detect its last step
-        self._guessed, self._heard_ns = False, -1  # whether the last touch-down was not detected; time of the last detection
+        self._guessed, self._heard_ns = False, -1  # whether the last touch-down was inferred; last detection
 
     @property
     def step_s(self) -> float:
@@ -116,8 +116,8 @@ class Rhythm:
             t_ns: Time of the touch-down.
             heard: Whether its insole detected it.
 
-            Returns:
-                The landing; None if the foot only bounced.
+        Returns:
+            The landing; None if the foot only bounced.
         """
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
         if heard and foot == self._silent:

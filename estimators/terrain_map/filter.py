@@ -181,7 +181,7 @@ class TerrainMap:
         )  # fmt: skip
 
     def surface_points(self) -> tuple[Array, NDArray[np.int64]]:
-        """(N, 3) m, world, the ground seen from above, one point per column; and (N,) the id of its plane, -1 = none."""
+        """(N, 3) m, world, the ground from above, one point per column; and (N,) the id of its plane, -1 = none."""
         surface = self._planes.surface
         i, j = np.nonzero(np.isfinite(surface.height))
         columns = np.column_stack([i, j])

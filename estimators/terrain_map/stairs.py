@@ -139,7 +139,7 @@ def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
 def across(points: Array, toward: Array) -> Array:
     """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
     x, y = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
-    turn = 0.5 * math.atan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())  # direction of the line, from its scatter
+    turn = 0.5 * math.atan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())  # the line's, from its scatter
     ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
     along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
     if abs(ahead) < abs(along) * 0.5:  # the edge is too short to have a direction
