@@ -1,4 +1,4 @@
-"""What an estimator is: one interface, and what each estimator declares of itself.
+"""The interface of an estimator, and its declaration.
 
 A class is an estimator when it has a `declaration`, the class method `streams`, the constructor
 `Estimator(rig, *, options=None, parameters=None)` and `update(sample)`. A package offers it under the entry point group
@@ -8,12 +8,12 @@ is written, scored and drawn:
 | kind | `update` returns | file | scored against |
 |---|---|---|---|
 | `path` | a `Pose`, or an object whose `pose` is one | TUM trajectory | `/truth/FRAME/odometry` |
-| `steps` | `contact_terrain.StepEstimate` | `.csv`, a row a step | `/truth/footprints` |
+| `steps` | `contact_terrain.StepEstimate` | `.csv`, one row per step | `/truth/footprints` |
 | `map` | `terrain_map.TerrainEstimate`; has the methods of `TerrainMap` | `.json`, `.ply` | the terrain walked on |
-| `modes` | `locomotion_mode.ModeEstimate` | `.csv`, a row a step | `/truth/footprints` |
+| `modes` | `locomotion_mode.ModeEstimate` | `.csv`, one row per step | `/truth/footprints` |
 
-Before the first true sample `live` lets an estimator take six seconds of made-up ones of its streams, so that what it
-compiles is compiled by then.
+Before the first real sample `live` feeds an estimator six seconds of synthetic ones, so that it has compiled its
+functions by then.
 
 An estimator of paths may also have the class method `follow(recording, options, progress)`, which returns the
 `PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample.
@@ -44,17 +44,17 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Options:
-    """What a user chooses. One form serves all estimators; each reads what concerns it.
+    """The user's options, common to all estimators; each reads those it needs.
 
     Attributes:
         method: One of `Declaration.methods`.
         foot: `l` or `r`, for an estimator of one foot.
-        mount: Who carries the camera, one of `Declaration.mounts`; "" takes the first that the rig has.
-        poses_of: Frame whose poses come under `POSES`, such as `head/imu`; "" means the depth camera's optical frame.
+        mount: Mount of the camera, one of `Declaration.mounts`; "" takes the first that the rig has.
+        poses_of: Frame of the poses under `POSES`, such as `head/imu`; "" means the depth camera's optical frame.
         lag_s: Smooth each pose with what follows within this time, s; None returns each pose at once.
         exoskeleton: File of an exoskeleton's geometry; None takes the one in the metadata.
         metadata: Texts that came with the samples.
-        source: Whose metadata it is, for error messages.
+        source: Origin of the metadata, for error messages.
     """
 
     method: str = PROPOSED
@@ -91,7 +91,7 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True)
 class Declaration:
-    """What the commands, the report and the gate know of an estimator.
+    """Description of an estimator for the commands, the report and the gate.
 
     Attributes:
         name: In commands, files and scores.
@@ -101,7 +101,7 @@ class Declaration:
         order: Place among the estimators of its kind.
         methods: Names of the algorithms, the default first.
         per_foot: One instance is the estimator of one foot; both feet are run.
-        mounts: Who may carry its camera; the first that the streams allow is run.
+        mounts: Possible mounts of its camera; the first that the streams allow is run.
         parts: Suffix of name and file by frame, for an instance that estimates several paths.
         leads: Its poses, those of the sensor of its stream `imu`, are fed to the estimators of maps and modes.
         smooths: It takes `Options.lag_s`.
@@ -143,14 +143,14 @@ class Estimator(Protocol):
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """What it takes, the topics by role.
+        """Its streams: the topics by role.
 
         Raises:
             StrideTwinError: The rig, or the options' metadata, does not say what these are.
         """
 
     def update(self, sample: Any) -> Any:
-        """Takes one sample, in order of time; returns an estimate, or None where nothing new is known."""
+        """Takes one sample, in time order; returns an estimate, or None if nothing changed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,10 +161,10 @@ class PathEstimate:
         name: In scores and files, such as `foot_ins_l`.
         frame: Frame whose path it is, such as `foot_l/imu`.
         path: Poses in the estimator's own world.
-        ready_ns: From when on it is scored: an estimator may look for the vertical first.
+        ready_ns: From when on it is scored: an estimator may align to gravity first.
         nis: Mean squared innovation by its variance, per degree of freedom, by kind of measurement.
         world: Estimates of one world are aligned with the truth together, as the first of them is; "" = each by itself.
-        healthy: (N,) where the estimator trusts its pose; None where it does not say.
+        healthy: (N,) whether the estimator considers its pose valid; None if not provided.
         label: As `Declaration.label`.
         leads: As `Declaration.leads`.
     """

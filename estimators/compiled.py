@@ -1,4 +1,4 @@
-"""How the estimators are compiled: what Python calls is cached, what only compiled functions call costs less.
+"""Compilation of the estimators: functions called by Python are cached, inner ones are compiled at less cost.
 
 Numba has no public way to either. `INTERNALS` names what is used of its inside; `SUPPORTED` the versions in which that
 means what it means here. With any other version everything is compiled by plain `numba.njit(cache=True)`: the numbers
@@ -33,7 +33,7 @@ INTERNALS = (
 
 
 def missing_internals() -> list[str]:
-    """What the installed Numba lacks of `INTERNALS`."""
+    """The `INTERNALS` that the installed Numba lacks."""
     lacking = []
     for module, names in INTERNALS:
         try:

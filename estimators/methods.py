@@ -1,4 +1,4 @@
-"""Names of the methods that an estimator offers beside those of publications."""
+"""Current names of estimator methods, and their former names."""
 
 from __future__ import annotations
 

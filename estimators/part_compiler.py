@@ -1,4 +1,4 @@
-"""A compiler of functions that only go into other compiled ones, made of Numba's internals (`compiled.INTERNALS`)."""
+"""Compiles functions that are used only inside other compiled functions, by Numba internals (`compiled.INTERNALS`)."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def estimator(name: str) -> type[Estimator]:
     """The class of one estimator.
 
     Raises:
-        StrideTwinError: There is none of this name, it cannot be imported, or it is not an estimator.
+        StrideTwinError: The name is unknown, the class cannot be imported, or it is not an estimator.
     """
     points = _points()
     if name not in points:
@@ -47,7 +47,7 @@ def estimator(name: str) -> type[Estimator]:
 
 
 def estimators(kind: str | None = None) -> dict[str, type[Estimator]]:
-    """All estimators, or those of one kind, by name: kinds in the order of `KINDS`, then as they declare.
+    """All estimators, or those of one kind, by name: by kind in the order of `KINDS`, then by declared order.
 
     Raises:
         StrideTwinError: As `estimator`.

@@ -1,6 +1,6 @@
-"""Sensor noise: one child stream per topic, so that a sensor's noise does not depend on the other sensors.
+"""Sensor noise and bias variation (flicker noise, the bias instability, plus a random walk), sample by sample.
 
-Bias variation: flicker noise (the bias instability) and a random walk, sample by sample.
+Each topic has its own child stream, so a sensor's noise does not depend on the other sensors.
 """
 
 from __future__ import annotations

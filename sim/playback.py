@@ -1,6 +1,6 @@
-"""Plays a walk and, without a simulation, computes the ground reaction by inverse dynamics.
+"""Plays a planned walk without a simulation.
 
-Distribution of the ground reaction wrench, known from inverse dynamics, between the two feet.
+Inverse dynamics gives the ground reaction wrench, which is distributed between the two feet.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Slope and step height from the legs of an exoskeleton."""
+"""Estimates slope and step height from the legs of an exoskeleton."""
 
 from stridetwin.estimators.contact_terrain.estimate import MODES, UNKNOWN, StepEstimate
 from stridetwin.estimators.contact_terrain.filter import METHODS, ContactTerrain

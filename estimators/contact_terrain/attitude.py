@@ -1,8 +1,8 @@
 """Attitudes of five frames from their AHRS and their gyros' rates.
 
-An AHRS's tilt has a correlated error that grows with motion. Its gyro, integrated from one tick to the next, has hardly
-any error within a step. So the rates propagate each attitude, and the AHRS corrects it slowly: a Kalman filter of one
-variance per frame, in which an AHRS sample weighs like a white error of the same power (2 τ σ² / dt).
+The tilt error of an AHRS is correlated and grows with motion; its integrated gyro has hardly any error within a step.
+The rates therefore propagate each attitude, and the AHRS corrects it slowly: a Kalman filter with one variance per
+frame, in which an AHRS sample has a white error of the same power (2 τ σ² / dt).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _HERE = Path(__file__).parent
 
 
 class _State(NamedTuple):
-    """What compiled code changes in place: all at the last fresh sample but R, and the time since then."""
+    """State that compiled code modifies in place: all but R at the last fresh sample, and the time since then."""
 
     R: Array
     last: Array
@@ -46,7 +46,7 @@ class Attitudes:
         self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
 
     def update(self, tick: Tick) -> None:
-        """Takes a tick; after a gap, and at first, the attitudes are those of the AHRS.
+        """Takes a tick; at the start and after a gap, the attitudes are those of the AHRS.
 
         See docs/contact_terrain.md (6).
         """
@@ -78,7 +78,7 @@ def _fuse(state: _State, noise: AttitudeNoise, measured: Array, rate: Array, fre
 
 @cached(_HERE)
 def _log_so3(R: Array) -> Array:
-    """(3,) rotation vector, rad; for turns below π."""
+    """(3,) rotation vector, rad; for rotations below π."""
     turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine, cosine = math.sqrt(np.sum(turn * turn)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
     return turn if sine < 1e-9 else turn * (math.atan2(sine, cosine) / sine)

@@ -1,4 +1,4 @@
-"""What is believed of one step."""
+"""The estimate of one step."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepEstimate:
-    """The ground under the last footprint, as it is known at one instant of its foot-flat.
+    """The estimated ground under the last footprint, at one instant of its foot-flat.
 
     Attributes:
         t_ns: Time of the last tick used.
-        step: Number of the step, from 1; the feet that stand at the start have made none.
+        step: Number of the step, from 1; 0 for the feet on the ground at the start.
         foot: `l` or `r`.
         slope: rad, uphill positive in the direction of the foot.
-        elevation: m, height of this footprint over the one before (of the other foot).
-        slope_sd: Standard deviation, rad; inf where the method tells none.
-        elevation_sd: Standard deviation, m; inf where the method tells none.
+        elevation: m, height of this footprint over the previous one (of the other foot).
+        slope_sd: Standard deviation, rad; inf if the method provides none.
+        elevation_sd: Standard deviation, m; inf if the method provides none.
         normal: (3,) unit vector, up.
         p_sole_in_world: (3,) m, origin of the sole; the world's origin is under the foot that stood first.
-        covariance: (3, 3) m² of `p_sole_in_world` relative to the footprint before; inf on the diagonal where the
-            method tells none.
+        covariance: (3, 3) m² of `p_sole_in_world` relative to the previous footprint; inf on the diagonal if the method
+            provides none.
         mode: One of `MODES`, or `unknown`.
-        probability: Of that mode; 0 where it is unknown to a method that has no classes.
+        probability: Of that mode; 0 if unknown to a method without classes.
     """
 
     t_ns: int

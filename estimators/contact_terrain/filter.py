@@ -1,4 +1,4 @@
-"""Slope and step height from the legs as an estimator: samples in, steps out."""
+"""The contact terrain estimator: samples of the legs in, slope and height of each step out."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class _Method(Protocol):
 
 
 class ContactTerrain:
-    """From an exoskeleton's AHRS, encoders and insoles: slope, elevation and class of each step.
+    """Estimates slope, elevation and class of each step from an exoskeleton's AHRS, encoders and insoles.
 
     Causal, of constant memory, deterministic. Samples of all streams come in time order, in any order at one instant;
-    samples of other streams, and those that are lost or spoilt (`ticks`), are passed over.
+    samples of other streams, and lost or corrupted ones (`ticks`), are ignored.
 
     Args:
-        rig: Not read: the geometry says which sensors there are. An `Exoskeleton` in its place is deprecated.
+        rig: Not read: the geometry lists the sensors. An `Exoskeleton` in its place is deprecated.
         method: Deprecated form of `options.method`.
         svm: Classes for `published`; None leaves them unknown.
         options: `method`, one of `METHODS`: the first, or `published`, Shim et al. 2019; `exoskeleton` or `metadata`.
@@ -45,7 +45,7 @@ class ContactTerrain:
         parameters: Of sensors, walkers and buildings; one set serves all.
 
     Raises:
-        ConfigError: There is no such method.
+        ConfigError: The method is unknown.
         StrideTwinError: There is no geometry, or it cannot be read.
     """
 
@@ -97,7 +97,7 @@ class ContactTerrain:
         return tuple(streams)
 
     def update(self, sample: Sample) -> StepEstimate | None:
-        """Takes one sample; returns what is now known of the last footprint, None where nothing new is."""
+        """Takes one sample; returns the new estimate of the last footprint, or None if nothing changed."""
         told = None
         for tick in self._gather.add(sample):
             told = self._method.update(tick) or told

@@ -1,4 +1,4 @@
-"""One foot's stay on the ground: how it landed, which point of it holds, and how it lies when it is flat."""
+"""One stance of a foot: how it landed, its fixed contact point, and its attitude when flat."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Footfall:
 
     Args:
         step: Number of the step that ended with this landing; 0 for feet that stand at the start.
-        on_heel: It landed on the heel and not on the forefoot.
-        parameters: When a foot is flat.
+        on_heel: Whether it landed on the heel rather than the forefoot.
+        parameters: Conditions of foot-flat.
 
     Attributes:
         step, on_heel: As given.
@@ -37,14 +37,14 @@ class Footfall:
         self._highest, self._free = -math.inf, 0.0
 
     def lie(self, R_world_sole: Array, rate: float, loaded: bool, alone: bool, free: bool) -> bool:
-        """Takes the attitude of a foot that is down; returns whether it is flat in this tick.
+        """Takes the attitude of a foot on the ground; returns whether it is flat in this tick.
 
         Args:
             R_world_sole: (3, 3).
-            rate: How fast the foot turns, rad/s.
-            loaded: Whether it carries anything to speak of.
-            alone: Whether the other foot carries nothing: a foot that has just landed is still pressed flat.
-            free: Whether the ankle is clear of its stops: at a stop the leg turns the exoskeleton's foot off the shoe.
+            rate: Angular rate of the foot, rad/s.
+            loaded: Whether it is loaded.
+            alone: Whether the other foot is unloaded: a foot that has just landed is still being pressed flat.
+            free: The ankle is clear of its stops: at a stop the leg rotates the exoskeleton's foot off the shoe.
         """
         parameters, pitch = self._parameters, math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
         if not loaded or rate > parameters.flat_radps or pitch < self._highest - parameters.heel_rises_rad:
@@ -61,12 +61,12 @@ class Footfall:
 
     @property
     def flat(self) -> bool:
-        """Whether it has been flat for long enough to tell how the ground lies."""
+        """Whether it has been flat long enough to estimate the ground's slope."""
         return self.ticks >= self._parameters.flat_ticks
 
     @property
     def strained(self) -> float:
-        """How much of its attitude rests on ticks in which its ankle was at a stop, 0-1."""
+        """Share of its attitude from ticks with the ankle at a stop, 0-1."""
         return max(0.0, 1.0 - self._free / self._parameters.free_weight)
 
     def R_world_sole(self) -> Array:
@@ -76,7 +76,7 @@ class Footfall:
 
 @cached(_HERE)
 def _axes(forward: Array, up: Array) -> Array:
-    """(3, 3) rotation whose z axis is along `up`, and whose x axis is as near to `forward` as that allows."""
+    """(3, 3) rotation whose z axis is along `up`, and whose x axis is as close to `forward` as possible."""
     z = up / math.sqrt(up @ up)
     x = forward - (forward @ z) * z
     x /= math.sqrt(x @ x)
@@ -86,5 +86,5 @@ def _axes(forward: Array, up: Array) -> Array:
 
 
 def holds(sole: Sole, on_heel: bool) -> Array:
-    """(3,) m on the sole, the point that stays where it is: the heel's edge, or the hinge about which the toes bend."""
+    """(3,) m on the sole, the fixed contact point: the heel's edge, or the toe hinge."""
     return np.array([sole.heel_x, 0.0, 0.0]) if on_heel else np.array([sole.hinge_x, 0.0, sole.hinge_z])

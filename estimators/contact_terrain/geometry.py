@@ -1,6 +1,6 @@
-"""The calibration of an exoskeleton: D-H table, sensor mounts, soles, and how far it yields; read from a file.
+"""The calibration of an exoskeleton, read from a file: D-H table, sensor mounts, soles and compliance.
 
-Another exoskeleton needs another file and no other code: `docs/contact_terrain.md` explains it key by key. Angles are
+Another exoskeleton needs only another file; `docs/contact_terrain.md` explains each key. Angles are
 degrees in the file (`_deg`) and radians here.
 """
 
@@ -21,7 +21,7 @@ from stridetwin.streams.yaml_node import Node, parse_node, read_node
 
 SIDES = ("l", "r")
 METADATA_KEY = "exoskeleton"
-"""Under which the metadata of a recording holds the geometry's file."""
+"""Key of the geometry file in a recording's metadata."""
 _JOINTS_MAX = 3
 
 
@@ -34,8 +34,8 @@ class DhRow:
         a: m, along the x axis of the frame before.
         d: m, along this frame's z axis.
         theta: rad, added to the joint's angle.
-        turns: Whether a joint turns this frame.
-        stops: rad, least and greatest angle of that joint; infinite where they are not told.
+        turns: Whether a joint rotates this frame.
+        stops: rad, smallest and largest angle of that joint; infinite if not given.
     """
 
     alpha: float
@@ -67,7 +67,7 @@ class Knee:
 
     Attributes:
         topic: Its stream.
-        frame: Number of the frame that it turns.
+        frame: Number of the frame that it rotates.
         sign: q = sign · angle.
     """
 
@@ -78,7 +78,7 @@ class Knee:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sole:
-    """What stands on the ground.
+    """The sole and its insole.
 
     Attributes:
         topic: Stream of the insole.
@@ -120,7 +120,7 @@ class Leg:
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
-    """How far an exoskeleton yields under its wearer, as far as its calibration says.
+    """Compliance of an exoskeleton under its wearer.
 
     The defaults describe the twin's exoskeleton (holder of the heel 15 kN/m, cuffs 4 kN/m, `sim/wearer/coupling.py`)
     and serve files and recordings without a section `compliance`. They were chosen by hand on simulated walks of S1-S3,
@@ -128,11 +128,11 @@ class Compliance:
     """
 
     vector_sd_m: tuple[float, float, float] = (0.006, 0.006, 0.002)
-    """Standard deviation of a step's vector, x, y, z: slack of the heel's holder, soft soles."""
+    """Standard deviation of a step's vector, x, y, z, from slack in the heel holder and soft soles."""
     sag_sd_m: float = 0.006
-    """How much lower than at push-off a loaded heel sits in its holder."""
+    """Standard deviation of a loaded heel's sag in its holder, relative to push-off."""
     climb_share: float = 0.04
-    """Share of the height climbed by which holder and cuffs yield under the leg that lifts its wearer."""
+    """Yielding of holder and cuffs under the lifting leg, as a share of the height climbed."""
     slope_sd_rad: float = math.radians(0.32)
     """Standard deviation of a foot's pitch in its holder: a foot is never exactly flat."""
     slope_share: float = 0.06
@@ -143,13 +143,13 @@ class Compliance:
     stop_margin_rad: float = math.radians(2.0)
     """An ankle this close to a stop may be at it: rubber stops yield by up to 0.7° (docs/design.md)."""
     strained_slope_sd_rad: float = math.radians(8.0)
-    """What an ankle at its stop does to the foot's pitch."""
+    """Standard deviation of the foot's pitch with the ankle at its stop."""
     strained_sd_m: float = 0.015
-    """What an ankle at its stop does to the foot's place."""
+    """Standard deviation of the foot's position with the ankle at its stop."""
     steady_m: float = 0.0015
-    """How much the vector between two standing feet varies while the frame does not yield."""
+    """Variation of the vector between two stationary feet while the frame does not yield."""
     spread_gain: float = 5.0
-    """Error of that vector over what it varies beyond `steady_m`."""
+    """Ratio of that vector's error to its variation beyond `steady_m`."""
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0."""
@@ -169,7 +169,7 @@ class Exoskeleton:
         description: One line.
         back: AHRS on the back panel.
         legs: By `l` and `r`.
-        compliance: How far it yields.
+        compliance: Its compliance.
     """
 
     description: str
@@ -179,7 +179,7 @@ class Exoskeleton:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Every stream that is read: back, and of each leg thigh, foot, knee and insole."""
+        """Every stream read: the back, and thigh, foot, knee and insole of each leg."""
         each = [(g.thigh.topic, g.foot.topic, g.knee.topic, g.sole.topic) for g in self.legs.values()]
         return (self.back.topic, *(topic for leg in each for topic in leg))
 
@@ -188,8 +188,8 @@ def read_exoskeleton(path: str | Path) -> Exoskeleton:
     """An exoskeleton from its file.
 
     Raises:
-        ConfigError: A key that is missing, unknown or makes no sense; the message names file, key and what is valid.
-        StrideTwinError: The file cannot be read or is no YAML.
+        ConfigError: A key is missing, unknown or invalid; the message names file, key and the valid values.
+        StrideTwinError: The file cannot be read or is not YAML.
     """
     return _exoskeleton(read_node(path))
 

@@ -1,10 +1,8 @@
 """Kinematics of a leg from its D-H table, the attitudes of thigh and foot, and the knee's angle.
 
-The joints of hip and ankle carry no encoders: their angles follow from what the AHRS say of the frames before and
+The joints of hip and ankle have no encoders: their angles follow from the AHRS attitudes of the frames before and
 beyond them, equations (4)-(10) of Shim et al. 2019. `joint_angles` is the closed form for any axes; for the table of
-that paper it is (7) and (10).
-
-Where a point of a foot is, seen from the back panel, and how that moves with every offset that the filter knows.
+that paper it is (7) and (10). `foot_place` gives a foot's position and its derivative by the filter's offsets.
 """
 
 from __future__ import annotations
@@ -27,11 +25,11 @@ class Links(NamedTuple):
 
     Attributes:
         table: (N, 4) alpha, a, d, theta.
-        turns: (N,) bool, which frames a joint turns.
+        turns: (N,) bool, which frames a joint rotates.
         thigh: Number of the frame on the thigh.
-        knee: Number of the frame that the knee turns.
+        knee: Number of the frame that the knee rotates.
         hip_parts: (joints + 1, 3, 3) constant rotations before, between and beyond the joints of the hip.
-        ankle_parts: The same of the ankle.
+        ankle_parts: The same for the ankle.
         ankle_stops: (joints, 2) rad, least and greatest angle of each joint of the ankle.
     """
 
@@ -45,7 +43,7 @@ class Links(NamedTuple):
 
 
 def links(leg: Leg) -> Links:
-    """What compiled code reads of a leg."""
+    """A leg in the form for compiled code."""
     thigh, knee = leg.thigh.frame, leg.knee.frame
     return Links(
         table=np.array([[row.alpha, row.a, row.d, row.theta] for row in leg.rows]),
@@ -84,7 +82,7 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
     Args:
         table: (N, 4) alpha, a, d, theta.
         turns: (N,) bool.
-        q: Angles of the joints in the order of the frames that they turn, rad.
+        q: Angles of the joints in the order of the frames that they rotate, rad.
     """
     poses = np.empty((len(table), 4, 4))
     T, joint = np.eye(4), 0
@@ -106,7 +104,7 @@ def joint_angles(parts: Array, R: Array) -> Array:
 
     R = C_0 Rz(q_1) C_1 ... Rz(q_n) C_n. The first and the last angle follow from where R takes the other one's axis;
     of three, the middle one from the angle between those two axes, the solution nearer to zero. Where R is no such
-    product (two joints, real sensors), what is left is not shared out: each axis is put where R says.
+    product (two joints, real sensors), the residual is not distributed: each axis is placed as R gives it.
 
     Args:
         parts: (n + 1, 3, 3) constant rotations C.
@@ -146,7 +144,7 @@ def leg_angles(leg: Links, R_world_base: Array, R_world_thigh: Array, R_world_fo
         R_world_base: (3, 3) of the back panel, frame 0.
         R_world_thigh: (3, 3) of the thigh's frame.
         R_world_foot: (3, 3) of the last frame.
-        knee: Angle of the joint that turns the knee's frame, rad.
+        knee: Angle of the joint that rotates the knee's frame, rad.
     """
     hip = joint_angles(leg.hip_parts, np.ascontiguousarray(R_world_base.T) @ np.ascontiguousarray(R_world_thigh))
     R_thigh_knee = np.eye(3)
@@ -174,14 +172,14 @@ def _wrapped(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
-# Offsets: turns of the frames of back, thighs and feet (rad, frame axes), knees (rad), thighs and shanks (m), and how
-# much lower than at push-off a loaded heel sits in its holder (m)
+# Offsets: rotations of the frames of back, thighs and feet (rad, frame axes), knees (rad), thighs and shanks (m), and
+# the sag of a loaded heel in its holder relative to push-off (m)
 BACK, THIGH, FOOT, KNEE, LENGTH, SAG, OFFSETS = 0, 3, 9, 15, 17, 21, 22
 
 
 @cached(_HERE)
 def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]:
-    """Where a foot's last frame is, seen from frame 0 in world axes.
+    """Position of a foot's last frame relative to frame 0, in world axes.
 
     Args:
         leg: Links.
@@ -209,7 +207,7 @@ def foot_place(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]
 
 @cached(_HERE)
 def turning(arm: Array, R: Array) -> Array:
-    """(3, 3) derivative of a vector by a small turn of the frame that carries it, in that frame's axes.
+    """(3, 3) derivative of a vector by a small rotation of its frame, in that frame's axes.
 
     Args:
         arm: (3,) m, the vector in the world.

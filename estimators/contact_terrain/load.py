@@ -1,8 +1,7 @@
 """Loads under a foot from cells that creep, drift, die or stick.
 
-What a cell tells of a foot in the air is not load. Each cell's least value of the last strides, counted in time that
-the foot spent turning, is taken off what it tells: creep and drift go, a cell that sticks comes to nothing, and a dead
-one was nothing before.
+A cell's output with the foot in the air is not load. Each cell's minimum over the last strides, counted in time that
+the foot spent rotating, is subtracted. This removes creep and drift; a stuck or dead cell then reports zero.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ class CellLoads:
     """The cells of one insole.
 
     Args:
-        parameters: What counts as rotating, as felt and as a stride.
+        parameters: Thresholds of rotation, load and stride.
     """
 
     def __init__(self, parameters: CellParameters = DEFAULTS.cells) -> None:
@@ -32,8 +31,8 @@ class CellLoads:
         """(4,) N, load on each cell.
 
         Args:
-            force: (4,) N as told.
-            rate: How fast the foot turns, rad/s.
+            force: (4,) N, as measured.
+            rate: Angular rate of the foot, rad/s.
             dt: Since the last tick, s.
         """
         self._told = force
@@ -51,11 +50,11 @@ class CellLoads:
         return load
 
     def empty(self) -> None:
-        """The foot is in the air: what the cells tell now is no load."""
+        """Marks the foot as in the air: the current readings are not load."""
         self._least = np.stack([self._told, self._told])
 
     @property
     def alive(self) -> NDArray[np.bool_]:
-        """(4,) whether each cell has felt anything in the last strides."""
+        """(4,) whether each cell has measured a load in the last strides."""
         felt: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > self._parameters.felt_n
         return felt

@@ -1,10 +1,9 @@
-"""What the exoskeleton's sensors and links are off by, learnt from footprints that lie in one plane.
+"""Estimates offsets of the exoskeleton's sensors and links from consecutive footprints in one plane.
 
-The state holds constant offsets (`chain`). A step brings its vector from footprint to footprint and the slopes of both,
-each with a derivative by the offsets and an error of its own. Consecutive footprints mostly lie in one plane: then the
-new one is as high as the slopes say, and both slopes are one. How likely that is follows from the figures themselves;
-with that share the step corrects the offsets, and they correct it (a probabilistic data association, Bar-Shalom & Tse
-1975).
+The state holds constant offsets (`chain`). A step gives the vector between the footprints and both slopes, each with a
+derivative by the offsets and its own error. Consecutive footprints mostly lie in one plane: then the height follows
+from the slopes, and both slopes are equal. The probability of this follows from the measurements. With that weight the
+step and the offsets correct each other (probabilistic data association, Bar-Shalom & Tse 1975).
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ class StepFigures:
     """A step as measured, with derivatives by the offsets.
 
     Attributes:
-        vector: (3,) m, from the sole before to this one, world.
+        vector: (3,) m, from the previous sole to this one, world.
         J_vector: (3, OFFSETS).
-        slopes: (2,) rad, of this foot and the one before in their directions.
+        slopes: (2,) rad, of this foot and the previous one in their directions.
         J_slopes: (2, OFFSETS).
-        sd: (5,) standard deviations of vector and slopes beside the offsets'.
+        sd: (5,) standard deviations of vector and slopes in addition to the offsets'.
     """
 
     vector: Array
@@ -44,7 +43,7 @@ class StepFigures:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Belief:
-    """What is believed after a step.
+    """The estimate after a step.
 
     Attributes:
         values: (5,) vector, m, and slopes, rad.
@@ -62,11 +61,11 @@ class Belief:
 
 
 class Offsets:
-    """The offsets as they are believed after the last step that is over.
+    """The estimated offsets after the last completed step.
 
     Args:
         parameters: Prior of offsets and ground.
-        sag_sd_m: How much lower a loaded heel sits in its holder.
+        sag_sd_m: Standard deviation of a loaded heel's sag in its holder.
     """
 
     def __init__(self, parameters: OffsetParameters, sag_sd_m: float) -> None:
@@ -80,11 +79,11 @@ class Offsets:
         self._walk[BACK:KNEE] = p.turn_walk_rad**2
 
     def judge(self, step: StepFigures, *, start: bool = False) -> Belief:
-        """What a step and the offsets say of each other; the offsets stay as they are.
+        """Combines a step with the offsets; the stored offsets do not change.
 
         Args:
             step: As measured.
-            start: It is no step but how both feet stand at the start.
+            start: Both feet at the start rather than a step.
         """
         n = OFFSETS
         H = np.zeros((5, n + 5))
@@ -108,12 +107,12 @@ class Offsets:
         )  # fmt: skip
 
     def learn(self, belief: Belief) -> None:
-        """Takes what a step that is over has taught."""
+        """Stores the offsets estimated with a completed step."""
         self._x, self._P = belief.offsets, belief.P
 
 
 def _apart(m: Array) -> Array:
-    """(2,) how far a footprint is above the plane of the one before, m, and how much it is turned, rad.
+    """(2,) height of a footprint above the plane of the previous one, m, and the difference of their slopes, rad.
 
     See docs/contact_terrain.md (8).
     """
@@ -133,7 +132,7 @@ def _one_plane(m: Array) -> Array:
 def _update(
     z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
 ) -> tuple[Array, Array, float]:  # fmt: skip
-    """Kalman update by y = H z + noise that holds with a prior probability, and with which one in the end.
+    """Kalman update by y = H z + noise, which holds with a prior probability; also returns the posterior one.
 
     See docs/contact_terrain.md (9), (10).
 
@@ -144,7 +143,7 @@ def _update(
         y: (m,).
         noise: (m,) variances.
         prior: Probability that it holds.
-        spread: Volume over which y spreads where it does not.
+        spread: Volume over which y is distributed otherwise.
     """
     PH = P @ H.T
     S = H @ PH + np.diag(noise)
@@ -155,4 +154,4 @@ def _update(
     share = prior * density / (prior * density + (1.0 - prior) / spread)
     move = gain @ innovation
     P = P - share * gain @ PH.T + share * (1.0 - share) * np.outer(move, move)
-    return z + share * move, 0.5 * (P + P.T), share  # rounding that is not symmetric would grow from step to step
+    return z + share * move, 0.5 * (P + P.T), share  # asymmetric rounding errors would grow from step to step

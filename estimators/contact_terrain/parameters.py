@@ -1,6 +1,6 @@
-"""What the estimator of contact terrain assumes about walkers, sensors and buildings.
+"""Parameters of the contact terrain estimator for walkers, sensors and buildings.
 
-What describes the exoskeleton itself (how far its holders and cuffs yield) is `geometry.Compliance`.
+The exoskeleton's own compliance is `geometry.Compliance`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from stridetwin.streams.errors import ConfigError, check_numbers
 
 
 class AttitudeNoise(NamedTuple):
-    """Noise model of the five attitudes, as compiled code takes it."""
+    """Noise model of the five attitudes, in the form for compiled code."""
 
     still_sd_rad: float = math.radians(0.15)
     """Standard deviation of an AHRS's tilt at rest: `tilt_still_deg` of sim/parts/MW-AHRSv1.yaml."""
@@ -162,7 +162,7 @@ class PublishedParameters:
     front_share: float = 0.65
     """The front begins at this share of the same way."""
     markers_min: int = 10
-    """Markers from which on a plane is fitted."""
+    """Smallest number of markers for a plane fit."""
     virtual_m: float = 0.05
     """Distance from a marker to its virtual one, to the inner side of the foot."""
 
@@ -182,7 +182,7 @@ class ContactTerrainParameters:
         offsets: Prior of the offsets and of the ground.
         classes: Locomotion modes.
         speed: Velocity of the back panel.
-        published: What only the published method takes.
+        published: Parameters of the published method only.
     """
 
     attitudes: AttitudeNoise = field(default_factory=AttitudeNoise)

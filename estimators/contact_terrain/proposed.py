@@ -1,4 +1,4 @@
-"""The proposed method: points of contact that really hold, attitudes from gyros, offsets estimated on the way."""
+"""The proposed method: fixed contact points, attitudes from gyros, and offsets estimated during the walk."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Crossing:
 
     Attributes:
         weight: Sum of the weights.
-        strained: The part of it in which an ankle was at its stop.
+        strained: The part of it with an ankle at its stop.
     """
 
     def __init__(self) -> None:
@@ -88,7 +88,7 @@ class Proposed:
         self._p_before = np.zeros(3)
 
     def update(self, tick: Tick) -> StepEstimate | None:
-        """Takes a tick; returns the estimate of the last footprint, None where nothing is new."""
+        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
         if tick.dt == 0.0:
             self._forget()
         self._attitudes.update(tick)
@@ -118,10 +118,10 @@ class Proposed:
         return self._tell(tick.t_ns)
 
     def _touch(self, side: int, t_ns: int, loads: Array, rates: Array, cells: Array, R_world_sole: Array) -> None:
-        """Notes that a foot has landed.
+        """Records that a foot has landed.
 
-        Who walks always has a foot down. Where the last one that is down unloads and turns faster than the other one,
-        it is leaving: the other one has landed on cells that do not feel it.
+        A walker always has one foot down. If the only foot on the ground unloads and rotates faster than the other one,
+        it is lifting off: the other foot has landed on cells that do not respond.
         """
         other, limits = 1 - side, self._limits
         leaves = loads[other] < limits.left_n and rates[other] > rates[side]
@@ -134,10 +134,10 @@ class Proposed:
             self._land(side, bool(on_heel))
 
     def _leave(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
-        """Notes that a foot has left; the last one that is down stays, and of two that feel nothing the one at rest.
+        """Records that a foot has left the ground; the last one stays, of two unloaded feet the stationary one.
 
-        A foot that swings beside one that carries its wearer, and feels little but for one cell, has left: that cell
-        sticks, or all of them have crept.
+        A foot that swings beside a loaded one, with little load except on one cell, has left the ground: that cell is
+        stuck, or all of them have crept.
         """
         limits = self._limits
         for side in sorted(range(2), key=lambda side: -rates[side]):
@@ -148,17 +148,17 @@ class Proposed:
                 self._cells[side].empty()
 
     def _land(self, side: int, on_heel: bool) -> None:
-        """Begins a step; what the one before has taught is kept."""
+        """Begins a step; stores the offsets estimated with the previous one."""
         if self._belief is not None:
             self._offsets.learn(self._belief)
-            if side != self._newest:  # a foot that lands twice steps from the other one both times
+            if side != self._newest:  # a foot that lands twice steps from the other foot both times
                 self._p_before = self._p_before + self._belief.values[:3]
         self._steps += 1
         self._falls[side] = Footfall(self._steps, on_heel, self._limits)
         self._newest, self._crossing, self._belief = side, Crossing(), None
 
     def _forget(self) -> None:
-        """After a gap nobody knows whether the feet are where they were."""
+        """Resets the contacts: after a gap the feet may have moved."""
         self._falls = [Footfall(fall.step, fall.on_heel, self._limits) for fall in self._falls]
         self._crossing, self._belief = Crossing(), None
 
@@ -179,7 +179,7 @@ class Proposed:
         self._crossing.add(weight, vector - before, J, free)
 
     def _contact(self, side: int, on_heel: bool, q: Array) -> tuple[Array, Array]:
-        """A foot's point that holds, seen from the back panel in world axes, and its derivative."""
+        """A foot's fixed contact point relative to the back panel, in world axes, and its derivative."""
         R = self._attitudes.R
         p, J = foot_place(self._links[side], R, side, q)
         T = self._soles[side].T_foot_sole
@@ -188,7 +188,7 @@ class Proposed:
         return p + arm, J
 
     def _figures(self) -> StepFigures:
-        """The step as it is measured by now."""
+        """The measurements of the current step so far."""
         new, old = self._newest, 1 - self._newest
         vector, J = self._crossing.mean()
         slopes, J_slopes = np.zeros(2), np.zeros((2, OFFSETS))
@@ -215,7 +215,7 @@ class Proposed:
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 
     def _tell(self, t_ns: int) -> StepEstimate:
-        """What the step says together with the offsets."""
+        """The estimate from the step and the offsets."""
         fall = self._falls[self._newest]
         self._belief = belief = self._offsets.judge(self._figures(), start=fall.step == 0)
         x, y, height, slope, before = belief.values
@@ -236,7 +236,7 @@ class Proposed:
 
 @cached(_HERE)
 def _normal(R_world_sole: Array, slope: float) -> Array:
-    """(3,) the sole's normal, turned so that it slopes as it is believed to."""
+    """(3,) the sole's normal, rotated to the estimated slope."""
     forward = np.array([R_world_sole[0, 0], R_world_sole[1, 0], 0.0])
     forward *= math.cos(slope) / math.sqrt(forward @ forward)
     forward[2] = math.sin(slope)

@@ -1,12 +1,8 @@
-"""The method of Shim et al. 2019 as it is published: a rigid foot that touches the ground in its centre of pressure.
+"""The published method of Shim et al. 2019: a rigid foot touches the ground at its centre of pressure.
 
-Centre of pressure from the cells of an insole: equation (11) of Shim et al. 2019.
-
-The four phases of a foot, from its centre of pressure and how fast it turns (Shim et al. 2019, 2.2.2).
-
-The contact point about which the exoskeleton moves, carried from foot to foot (Shim et al. 2019, 2.2.3).
-
-The ground under one footprint as a plane, by least squares over its markers (Shim et al. 2019, 2.2.4 and 2.2.5).
+The insole's cells give the centre of pressure (equation (11)), and with the angular rate the phase of each foot
+(2.2.2). The pivot about which the exoskeleton moves is propagated from foot to foot (2.2.3). A plane is fitted to the
+markers of each footprint by least squares (2.2.4 and 2.2.5).
 """
 
 from __future__ import annotations
@@ -28,7 +24,7 @@ from stridetwin.streams.samples import Array
 
 
 def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
-    """(2,) m on the sole, None where the foot does not press.
+    """(2,) m on the sole; None if the foot is unloaded.
 
     See docs/contact_terrain.md (3).
 
@@ -61,8 +57,8 @@ def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: Publish
 
     Args:
         cells: (4, 2) m, heel first and toe last.
-        cop: (2,) m, or None where the foot does not press.
-        rate: How fast the foot turns, rad/s.
+        cop: (2,) m, or None if the foot is unloaded.
+        rate: Angular rate of the foot, rad/s.
         parameters: Limits of rate and of heel and front.
     """
     if cop is None:
@@ -76,14 +72,14 @@ def foot_phase(cells: Array, cop: Array | None, rate: float, parameters: Publish
 
 
 def pivot_foot(phases: Sequence[Phase], load: Array, last: int) -> int:
-    """Which foot, 0 or 1, carries the pivot.
+    """The foot, 0 or 1, that holds the pivot.
 
-    The one that presses; of two, the one that is flat; of two that are both flat or both not, the one with more load.
+    It is the loaded foot; of two, the flat one; if both or neither are flat, the one with more load.
 
     Args:
         phases: Of both feet.
         load: (2,) N.
-        last: The foot that carried it; kept while no foot presses.
+        last: The last pivot foot; kept while no foot is loaded.
     """
     on = [phase is not Phase.FOOT_OFF for phase in phases]
     if on[0] != on[1]:
@@ -95,10 +91,10 @@ def pivot_foot(phases: Sequence[Phase], load: Array, last: int) -> int:
 
 
 class Pivot:
-    """The pivot in the world, whose origin is where it first is.
+    """The pivot in the world; its first position is the origin.
 
     Attributes:
-        foot: Foot that carries it, 0 or 1.
+        foot: Foot that holds it, 0 or 1.
         p_in_world: (3,) m.
     """
 
@@ -108,11 +104,11 @@ class Pivot:
         self._cop: list[Array | None] = [None, None]
 
     def move(self, foot: int, cop_in_foot: Sequence[Array | None], R_world_base: Array, T_base_foot: Array) -> None:
-        """Carries the pivot on by what changes in this tick: equations (12)-(16).
+        """Propagates the pivot by the motion in this tick: equations (12)-(16).
 
         Args:
-            foot: That carries it from now on.
-            cop_in_foot: (3,) m of each foot's centre of pressure in its last frame, None where it does not press.
+            foot: The foot that holds it from now on.
+            cop_in_foot: (3,) m of each foot's centre of pressure in its last frame, None if unloaded.
             R_world_base: (3, 3).
             T_base_foot: (2, 4, 4) poses of the last frames in frame 0.
         """
@@ -139,10 +135,10 @@ class Plane:
 
 
 class Markers:
-    """The markers of one step, as the sums that the plane needs: memory does not grow with them.
+    """The markers of one step, stored as sums in constant memory.
 
     Args:
-        parameters: How many markers a plane needs, and where virtual ones lie.
+        parameters: Number of markers for a plane, and placement of virtual ones.
 
     Attributes:
         count: Number of markers, the virtual ones not counted.
@@ -172,7 +168,7 @@ class Markers:
 
     @property
     def enough(self) -> bool:
-        """Whether there are as many as a plane needs."""
+        """Whether there are enough markers for a plane."""
         return self.count >= self._parameters.markers_min
 
     @property
@@ -181,7 +177,7 @@ class Markers:
         return self._sum / self.count
 
     def plane(self) -> Plane | None:
-        """The plane z = a x + b y + d of least squares; None while there are too few markers.
+        """Least-squares plane z = a x + b y + d; None while there are too few markers.
 
         See docs/contact_terrain.md (4).
         """
@@ -197,7 +193,7 @@ def slope(normal: Array, heading: Array) -> float:
 
     See docs/contact_terrain.md (5).
 
-    Equation (19) as printed is zero for every normal; this is what its text says.
+    Equation (19) as printed is zero for every normal; this follows the paper's text.
 
     Args:
         normal: (3,) unit vector, up.
@@ -209,14 +205,14 @@ def slope(normal: Array, heading: Array) -> float:
 
 @dataclass(kw_only=True, eq=False)
 class _Footprint:
-    """What one foot has collected since it last touched down.
+    """The data of one foot since its last touch-down.
 
     Attributes:
-        markers: Of its plane.
+        markers: Markers of its plane.
         step: Number of the step.
-        soles: (3,) m, sum of where the sole's origin was at each marker.
-        below: Height of the footprint before, m; None while that one is still updated.
-        over: The heel has come off after the foot was flat: what looks flat from here on is a pause on the toes.
+        soles: (3,) m, sum of the sole's origins at the markers.
+        below: Height of the previous footprint, m; None while that one is still updated.
+        over: The heel has lifted after foot-flat: a later flat phase is a pause on the toes.
     """
 
     markers: Markers
@@ -231,8 +227,8 @@ class Published:
 
     Args:
         exo: Geometry.
-        svm: Tells modes from slope and elevation; None leaves every mode unknown.
-        parameters: What the paper leaves open.
+        svm: Classifies modes by slope and elevation; None leaves every mode unknown.
+        parameters: Values that the paper does not specify.
     """
 
     def __init__(
@@ -247,7 +243,7 @@ class Published:
         self._steps = 0
 
     def update(self, tick: Tick) -> StepEstimate | None:
-        """Takes a tick; returns what it tells of the last footprint, None where it tells nothing new."""
+        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
         T_base_foot = np.empty((2, 4, 4))
         for i, leg in enumerate(self._links):
             q = leg_angles(leg, tick.R_world_base, tick.R_world_thigh[i], tick.R_world_foot[i], tick.knee[i])
@@ -284,7 +280,7 @@ class Published:
             own.over |= own.step > 0 and own.markers.enough and phase is Phase.HEEL_OFF
 
     def _mark(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
-        """Adds the pivot to its foot's markers and tells what they say."""
+        """Adds the pivot to its foot's markers and returns their estimate."""
         sole, own, other = self._soles[foot], self._prints[foot], self._prints[1 - foot]
         R_world_sole = R_world_foot @ sole.T_foot_sole[:3, :3]
         medial = R_world_sole[:, 1] if SIDES[foot] == "r" else -R_world_sole[:, 1]

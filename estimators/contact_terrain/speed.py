@@ -1,4 +1,4 @@
-"""Velocity of the back panel over a foot that stands: how the legs change while its contact holds."""
+"""Velocity of the back panel over a stance foot, from the legs' motion while its contact is fixed."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from stridetwin.streams.samples import Array, Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegSpeed:
-    """How the back panel moves over the ground.
+    """Velocity of the back panel over the ground.
 
     Attributes:
-        t_ns: Middle of the time over which it was taken.
+        t_ns: Middle of the measurement interval.
         v_back_in_world: (3,) m/s; z is up, x and y have the heading of the AHRS.
-        resting: Whether both feet are loaded and neither turns.
+        resting: Whether both feet are loaded and neither rotates.
     """
 
     t_ns: int
@@ -54,8 +54,8 @@ class _Feet:
 class LegSpeeds:
     """Velocity of the back panel from the samples of an exoskeleton.
 
-    A foot rolls over the ground, and what touches it stands still: so the centre of pressure of each interval, as a
-    point of the sole, is followed through that interval. Of two loaded feet the one with more load counts more.
+    A foot rolls over the ground and its contact point is stationary: the centre of pressure of each interval is tracked
+    through that interval as a point of the sole. Two loaded feet are weighted by load.
 
     Args:
         exo: Geometry.
@@ -71,7 +71,7 @@ class LegSpeeds:
         self._last: deque[_Feet] = deque(maxlen=parameters.speed.span_ticks + 1)
 
     def update(self, sample: Sample) -> LegSpeed | None:
-        """Takes a sample in order of time; None where no foot stands, or too little is known yet."""
+        """Takes a sample in order of time; None if no foot is in stance, or too little is known yet."""
         told = None
         for tick in self._gather.add(sample):
             told = self._step(tick)

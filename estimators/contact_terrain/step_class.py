@@ -1,6 +1,7 @@
-"""Which way of walking a step belongs to, from geometry alone: every threshold is a size in the world.
+"""Classifies the locomotion mode of a step.
 
-Which way of walking a step belongs to, learnt from steps: a support vector machine (Shim et al. 2019, section 3).
+`step_modes` uses geometry alone, with thresholds that are dimensions in the world; `TerrainSvm` is a support vector
+machine trained on steps (Shim et al. 2019, section 3).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class TerrainSvm:
         modes: (N,) their modes.
 
     Raises:
-        StrideTwinError: scikit-learn is not installed, or there are not two modes at least to tell apart.
+        StrideTwinError: scikit-learn is not installed, or there are fewer than two modes.
     """
 
     def __init__(self, slope: ArrayLike, elevation: ArrayLike, modes: ArrayLike) -> None:
@@ -60,15 +61,15 @@ def step_modes(
 
     See docs/contact_terrain.md (12).
 
-    Ground that slopes is a ramp; level ground is a stair where the height between the footprints is more than the
-    slopes of both explain, and else level. A foot that tilts a little beyond a riser stands on a tread.
+    Sloping ground is a ramp. Level ground is a stair if the height between the footprints exceeds what both slopes
+    explain, and level otherwise. A foot with a small tilt beyond a riser is on a tread.
 
     Args:
         slope: Of the ground under the foot, rad.
         slope_sd: rad.
-        beyond: Height over the footprint before beyond what the slopes explain, m, negative below.
+        beyond: Height over the previous footprint beyond what the slopes explain, m, negative below.
         beyond_sd: m.
-        parameters: Sizes in the world.
+        parameters: Dimensions in the world.
     """
     riser, ramp, tread_ramp = parameters.riser_m, parameters.ramp_rad, parameters.tread_ramp_rad
     high, low = _above(beyond, riser, beyond_sd), _above(-beyond, riser, beyond_sd)

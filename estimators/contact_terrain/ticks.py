@@ -1,4 +1,4 @@
-"""Nine streams become one row an instant: attitudes of the exoskeleton's frames, knee angles and cell forces.
+"""Joins nine streams into one row per instant: attitudes of the exoskeleton's frames, knee angles and cell forces.
 
 A tick is whole when every stream has brought its sample; the first sample of a later instant closes one that is not. A
 late stream is extrapolated for up to `TickParameters.hold_s`: an attitude by its last angular rate, an angle and forces
@@ -24,7 +24,7 @@ _HERE = Path(__file__).parent
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tick:
-    """What all streams say at one instant; feet in the order of `SIDES`.
+    """Samples of all streams at one instant; feet in the order of `SIDES`.
 
     Attributes:
         t_ns: Time.
@@ -35,7 +35,7 @@ class Tick:
         rate: (5, 3) rad/s of back, thighs and feet in the axes of their frames.
         knee: (2,) rad, angles of the joints that turn the knees' frames.
         force: (2, 4) N on heel, lateral ball, medial ball and toe.
-        fresh: (5,) bool, whether the attitude was told and not carried on.
+        fresh: (5,) bool, whether the attitude was measured rather than extrapolated.
     """
 
     t_ns: int
@@ -53,8 +53,8 @@ class Gather:
     """Collects samples of an exoskeleton into ticks.
 
     Args:
-        exo: Which streams there are, and how its sensors sit.
-        parameters: How long a stream may be late, and what no sensor gives.
+        exo: Its streams and sensor mounts.
+        parameters: Largest delay of a stream, and ranges of valid samples.
     """
 
     def __init__(self, exo: Exoskeleton, parameters: TickParameters = DEFAULTS.ticks) -> None:
@@ -71,7 +71,7 @@ class Gather:
         self._now = self._told = -1
 
     def add(self, sample: Sample) -> list[Tick]:
-        """Takes one sample; returns the ticks that it makes whole or closes, at most two."""
+        """Takes one sample; returns the ticks that it completes or closes, at most two."""
         if (
             sample.topic not in self._last
             or sample.t_ns <= self._last[sample.topic]

@@ -1,4 +1,4 @@
-"""What the next steps will be, and where the ground changes, before the foot lands."""
+"""Predicts the mode of the next steps, and where the ground changes, before the foot lands."""
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
 from stridetwin.estimators.locomotion_mode.filter import INSOLES, METHODS, LocomotionMode

@@ -1,8 +1,8 @@
-"""The walker's body from poses of a camera on head or chest: where it is, how fast, and which way it walks.
+"""Position, velocity and walking direction of the walker's body, from poses of a camera on head or chest.
 
-A head turns and nods: what counts is the joint that carries it, the origin of the body that the camera's calibration
-names (the neck, the waist), which no turn moves. Which way it goes is told by the way of a whole stride, over which
-sway cancels, not by where the camera looks.
+A head rotates, so the body's position is that of the joint that carries it: the origin of the body that the camera's
+calibration names (neck or waist), which no rotation moves. The walking direction is the displacement over a whole
+stride, over which sway cancels, not the camera's viewing direction.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ class Body:
     """Position, velocity and heading of the body that carries the camera.
 
     Args:
-        p_body_in_frame: (3,) m, the carrying body's origin in the frame whose poses come.
-        R_frame_camera: (3, 3) the camera's optical frame in it.
+        p_body_in_frame: (3,) m, the carrying body's origin in the frame of the poses.
+        R_frame_camera: (3, 3) rotation of the camera's optical frame in that frame.
         parameters: One set serves everyone.
     """
 
     def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, parameters: LocomotionModeParameters) -> None:
         self._p = p_body_in_frame
-        self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # where the axis and the picture's top lead
+        self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
         self._parameters = p = parameters
         self._history: deque[tuple[int, Array]] = deque(maxlen=round(p.kept_s / p.kept_period_s) + 2)
         self._look: Array | None = None
@@ -36,9 +36,9 @@ class Body:
         self.p = np.zeros(3)
 
     def add(self, pose: Odometry) -> bool:
-        """Takes a pose; returns whether the body jumped, or none had come for long.
+        """Takes a pose; returns whether the body jumped, or the pose came after a long gap.
 
-        Poses that are late or not finite are passed over.
+        Late or non-finite poses are ignored.
         """
         q, p = pose.q_world_frame, pose.p_frame_in_world
         if pose.t_ns <= self.t_ns or not is_pose(pose):
@@ -62,11 +62,11 @@ class Body:
         return jumped
 
     def known(self, t_ns: int) -> bool:
-        """Whether a pose has come lately."""
+        """Whether there is a recent pose."""
         return bool(self._history) and t_ns - self.t_ns < self._parameters.stale_s * 1e9
 
     def before(self, seconds: float) -> Array:
-        """(3,) m, where the body was so long ago, or at the oldest instant that is kept."""
+        """(3,) m, position of the body that long ago, or at the oldest stored instant."""
         at = self.t_ns - int(seconds * 1e9)
         for t_ns, p in reversed(self._history):
             if t_ns <= at:
@@ -74,11 +74,11 @@ class Body:
         return self._history[0][1]
 
     def top(self, since_ns: int) -> float:
-        """Its greatest height since an instant, m."""
+        """Greatest height of the body since an instant, m."""
         return max((float(p[2]) for t_ns, p in self._history if t_ns >= since_ns), default=float(self.p[2]))
 
     def heading(self, stride_s: float) -> float:
-        """Direction of the walk, rad from the world's x: the way of the last stride."""
+        """Walking direction over the last stride, rad from the world's x."""
         way = (self.p - self.before(min(stride_s, self._parameters.kept_s)))[:2]
         look = np.zeros(2) if self._look is None else self._look
         way = way + self._parameters.still_m * look / max(float(np.linalg.norm(look)), 1e-9)
@@ -91,7 +91,7 @@ class Body:
 
 
 def _matrix(w: float, x: float, y: float, z: float) -> Array:
-    """(3, 3) rotation of a quaternion of any length: poses come often, and scipy's own way costs ten times as much."""
+    """(3, 3) rotation of a quaternion of any norm; scipy takes ten times as long, and poses are frequent."""
     k = 2.0 / (w * w + x * x + y * y + z * z)
     return np.array([
         [1.0 - k * (y * y + z * z), k * (x * y - w * z), k * (x * z + w * y)],

@@ -1,4 +1,4 @@
-"""Where the ground ahead first becomes another one, and what it is there."""
+"""The next change of the ground ahead: its place, time and kind."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class _Found:
     """A change along the way.
 
     Attributes:
-        mode: Of the first step beyond it.
-        at: m along the way.
+        mode: Mode of the first step beyond it.
+        at: m along the path.
         sd: m.
-        piece: Number of the piece that begins there.
+        piece: Index of the terrain segment that begins there.
     """
 
     mode: str
@@ -35,14 +35,14 @@ class _Found:
 
 
 def _first(ground: Sequence[Piece], here: int, mode: str, p: LocomotionModeParameters) -> _Found | None:
-    """The first bound ahead beyond which steps are of another mode than now.
+    """The first segment boundary ahead beyond which the mode of steps changes.
 
-    Stairs end at their last edge: the step over it still climbs, those beyond it do not.
+    Stairs end at their last edge: the step over it still climbs, the next one does not.
 
     Args:
-        ground: Pieces along the way.
-        here: Number of the piece under the foot.
-        mode: Of the steps that lead here and on.
+        ground: Terrain segments along the path.
+        here: Index of the segment under the foot.
+        mode: Mode of the current steps.
         p: Thresholds.
     """
     table = mode_table(ground, p)
@@ -64,22 +64,22 @@ def next_change(
     estimate: TerrainEstimate | None, ground: Sequence[Piece], stance: float, line: Line, chain: Chain, s: Array,
     times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: LocomotionModeParameters,
 ) -> NextChange | None:  # fmt: skip
-    """Where the ground ahead first becomes another one, and when a foot lands beyond it.
+    """The first change of the ground ahead, and when a foot lands beyond it.
 
     Args:
-        estimate: What the map knows; None: nothing.
-        ground: Pieces along the way.
-        stance: m along it, where the foot on the ground stands.
-        line: The way.
+        estimate: The map's estimate; None if there is none.
+        ground: Terrain segments along the path.
+        stance: Position of the stance foot, m along the path.
+        line: The path.
         chain: The coming steps.
-        s: (S,) m along the way, its cells.
-        times: s until each of them lands, and its deviation.
+        s: (S,) m along the path, the cells.
+        times: Time until each step lands, and its standard deviation, s.
         step_m: Length of a usual step.
-        step_s: Time of one.
-        p: Deviations.
+        step_s: Time of a usual step.
+        p: Standard deviations.
 
     Returns:
-        None where the ground stays as it is as far as it is known.
+        None if the known ground does not change.
     """
     if estimate is None:
         return None
@@ -102,7 +102,7 @@ def next_change(
 
 
 def _mode_here(ground: Sequence[Piece], here: int, p: LocomotionModeParameters) -> str:
-    """What steps on the ground under the foot are: of a tread those of its stairs."""
+    """Mode of steps on the ground under the foot; on a tread, that of its stairs."""
     piece = ground[here]
     if piece.mode != "LG":
         return piece.mode
@@ -116,7 +116,7 @@ def _mode_here(ground: Sequence[Piece], here: int, p: LocomotionModeParameters) 
 def _sizes(
     mode: str, piece: Piece, estimate: TerrainEstimate, place: Array, line: Line, p: LocomotionModeParameters
 ) -> dict[str, float]:
-    """Riser and tread, or slope, of what begins at a place; only those that are known."""
+    """Riser and tread, or slope, of the ground that begins at a place; only known values."""
     if mode in ("RA", "RD"):
         return {"slope": piece.slope, "slope_sd": piece.slope_sd}
     if mode not in ("SA", "SD"):
@@ -135,17 +135,17 @@ def _sizes(
 def _flight_at(
     estimate: TerrainEstimate, place: Array, forward: Array, up: bool, p: LocomotionModeParameters
 ) -> Stairs | None:
-    """The stairs with an edge at a place of the way.
+    """The stairs with an edge at a place on the path.
 
     Args:
-        estimate: What the map knows.
-        place: (2,) m, where the way crosses the edge.
-        forward: (2,) unit vector of the way.
-        up: Whether the way leads up them.
+        estimate: The map's estimate.
+        place: (2,) m, where the path crosses the edge.
+        forward: (2,) unit vector of the path.
+        up: Whether the path ascends the stairs.
         p: Thresholds.
 
     Returns:
-        The stairs with most steps that have one there.
+        Of those, the stairs with the most steps.
     """
     best: tuple[Stairs, float] | None = None
     for flight in estimate.stairs:

@@ -1,4 +1,4 @@
-"""What the prediction of locomotion modes tells."""
+"""The output of the locomotion mode prediction."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class StepPrediction:
     """One coming step.
 
     Attributes:
-        step: Its number: how many feet will have touched down with it.
-        foot: `l` or `r`; "" where no touch-down has told which foot is next.
+        step: Number of the step: touch-downs up to and including it.
+        foot: `l` or `r`; "" while the next foot is unknown.
         mode: The most likely one.
-        probabilities: Of each of `MODES`.
-        t_ns: When its foot touches down.
-        t_sd_s: Standard deviation of that, s.
+        probabilities: Probability of each of `MODES`.
+        t_ns: Time of its touch-down.
+        t_sd_s: Standard deviation of that time, s.
         p_foot_in_world: (3,) m, on the ground under the heel's centre.
-        covariance: (2, 2) m² of it along world x and y; NaN of the published method.
+        covariance: (2, 2) m², its covariance along world x and y; NaN for the published method.
     """
 
     step: int
@@ -38,21 +38,21 @@ class StepPrediction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NextChange:
-    """Where the ground ahead first becomes another one than that under the foot.
+    """The first change of the ground ahead from that under the foot.
 
     Attributes:
-        mode: Of the first step beyond it.
-        p_in_world: (2,) m, where the way crosses its edge or knee.
-        distance: From the walker's body to there along the way, m.
+        mode: Mode of the first step beyond it.
+        p_in_world: (2,) m, where the path crosses its edge or slope break.
+        distance: Distance from the walker's body along the path, m.
         distance_sd: Standard deviation, m.
-        time_s: Until the first foot touches down beyond it.
+        time_s: Time until the first touch-down beyond it.
         time_sd_s: Standard deviation, s.
-        riser: Height of a step, m, down negative; NaN where it is no stair; likewise below.
-        riser_sd: m.
-        tread: Depth of a step, m; NaN too while one edge alone is known.
-        tread_sd: m.
-        slope: Of a ramp in the walking direction, rad, uphill positive; NaN on stairs.
-        slope_sd: rad.
+        riser: Height of a step, m, down negative; NaN if not stairs, as are the next three.
+        riser_sd: Standard deviation, m.
+        tread: Depth of a step, m; NaN also while only one edge is known.
+        tread_sd: Standard deviation, m.
+        slope: Slope of a ramp in the walking direction, rad, uphill positive; NaN on stairs.
+        slope_sd: Standard deviation, rad.
     """
 
     mode: str
@@ -71,18 +71,18 @@ class NextChange:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeEstimate:
-    """The coming steps as they are known at one instant.
+    """The predicted steps at one instant.
 
     Attributes:
-        t_ns: When.
-        step: How many feet have touched down.
-        steps: The coming ones, the next one first.
-        change: None where the ground stays as it is as far as it is known.
+        t_ns: Time of the estimate.
+        step: Number of touch-downs so far.
+        steps: Predicted steps, the next one first.
+        change: Next change of the ground; None if the known ground does not change.
         heading: Walking direction in the world, rad from x.
-        p_body_in_world: (3,) m, what carries the camera: the neck for a head, the waist for a chest.
-        step_length: Expected on even ground, m.
-        step_length_sd: m.
-        step_time: s.
+        p_body_in_world: (3,) m, the body that carries the camera: neck for a head mount, waist for a chest mount.
+        step_length: Expected step length on even ground, m.
+        step_length_sd: Standard deviation, m.
+        step_time: Expected step time, s.
     """
 
     t_ns: int

@@ -1,4 +1,4 @@
-"""Locomotion modes as an estimator: poses, insoles and depth in, coming steps out."""
+"""The locomotion mode estimator: poses, insoles and depth in, predicted steps out."""
 
 from __future__ import annotations
 
@@ -42,30 +42,29 @@ INSOLES = ("/foot_l/insole", "/foot_r/insole")
 
 
 class LocomotionMode:
-    """What the next steps are: mode, place and time of each, and where the ground changes.
+    """Predicts mode, place and time of the next steps, and the next change of the ground.
 
-    Causal, of bounded memory, deterministic, nothing learnt. Takes poses of the camera or of its IMU, depth and both
-    insoles in time order; tells an estimate after the depth pictures in which the map looks for planes, and at each
-    touch-down.
-    Steps as an exoskeleton's legs felt them (`contact_terrain`) are welcome besides: they correct where on the map the
-    feet stand and how long steps are, and are gone by where there is no map.
+    Causal, of bounded memory, deterministic, without training. Takes poses of the camera or of its IMU, depth and both
+    insoles in time order. It returns an estimate after each depth image in which the map extracts planes, and at each
+    touch-down. Step estimates of an exoskeleton (`contact_terrain`) are optional: they correct the feet's position on
+    the map and the step lengths, and replace the map where there is none.
 
-    Without insoles it tells nothing but where the body is on the way to the first step; a foot whose insole is dead is
-    led along by the other's touch-downs. Where poses stay away it tells nothing; where they jump, or come again after
-    long, it begins anew, as the map does. Ground that was not seen may be any: the probabilities say so.
+    Without insoles it predicts only from the body's position before the first step. A foot with a dead insole is
+    predicted from the other foot's touch-downs. Without poses it returns nothing; when they jump, or after a long gap,
+    it resets, as the map does. Unobserved ground may be of any mode, and the probabilities reflect this.
 
     Args:
-        rig: With a depth camera. A map in its place, and the camera as second argument, are deprecated.
+        rig: Rig with a depth camera. A map in its place, and the camera as second argument, are deprecated.
         camera: Deprecated; the depth camera.
-        options: `poses_of`, the frame whose poses come; `method`, one of `METHODS`: the first, or `published`, Zhao et
+        options: `poses_of`, the frame of the poses; `method`, one of `METHODS`: the first, or `published`, Zhao et
             al. 2023, eqs. (16)-(18).
-        ground: Map of the ground, built for the same options; it is fed here, with the same samples. None builds one.
-        mount: Deprecated; the camera in the frame whose poses come.
+        ground: Map of the ground for the same options; it is updated here with the same samples. None builds one.
+        mount: Deprecated; pose of the camera in the frame of the poses.
         method: Deprecated form of `options.method`.
         parameters: One set serves everyone.
 
     Raises:
-        StrideTwinError: There is no such method, or the rig has no depth camera.
+        StrideTwinError: The method is unknown, or the rig has no depth camera.
     """
 
     declaration: ClassVar[Declaration] = Declaration(
@@ -108,7 +107,7 @@ class LocomotionMode:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """Poses, insoles, of which one suffices, and depth.
+        """Poses, at least one insole, and depth.
 
         Raises:
             StrideTwinError: The rig has no depth camera.
@@ -117,7 +116,7 @@ class LocomotionMode:
         return POSE_STREAM, *insoles, Stream(role="depth", topic=depth_calibration(rig).depth_topic, kind=Depth)
 
     def update(self, sample: Sample | StepEstimate) -> ModeEstimate | None:
-        """Takes one sample; returns what is now known of the coming steps, None where nothing new is."""
+        """Takes one sample; returns the new prediction, or None if nothing changed."""
         if isinstance(sample, Odometry):
             self.ground.update(sample)
             if self._body.add(sample):
@@ -141,14 +140,14 @@ class LocomotionMode:
         return self._published(sample.t_ns) if self.method == "published" else self._predicted(sample.t_ns)
 
     def _land(self, foot: str, t_ns: int, known: bool, heard: bool) -> None:
-        """A foot touches down: where it stands, and what the step says of the next ones; or only when."""
+        """Handles a touch-down: updates its time and, if known, the foothold and the statistics of steps."""
         line, top = self._line() if known else None, self._body.top(self._rhythm.down_ns)
         landing = self._rhythm.land(foot, t_ns, heard)
         if landing is None:
             return
         if line is None:
             self._footing.lose()
-            self._walking.clear()  # or the next step would be told from two
+            self._walking.clear()  # or the next step would be predicted from two
             return
         self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
         if self.method == PROPOSED:
@@ -161,7 +160,7 @@ class LocomotionMode:
             )  # fmt: skip
 
     def _body_height(self) -> float:
-        """Of the body over the ground under it, m."""
+        """Height of the body over the ground under it, m."""
         height = float(self._body.p[2]) - self._height(self._body.p[:2])
         p = self.parameters
         return height if 0.0 < height < p.tallest_m else p.usual_height_m
@@ -172,14 +171,14 @@ class LocomotionMode:
         return Line(self._body.p[:2] - self.parameters.behind_m * forward, forward)
 
     def _profile(self, line: Line) -> Profile:
-        """From farther back than the line: where a flight is hidden, what is known is where it began."""
+        """The profile from farther back than the line: of an occluded flight, only the beginning is known."""
         p, heading = self.parameters, math.atan2(line.forward[1], line.forward[0])
         far = self.ground.profile(line.origin - p.back_m * line.forward, heading, p.back_m + p.behind_m + p.reach_m)
         changes = tuple(replace(change, s=change.s - p.back_m) for change in far.changes)
         return replace(far, s=far.s - p.back_m, changes=changes)
 
     def _ground_along(self, profile: Profile, line: Line) -> list[Piece]:
-        """The pieces of a profile; where nobody has seen the ground ahead, as the legs felt it last."""
+        """The terrain segments of a profile; unobserved ground ahead continues as the legs last measured it."""
         step = self._footing.felt
         if step is not None:
             foot, _ = moments(self._footing.standing(line), self._footing.s)

@@ -1,4 +1,4 @@
-"""Where the foot on the ground stands, and how long the walker's steps are: found from where the body is."""
+"""Position of the stance foot and the walker's step lengths, estimated from the body's position."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from stridetwin.estimators.locomotion_mode.segments import Piece, under
 from stridetwin.streams.samples import Array
 
 _TOP_FLOOR = 1e-3
-"""Of how well a place suits: people duck."""
+"""Lower limit of a position's likelihood: people duck."""
 
 
 class Line(NamedTuple):
-    """The way ahead, straight on.
+    """The path straight ahead.
 
     Attributes:
-        origin: (2,) m, where it begins, `behind_m` behind the body.
+        origin: (2,) m, its start, `behind_m` behind the body.
         forward: (2,) unit vector.
     """
 
@@ -37,7 +37,7 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """Where the foot on the ground stands: a density along a line in the world; beside it as far as feet do."""
+    """Position of the stance foot: a density along a line in the world, offset laterally by the usual width."""
 
     line: Line
     s: Array
@@ -57,15 +57,15 @@ class _Stance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Landed:
-    """The last touch-down as camera and insoles know it: what the legs tell of it later is added to this.
+    """The last touch-down from camera and insoles; a later step estimate of the legs is combined with it.
 
     Attributes:
-        stance: Where the foot stands.
+        stance: Position of the foot.
         before: (S,) density of the foot behind over the same cells.
-        ground: Pieces along the line.
-        mode: Of the ground under both feet; "" where it is not the same.
-        even: How likely no edge lay between them, and no turn.
-        length, ramps: Filters of step lengths before they learnt of this step.
+        ground: Terrain segments along the line.
+        mode: Mode of the ground under both feet; "" if it differs.
+        even: Probability that neither an edge nor a rotation lay between them.
+        length, ramps: Step length filters before the update by this step.
     """
 
     stance: _Stance
@@ -78,7 +78,7 @@ class _Landed:
 
 
 class Footing:
-    """The standing foot and the lengths of steps.
+    """Estimates the position of the stance foot and the step lengths.
 
     Args:
         parameters: One set serves everyone.
@@ -90,7 +90,7 @@ class Footing:
         self.begin(p.standing_sd_m)
 
     def begin(self, sd_m: float | None = None) -> None:
-        """Nothing is known of the walker; where the foot stands only by the body."""
+        """Resets: the walker is unknown, and the foot's position follows from the body alone."""
         p = self._p
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._length = StepFilter(p.step_m, *(share * p.step_m for share in shares))
@@ -100,11 +100,11 @@ class Footing:
         self._sd_m = p.walking_sd_m if sd_m is None else sd_m
         self._alike = 0  # steps in a row on ground of one mode
         self._landed: _Landed | None = None
-        self.felt: Felt | None = None  # the last step as the legs felt it
-        self._told_of: list[StepEstimate] = []  # the last steps that the legs told of
+        self.felt: Felt | None = None  # the last step as the legs measured it
+        self._told_of: list[StepEstimate] = []  # the last step estimates of the legs
 
     def lose(self) -> None:
-        """A foot has landed where nobody knows."""
+        """Handles a touch-down at an unknown position."""
         self._stance, self._sd_m, self._alike = None, self._p.walking_sd_m, 0
 
     @property
@@ -114,22 +114,22 @@ class Footing:
 
     @property
     def step_sd_m(self) -> float:
-        """Its deviation, m."""
+        """Its standard deviation, m."""
         return self._length.sd
 
     def standing(self, line: Line) -> Array:
-        """(S,) density of the standing foot over the cells of a line."""
+        """(S,) density of the stance foot over the cells of a line."""
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - self._p.behind_m) / self._sd_m) ** 2)
             return np.asarray(density / density.sum())
         return self._stance.along(line, self.s, self._p)
 
     def stood(self, stance: Array, height: Array | None, top: float) -> Array:
-        """(S,) density of the standing foot, once the body has passed over it: it is a leg's length below its top.
+        """(S,) density of the stance foot once the body has passed over it: it is a leg's length below the body's top.
 
         Args:
             stance: (S,) density before.
-            height: (S,) m, of the ground along the way; None: unknown.
+            height: (S,) m, height of the ground along the path; None: unknown.
             top: Greatest height of the body over the foot, m.
         """
         sd = math.hypot(self._p.top_sd_m, self._tall.sd)
@@ -142,7 +142,7 @@ class Footing:
         self, stance: Array, ground: Sequence[Piece], feet: Sequence[str],
         landing: tuple[Array, Array] | None = None,
     ) -> Chain:  # fmt: skip
-        """The next footprints of feet, from where the standing one is; see `roll_out`."""
+        """The next footprints from the stance foot's position; see `roll_out`."""
         lengths = [self._length.of(SIDE[foot]) for foot in feet]
         shared = math.hypot(self._length.sd, self._p.adapt_sd * self._length.mean)
         ratios = {mode: (self._ramps.of(kind), self._ramps.sd_of(kind)) for mode, kind in CLIMB.items()}
@@ -152,25 +152,25 @@ class Footing:
         self, landing: Landing, line: Line, ground: Sequence[Piece], height: Array | None, body: float, top: float,
         floor: float, went_m: float | None,
     ) -> None:  # fmt: skip
-        """Finds where a foot has landed, and what the step says of the next ones.
+        """Estimates where a foot has landed, and updates the step statistics.
 
         See docs/locomotion_mode.md (10).
 
         Args:
             landing: The touch-down.
-            line: The way.
-            ground: Pieces along it.
-            height: (S,) m, of the ground along it; None: unknown.
-            body: Of the body over the ground, m.
-            top: Greatest height of the body since the touch-down before, m.
-            floor: Height of the ground that was seen where the foot behind stands, m; NaN where none was.
-            went_m: How far the body went since the touch-down before; None: it is not known.
+            line: The path.
+            ground: Terrain segments along it.
+            height: (S,) m, height of the ground along it; None: unknown.
+            body: Height of the body over the ground, m.
+            top: Greatest height of the body since the previous touch-down, m.
+            floor: Observed height of the ground under the foot behind, m; NaN if unobserved.
+            went_m: Distance the body moved since the previous touch-down; None: unknown.
         """
         p, stance = self._p, self.stood(self.standing(line), height, top)
         came = None if self._stance is None else self._stance.line.forward
         before, _ = moments(stance, self.s)
         between = sum(self._length.of(SIDE[foot]) for foot in landing.feet[:-1])
-        ahead = self.s - p.behind_m  # of the body
+        ahead = self.s - p.behind_m  # position relative to the body
         even = ahead + self._leaning(ground, body) - 0.5 * (self.s - before - between)
         suited = _normal(even, p.body_sd_m), _normal(ahead - p.edge_ahead_m, p.edge_ahead_sd_m)
         chain = self.rolled(stance, ground, landing.feet, suited)
@@ -186,7 +186,7 @@ class Footing:
         self, foot: str, now: _Stance, stance: Array, chain: Chain, ground: Sequence[Piece], straight: float,
         went_m: float | None,
     ) -> None:  # fmt: skip
-        """What a step that was made says of the next ones: on the level of all, on a ramp of those on ramps."""
+        """Updates the step statistics: a step on level ground updates all steps, a step on a ramp those on ramps."""
         before, before_sd = moments(stance, self.s)
         made, made_sd = moments(chain.density[0], self.s)
         sd = math.hypot(made_sd, before_sd)
@@ -199,12 +199,12 @@ class Footing:
         )  # fmt: skip
         self._alike = self._alike + 1 if mode and even > 0.5 else 0
         length = made - before
-        if self._alike > 1 and went_m is not None:  # the body goes as far as the feet, and is known better than they
+        if self._alike > 1 and went_m is not None:  # the body moves as far as the feet, and is known better
             length, sd = went_m, 0.5 * self._p.body_sd_m
         self._lengthen(foot, mode, length, sd, even)
 
     def _lengthen(self, foot: str, mode: str, length: float, sd: float, even: float) -> None:
-        """A step of a length, in m, on ground of a mode; none where that was not the same under both feet."""
+        """Updates the step length (m) on ground of a mode; does nothing if the mode differs under the feet."""
         if mode == "LG":
             self._length.update(SIDE[foot], length, sd, even)
         elif mode:
@@ -212,12 +212,12 @@ class Footing:
             self._ramps.update(CLIMB[mode], length / level, sd / level, even)
 
     def feel(self, told: StepEstimate, foot: str, down_ns: int) -> bool:
-        """The legs tell of the step that ended with a touch-down; returns whether for the first time.
+        """Takes the legs' estimate of the step that ended with a touch-down; returns whether it is the first one.
 
         Args:
-            told: The step.
-            foot: The one that touched down last.
-            down_ns: When.
+            told: Estimate of the step.
+            foot: Foot that touched down last.
+            down_ns: Time of that touch-down.
         """
         if not self._told_of or self._told_of[-1].step != told.step:
             self._told_of = [*self._told_of[-2:], told]
@@ -236,7 +236,7 @@ class Footing:
         return first
 
     def _leaning(self, ground: Sequence[Piece], height_m: float) -> Array:
-        """(S,) m the body is ahead of the middle between the feet at touch-down, by where the foot lands."""
+        """(S,) m, how far the body is ahead of the middle between the feet at touch-down, by landing position."""
         p, lean = self._p, np.full(len(self.s), self._p.lean_rad)
         for piece in ground:
             if piece.mode == "RA":
@@ -245,16 +245,16 @@ class Footing:
 
 
 def _turn(one: Array, other: Array) -> float:
-    """Angle from a (2,) direction to another one, rad."""
+    """Angle from one (2,) direction to another, rad."""
     return math.atan2(one[0] * other[1] - one[1] * other[0], one @ other)
 
 
 def _normed(density: Array) -> Array:
-    """The same with the sum 1; even where there is nothing."""
+    """Normalised to sum 1; uniform if all zero."""
     total = density.sum()
     return density / total if total > 1e-9 else np.full(len(density), 1.0 / len(density))
 
 
 def _normal(off: Array, sd: float) -> Array:
-    """A normal density, up to a factor that all share."""
+    """A normal density, up to a common factor."""
     return np.asarray(np.exp(-0.5 * (off / sd) ** 2) / sd, float)

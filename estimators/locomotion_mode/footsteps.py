@@ -1,4 +1,4 @@
-"""How long the walker's steps are, in space and time: a Kalman filter over the steps that were made, of two kinds."""
+"""The walker's step lengths and times: a Kalman filter over past steps of two kinds."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import numpy as np
 from stridetwin.streams.samples import Array
 
 SIDE = {"l": 1.0, "r": -1.0, "": 0.0}
-"""Of each foot, left positive; of one that is not known none."""
+"""Sign of each foot, left positive; 0 if unknown."""
 CLIMB = {"RA": 1.0, "RD": -1.0}
-"""Of each kind of ramp, upward positive."""
+"""Sign of each kind of ramp, upward positive."""
 
 
 class StepFilter:
-    """Mean of steps of two kinds, such as left and right, and half of what those of the first kind are longer.
+    """Estimates the mean of steps of two kinds, such as left and right, and half the difference between the kinds.
 
-    The mean drifts from step to step, single steps scatter about it.
+    The mean drifts from step to step, and single steps scatter about it.
 
     Args:
-        mean: What is expected of someone unknown.
-        sd: Deviation between walkers.
-        asymmetry_sd: Deviation of half the difference.
-        drift: Deviation of the mean's change from step to step.
-        noise: Deviation of a step from the mean.
+        mean: Prior mean.
+        sd: Standard deviation between walkers.
+        asymmetry_sd: Standard deviation of half the difference.
+        drift: Standard deviation of the mean's change from step to step.
+        noise: Standard deviation of a step from the mean.
     """
 
     def __init__(self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float) -> None:
@@ -38,10 +38,10 @@ class StepFilter:
         See docs/locomotion_mode.md (4).
 
         Args:
-            kind: 1 or -1 (`SIDE`, `CLIMB`), 0 where it is not known.
+            kind: 1 or -1 (`SIDE`, `CLIMB`), 0 if unknown.
             value: Its length or time.
-            value_sd: Deviation with which that is known.
-            sure: How likely it is a step like those that are filtered, 0-1.
+            value_sd: Standard deviation of that value.
+            sure: Probability that the step is comparable to the others, 0-1.
         """
         self._P[0, 0] += self._drift**2
         if sure <= 0.0:
@@ -50,7 +50,7 @@ class StepFilter:
         noise = (self._noise**2 + value_sd**2) / sure
         off = value - float(J @ self._x)
         spread = float(J @ self._P @ J) + noise
-        # A step that is far off, into a pause or beside an obstacle, says less of the next ones.
+        # An outlier, such as a step into a pause or beside an obstacle, gets less weight.
         spread *= max(1.0, off**2 / (4.0 * spread))
         gain: Array = self._P @ J / spread
         self._x = self._x + gain * off
@@ -68,10 +68,10 @@ class StepFilter:
 
     @property
     def sd(self) -> float:
-        """Deviation with which the mean is known."""
+        """Standard deviation of the estimated mean."""
         return self.sd_of(0.0)
 
     def sd_of(self, kind: float) -> float:
-        """Deviation with which the expected step of a kind is known."""
+        """Standard deviation of the expected step of a kind."""
         J = np.array([1.0, kind])
         return math.sqrt(max(float(J @ self._P @ J), 0.0))

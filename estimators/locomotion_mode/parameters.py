@@ -1,4 +1,4 @@
-"""What the prediction of locomotion modes believes about any walker."""
+"""Parameters of the locomotion mode prediction, for any walker."""
 
 from __future__ import annotations
 
@@ -14,97 +14,97 @@ class LocomotionModeParameters:
     """One set serves every walker, mount, pattern and terrain.
 
     Attributes:
-        lift_n: A foot whose load falls below has left the ground, N over the unloaded insole.
-        lift_share: Or to less than this share of the most that it bore.
-        touch_n: A foot whose load rises above has touched down, N.
-        creep_nps: How fast an insole's zero may rise, N/s.
-        swing_min_s: A foot that is back on the ground sooner never left it.
-        steps: Coming steps that are told.
-        step_m: Step length of someone of whom nothing is known; its deviation is `step_sd` of it.
-        step_s: Step time, likewise.
-        step_sd: Share of length and time that walkers differ by.
-        step_drift: Share by which length and time change from step to step, slowly.
-        step_noise: Share by which single steps differ.
-        asymmetry_sd: Share by which steps of the left foot are longer than the mean.
-        width_m: Between left and right footprints.
-        width_sd_m: Of a footprint across the way.
+        lift_n: A foot whose load falls below this has left the ground, N over the unloaded insole.
+        lift_share: Or whose load falls below this share of its largest load.
+        touch_n: A foot whose load rises above this has touched down, N.
+        creep_nps: Largest rate at which an insole's zero rises, N/s.
+        swing_min_s: Shortest swing; a foot that returns sooner has not left the ground.
+        steps: Number of predicted steps.
+        step_m: Prior step length; its standard deviation is `step_sd` times this value.
+        step_s: Prior step time, likewise.
+        step_sd: Relative standard deviation of length and time between walkers.
+        step_drift: Relative random walk of length and time per step.
+        step_noise: Relative standard deviation of single steps.
+        asymmetry_sd: Relative standard deviation of left steps' excess over the mean.
+        width_m: Lateral distance between left and right footprints.
+        width_sd_m: Lateral standard deviation of a footprint.
         lean_rad: At touch-down the body is ahead of the middle between the feet by this share of its height.
-        climb_lean: Further ahead on the way up a ramp, by this share of its height and slope, rad/rad.
-        body_sd_m: Deviation of that.
-        top_sd_m: How much less or more the body rises over the standing foot than on level ground.
-        edge_ahead_m: After a step over an edge the foot is this far ahead of the body.
-        edge_ahead_sd_m: Deviation of that.
-        heel_m: From the heel's centre back to the sole's end.
-        toe_m: From there to the front end.
-        overhang_m: How far a sole reaches over a free edge without being unlikely.
-        overhang_sd_m: How much further it may.
-        clearance_sd_m: How deep a sole may seem to be inside a riser.
-        across_sd_m: How much of a sole may lie beyond a knee.
+        climb_lean: Additional lead uphill on a ramp, as a share of height and slope, rad/rad.
+        body_sd_m: Standard deviation of that lead.
+        top_sd_m: Standard deviation of the body's rise over the stance foot, relative to level ground.
+        edge_ahead_m: Distance of the foot ahead of the body after a step over an edge.
+        edge_ahead_sd_m: Its standard deviation.
+        heel_m: Distance from the heel's centre back to the sole's end.
+        toe_m: Distance from the heel's centre to the sole's front end.
+        overhang_m: How far a sole may extend over a free edge without penalty.
+        overhang_sd_m: Standard deviation of a larger overhang.
+        clearance_sd_m: Standard deviation of a sole's apparent depth inside a riser.
+        across_sd_m: Standard deviation of a sole's length beyond a slope break.
         edge_step: Mean length of a step over an edge, as a share of the level step.
-        edge_step_sd_m: Its deviation.
-        skip: How likely a step takes two treads.
-        adapt_sd: Share by which all steps up to the next edge are lengthened or shortened together.
-        kerb_m: A riser is one beyond this: between a kerb of 40 mm and the lowest stair, 70 mm.
-        riser_sd_m: Least deviation of a riser.
-        flight_riser_sd_m: Deviation of the riser of a flight, besides what the map tells.
-        place_sd_m: Least deviation of the distance to a change.
+        edge_step_sd_m: Its standard deviation.
+        skip: Probability that a step takes two treads.
+        adapt_sd: Relative standard deviation of the common change of all steps up to the next edge.
+        kerb_m: Smallest riser: between a kerb of 40 mm and the lowest stair, 70 mm.
+        riser_sd_m: Smallest standard deviation of a riser.
+        flight_riser_sd_m: Standard deviation of a flight's riser in addition to the map's.
+        place_sd_m: Smallest standard deviation of the distance to a change.
         riser_m: A usual riser.
         tread_m: A usual tread.
-        riser_max_m: No riser is higher.
-        tread_min_m: No tread is shorter.
-        tread_max_m: No tread is longer; flat ground that is, is a landing.
-        brink_sd_m: Deviation of an edge behind which the ground is hidden.
-        ramp_rad: Ground that slopes more is a ramp: half of the gentlest one that is built for walking, 5°.
-        slope_sd_rad: Least deviation of a slope.
-        flat_sd_rad: How level ground is that is built level.
-        change_m: Ground that is not seen becomes another once in so many metres.
-        ramp_step: Steps on ramps over those on level ground, before any was made.
-        ramp_step_sd: Deviation of that.
-        climb_sd: Deviation of half of what the ratio is larger uphill than downhill.
+        riser_max_m: Largest riser.
+        tread_min_m: Shortest tread.
+        tread_max_m: Longest tread; longer flat ground is a landing.
+        brink_sd_m: Standard deviation of an occluding edge.
+        ramp_rad: Smallest slope of a ramp: half of the gentlest ramp that is built for walking, 5°.
+        slope_sd_rad: Smallest standard deviation of a slope.
+        flat_sd_rad: Standard deviation of the slope of ground built level.
+        change_m: Mean distance between changes of unobserved ground.
+        ramp_step: Prior ratio of step lengths on ramps to those on level ground.
+        ramp_step_sd: Its standard deviation.
+        climb_sd: Standard deviation of half the ratio's difference between uphill and downhill.
         grid_m: Cell of the density over the next footprints.
-        behind_m: How far behind the body the density begins.
-        reach_m: How far ahead of it it ends.
-        still_m: Somebody who moved less within a stride goes where the camera looks.
-        kept_s: Time for which the body's positions are kept.
-        kept_period_s: Time between those.
-        look_s: Time constant of the direction in which the camera looks.
-        jump_m: Poses further apart have jumped.
-        max_gap_s: Poses that come again after longer may be in another frame.
-        stale_s: A pose older than this says nothing of now.
-        velocity_s: Span over which the velocity is taken.
-        usual_height_m: Of neck and waist over the ground, where it is not known.
-        tallest_m: No camera is worn higher.
-        back_m: How far behind the body ground is looked up.
-        standing_sd_m: Of the first foot about the body, at the start.
-        walking_sd_m: The same where all begins anew on the way.
-        turned_rad: From this turn on the foot's place across the old way says where it is along the new one.
-        turn_sd_rad: Steps that turn by more are no measure of others.
-        beside_sd_m: Of the foot beside the body's way.
-        height_sd_m: Deviation with which the body's height must be known to be of use.
-        missed_steps: Step times after which a foot that touches down again has left out a step of the other.
+        behind_m: Start of the density, behind the body.
+        reach_m: End of the density, ahead of the body.
+        still_m: A walker who moved less within a stride is taken to walk in the camera's viewing direction.
+        kept_s: Time for which the body's positions are stored.
+        kept_period_s: Time between stored positions.
+        look_s: Time constant of the camera's viewing direction.
+        jump_m: Poses farther apart have jumped.
+        max_gap_s: After a longer gap poses may be in another frame.
+        stale_s: An older pose is not used.
+        velocity_s: Time span of the velocity estimate.
+        usual_height_m: Prior height of neck and waist over the ground.
+        tallest_m: Largest height of a camera.
+        back_m: How far behind the body the ground is read from the map.
+        standing_sd_m: Standard deviation of the first foot about the body, at the start.
+        walking_sd_m: The same after a reset during the walk.
+        turned_rad: From this rotation on, the foot's lateral position gives its position along the new path.
+        turn_sd_rad: A step that rotates by more does not update the step statistics.
+        beside_sd_m: Lateral standard deviation of the foot from the body's path.
+        height_sd_m: Largest standard deviation of a usable body height.
+        missed_steps: Step times after which a second touch-down of one foot implies a missed step of the other.
         bounce_share: Share of a step time within which a touch-down is a bounce.
         over_foot_share: Share of a step time after which the body has passed over the foot.
-        pause_steps: Usual step times after which a touch-down says nothing of the rhythm.
-        longest_step_m: No step is longer.
+        pause_steps: Usual step times after which a touch-down does not update the rhythm.
+        longest_step_m: Longest step.
         force_max_n: A larger load counts as lost.
-        forget_s: Time after which the largest load of an insole is forgotten.
+        forget_s: Time after which the largest load of an insole is discarded.
         flight_match_m: An edge this near to an edge of a flight belongs to it.
-        flight_cosine: Least cosine between the way and the direction of a flight.
-        tread_sd_share: Edges of one flight share their error: their distances are known better by this factor.
-        tread_down_factor: Treads down are seen as strips: their depth is known worse by this factor.
-        significant_sd: Deviations beyond which a slope is one.
-        hidden_riser_sd: Share by which risers that were not seen may differ from usual ones.
-        hidden_tread_sd: The same of treads.
-        alike_riser_sd: The same of risers of stairs that are like those seen last.
-        alike_tread_sd: And of their treads.
-        alike_fall_m: By how much a fall may differ from so many risers of those.
-        known_riser_sd_m: Deviation below which a riser is known well.
-        known_tread_sd_m: The same of a tread.
-        under_m: Ground that is seen only from so far before the body on begins there.
-        begin_sd_m: Deviation of where.
-        hidden_per_sd: Length of what is hidden behind an edge over the deviation of the edge in the map.
+        flight_cosine: Smallest cosine between the path and the direction of a flight.
+        tread_sd_share: Factor on the error of distances between edges of one flight, which share most of their error.
+        tread_down_factor: Factor on the error of descending treads, of which the camera sees only strips.
+        significant_sd: Standard deviations beyond which a slope is significant.
+        hidden_riser_sd: Relative standard deviation of unobserved risers from usual ones.
+        hidden_tread_sd: The same for treads.
+        alike_riser_sd: The same for risers of stairs like the last observed ones.
+        alike_tread_sd: The same for their treads.
+        alike_fall_m: Largest difference between a height drop and a whole number of those risers.
+        known_riser_sd_m: Standard deviation below which a riser is well known.
+        known_tread_sd_m: The same for a tread.
+        under_m: Ground first observed farther ahead of the body than this begins there.
+        begin_sd_m: Standard deviation of that beginning.
+        hidden_per_sd: Length occluded behind an edge, divided by the edge's standard deviation in the map.
 
-    From `kept_s` on all are hand-chosen on tuning seeds, below 1000.
+        All from `kept_s` on are hand-chosen on tuning seeds (below 1000).
     """
 
     lift_n: float = 12.0

@@ -1,7 +1,7 @@
-"""What an exoskeleton's legs tell of the step that was made, and what that says of map and walker.
+"""Uses an exoskeleton's step estimates in the prediction of locomotion modes.
 
-The camera says what lies ahead, the legs what was stepped on: how long the step was, how high, how the sole lies. So
-they confirm where on the map the foot stands, or correct it, and where there is no map they are all there is.
+The camera observes the ground ahead; the legs measure length, height and slope of the last step. This corrects the
+foot's position on the map, and replaces the map where there is none.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from stridetwin.estimators.locomotion_mode.segments import Piece, lie
 from stridetwin.streams.samples import Array
 
 _FLOOR = 1e-3
-"""Of how well a place suits: the map may be wrong where the foot is."""
+"""Lower limit of a position's likelihood: the map may be wrong under the foot."""
 _LEAST_M = 0.01
 _LEAST_RAD = 0.0175
 _MOST_TREADS = 6
 _STRIDE = 3
-"""Footprints of a stride."""
+"""Footprints per stride."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,15 +32,15 @@ class Felt:
     """A step as the legs measured it.
 
     Attributes:
-        step: Its number, as `contact_terrain` counts.
-        foot: `l` or `r`, the one that stepped.
-        length: From the footprint before, m, horizontal, along the way.
-        length_sd: m.
-        elevation: Over the footprint before, m.
-        elevation_sd: m.
-        slope: Of the ground in the foot's direction, rad, uphill positive.
-        slope_sd: rad.
-        mode: As `contact_terrain` tells it.
+        step: Number of the step in `contact_terrain`.
+        foot: `l` or `r`, the foot that stepped.
+        length: Horizontal distance from the previous footprint along the path, m.
+        length_sd: Standard deviation, m.
+        elevation: Height over the previous footprint, m.
+        elevation_sd: Standard deviation, m.
+        slope: Slope of the ground in the foot's direction, rad, uphill positive.
+        slope_sd: Standard deviation, rad.
+        mode: Mode estimated by `contact_terrain`.
     """
 
     step: int
@@ -55,12 +55,12 @@ class Felt:
 
 
 def felt(told: Sequence[StepEstimate]) -> Felt | None:
-    """The last of some steps; None where one between is missing, or not all of it is known.
+    """The last of some steps; None if a step between is missing or a value is unknown.
 
-    Feet go side by side: how far a step goes ahead is its part along the way of the whole stride.
+    The feet are side by side, so a step's length is its component along the whole stride.
 
     Args:
-        told: The last three or fewer, in order.
+        told: Estimates of the last steps in order, three at most.
     """
     if len(told) < _STRIDE or any(b.step != a.step + 1 for a, b in pairwise(told)):
         return None
@@ -77,15 +77,15 @@ def felt(told: Sequence[StepEstimate]) -> Felt | None:
 
 
 def suits(step: Felt, s: Array, ground: Sequence[Piece], before: Array, p: LocomotionModeParameters) -> Array:
-    """(S,) how well each place along the way suits the step, about 1 at best.
+    """(S,) likelihood of each landing position given the measured step, about 1 at best.
 
     Args:
-        step: As it was felt.
-        s: (S,) m along the way.
-        ground: Pieces along it.
-        before: (S,) density of the footprint before; sums to 1. How the body leans is what it was found with, and
-            the same at every step: to know how far the last step went does not make that any surer.
-        p: Deviations.
+        step: The step as the legs measured it.
+        s: (S,) m along the path.
+        ground: Terrain segments along it.
+        before: (S,) density of the previous footprint; sums to 1. It depends on the body's lean, which is the same at
+            every step, so the length of the last step does not reduce that uncertainty.
+        p: Standard deviations.
     """
     height, slope, slope_sd = lie(ground, s)
     high, far = float(before @ height), float(before @ s)
@@ -99,11 +99,11 @@ def suits(step: Felt, s: Array, ground: Sequence[Piece], before: Array, p: Locom
 
 
 def going_on(step: Felt, foot: float, p: LocomotionModeParameters) -> list[Piece]:
-    """Ground that nobody has seen goes on as it was felt: treads as high and as deep as the last, a slope, a level.
+    """Extrapolates the measured ground where it was not observed: equal treads, the same slope, or level ground.
 
     Args:
-        step: The last one.
-        foot: Where its foot stands, m along the way.
+        step: The last step.
+        foot: Position of its foot, m along the path.
         p: Sizes.
     """
     stairs = step.mode in ("SA", "SD")

@@ -1,10 +1,10 @@
 """The prediction of Zhao et al. 2023, sections II-D and F: eqs. (16)-(18), and the ground under the predicted point.
 
-The paper leaves open where the offsets of left and right feet lie and how a mode follows from the ground. Here the
-offset is half a step ahead of and half a step's width beside the camera's point, which is where a foot is when the
-other touches down; the mode is that of the terrain under the predicted footprint: a ramp's by its slope along the
-walking direction, a tread's by whether the stair leads up or down there. What lies before and behind a flight is level
-ground; there the height over the ground under the footprint before tells a step onto the landing.
+The paper does not specify the offsets of left and right feet, nor how a mode follows from the ground. Here the offset
+is half a step ahead of and half a step's width beside the camera's point, where a foot is when the other touches down.
+The mode is that of the terrain under the predicted footprint: on a ramp by its slope along the walking direction, on a
+tread by whether the stairs lead up or down there. Before and beyond a flight the ground is level; there the height
+over the previous footprint identifies a step onto the landing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Division:
-    """A touch-down: where the camera was, and how it moved.
+    """A touch-down with the camera's position and velocity.
 
     Attributes:
         foot: `l` or `r`.
@@ -51,7 +51,7 @@ class WalkingInformation:
         self._divisions: list[Division] = []
 
     def clear(self) -> None:
-        """Forgets them."""
+        """Removes all touch-downs."""
         self._divisions = []
 
     def add(self, division: Division) -> None:
@@ -68,18 +68,18 @@ class WalkingInformation:
         return [float(np.linalg.norm((b.p - a.p)[:2])) for a, b in zip(self._divisions, self._divisions[1:])]
 
     def last_size(self) -> float | None:
-        """The latest of them; None where there is none."""
+        """The latest size; None if there is none."""
         sizes = self.sizes()
         return sizes[-1] if sizes else None
 
     def step_time(self) -> float:
-        """Between the last two touch-downs, s; NaN where there are not two."""
+        """Time between the last two touch-downs, s; NaN with fewer than two."""
         if len(self._divisions) < 2:
             return math.nan
         return (self._divisions[-1].t_ns - self._divisions[-2].t_ns) * 1e-9
 
     def next_size(self) -> float:
-        """δ_nxt of eq. (17), m, never negative; the last size where there is but one, NaN where there is none.
+        """δ_nxt of eq. (17), m, never negative; the last size if there is only one, NaN if there is none.
 
         See docs/locomotion_mode.md (2).
         """
@@ -94,10 +94,10 @@ class WalkingInformation:
         See docs/locomotion_mode.md (3).
 
         Args:
-            ahead: Which of the coming footprints; the paper tells the first, further ones are as many sizes on.
+            ahead: Index of the coming footprint from 1; the paper gives the first, each further one is one size on.
 
         Returns:
-            (2,) m, and (2,) unit vector of the direction; None where too little is known.
+            (2,) m, and (2,) unit vector of the direction; None if too little is known.
         """
         size, last, axes = self.next_size(), self.last, self._axes()
         if last is None or axes is None or not math.isfinite(size):
@@ -108,13 +108,13 @@ class WalkingInformation:
         return last.p[:2] + forward * size * ahead + offset, forward
 
     def _axes(self) -> tuple[Array, Array] | None:
-        """(2,) and (2,) unit vectors forward and left, of the last touch-down's velocity; None without one."""
+        """(2,) and (2,) unit vectors forward and left from the last touch-down's velocity; None without one."""
         v = np.zeros(2) if self.last is None else self.last.v[:2]
         speed = np.linalg.norm(v)
         return (v / speed, np.array([-v[1], v[0]]) / speed) if speed > 0.0 else None
 
     def stance(self) -> Array | None:
-        """(2,) m, where the foot that touched down last stands, by the same offsets."""
+        """(2,) m, position of the foot that touched down last, by the same offsets."""
         last, sizes, axes = self.last, self.sizes(), self._axes()
         if last is None or axes is None or not sizes:
             return None
@@ -125,12 +125,12 @@ class WalkingInformation:
 def mode_between(
     ground: TerrainMap, here: Array, there: Array, forward: Array, p: LocomotionModeParameters
 ) -> tuple[str, float]:
-    """Mode of a step from one place to another, and the height of the ground there; LG and NaN where nothing is known.
+    """Mode of a step from one place to another, and the height of the ground there; LG and NaN if unknown.
 
     Args:
         ground: The map.
-        here: (2,) m, footprint before.
-        there: (2,) m, footprint.
+        here: (2,) m, previous footprint.
+        there: (2,) m, new footprint.
         forward: (2,) unit vector of the walking direction.
         p: Thresholds.
     """
@@ -156,15 +156,15 @@ def coming_steps(
     walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
     p: LocomotionModeParameters,
 ) -> tuple[StepPrediction, ...]:  # fmt: skip
-    """The coming steps as the paper tells them; LG where too little is known.
+    """Predicts the coming steps by the paper's method; LG if too little is known.
 
     Args:
         walking: The last touch-downs.
         rhythm: Which foot is next.
         ground: The map.
-        body: (2,) m, where the camera is.
+        body: (2,) m, position of the camera.
         step_s: Time of a step.
-        t_ns: Now.
+        t_ns: Current time.
         p: Thresholds.
     """
     size, before, steps = walking.next_size(), walking.stance(), []

@@ -1,7 +1,4 @@
-"""Which foot is on the ground since when, and when the next ones land.
-
-Touch-downs from pressure insoles.
-"""
+"""Detects touch-downs from pressure insoles and predicts the times of the next ones."""
 
 from __future__ import annotations
 
@@ -26,12 +23,12 @@ class _Foot:
 
 
 class TouchDowns:
-    """Tells when a foot touches down.
+    """Detects touch-downs.
 
-    What an unloaded insole tells is not zero: cells creep and drift. A foot has left the ground when its load has
-    fallen near the least that it told lately, or to a small share of the most: at the start that least is not known. It
-    is down again when the load has risen from there by `touch_n`.
-    A sample that is late, repeated, not finite or beyond any insole is passed over.
+    An unloaded insole does not report zero: cells creep and drift. A foot has left the ground when its load has fallen
+    near its recent minimum, or, because that is unknown at the start, to a small share of its maximum. It is down again
+    when the load has risen from there by `touch_n`. Samples that are late, repeated, not finite or out of range are
+    ignored.
 
     Args:
         parameters: Loads.
@@ -42,7 +39,7 @@ class TouchDowns:
         self._feet = {foot: _Foot() for foot in FEET.values()}
 
     def update(self, sample: Insole) -> str | None:
-        """The foot that has touched down with this sample, else None."""
+        """The foot that touches down with this sample, else None."""
         foot = self._feet.get(FEET.get(sample.topic, ""))
         load = float(sample.force.sum())
         if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < self._p.force_max_n:
@@ -65,7 +62,7 @@ class TouchDowns:
 
 _OTHER = {"l": "r", "r": "l", "": ""}
 SOON_S = 0.05
-"""No coming step is told to land sooner."""
+"""Shortest predicted time to a landing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +70,8 @@ class Landing:
     """A touch-down.
 
     Attributes:
-        feet: Those that have landed since the last one that was told, the latest last: two where one was not heard.
-        after: Whether it lets the last step be measured: it and the one before it were both heard, none was left out.
+        feet: Feet landed since the last reported one, the latest last; two if one was not detected.
+        after: Whether the last step can be measured: it and the previous one were both detected, none is missing.
     """
 
     feet: tuple[str, ...]
@@ -82,10 +79,10 @@ class Landing:
 
 
 class Rhythm:
-    """Touch-downs of both feet in turn; a foot of which nothing is heard any more is led along by the other.
+    """Alternating touch-downs of both feet; a foot without detections is predicted from the other.
 
     Args:
-        parameters: Step time of someone of whom nothing is known.
+        parameters: Prior step time.
     """
 
     def __init__(self, parameters: LocomotionModeParameters) -> None:
@@ -93,8 +90,8 @@ class Rhythm:
         shares = p.step_sd, p.asymmetry_sd, p.step_drift, p.step_noise
         self._time = StepFilter(p.step_s, *(share * p.step_s for share in shares))
         self.foot, self.down_ns, self.step = "", -1, 0
-        self._silent = ""  # foot whose insole has told nothing of its last step
-        self._guessed, self._heard_ns = False, -1  # whether no insole told of the last touch-down; when one last did
+        self._silent = ""  # foot whose insole did not detect its last step
+        self._guessed, self._heard_ns = False, -1  # whether the last touch-down was inferred; last detection
 
     @property
     def step_s(self) -> float:
@@ -102,25 +99,25 @@ class Rhythm:
         return self._time.mean
 
     def overdue(self, t_ns: int) -> str | None:
-        """The foot of which nothing is heard where it must be down by now: the other one is about to be lifted."""
+        """The undetected foot that must be down by now, because the other one is about to lift off."""
         waited = (t_ns - self.down_ns) * 1e-9
         there = bool(self._silent) and self.foot == _OTHER[self._silent] and waited > self._time.mean
         return self._silent if there else None
 
     def over_foot(self, t_ns: int) -> bool:
-        """Whether the body has passed over the standing foot by now."""
+        """Whether the body has passed over the stance foot by now."""
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > self._p.over_foot_share * self._time.mean
 
     def land(self, foot: str, t_ns: int, heard: bool) -> Landing | None:
-        """A foot touches down.
+        """Handles a touch-down.
 
         Args:
             foot: `l` or `r`.
-            t_ns: When.
-            heard: Whether its insole tells so.
+            t_ns: Time of the touch-down.
+            heard: Whether its insole detected it.
 
         Returns:
-            None where it only bounced.
+            The landing; None if the foot only bounced.
         """
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
         if heard and foot == self._silent:
@@ -148,7 +145,7 @@ class Rhythm:
         return tuple(_OTHER[self.foot] if k % 2 == 0 else self.foot for k in range(self._p.steps))
 
     def times(self, feet: Sequence[str], t_ns: int) -> list[tuple[int, float]]:
-        """When each coming step lands, ns, and its deviation, s."""
+        """Landing time of each coming step, ns, and its standard deviation, s."""
         found = []
         at = float(self.down_ns if self.down_ns >= 0 else t_ns)
         variance = 0.0

@@ -1,9 +1,9 @@
-"""Where the next feet land: a density over the way that knows the edges, rolled out over several steps.
+"""Predicts the density of the next footprints along the path, rolled out over several steps with respect to edges.
 
-A walk is a chain of footprints, each a step beyond the one before, each set down where a sole finds room. Chains are
-weighed as wholes: people see an edge steps before it and lengthen or shorten the steps up to it (forward and backward
-sums over the chain give each footprint's density). By how much all these steps are longer or shorter than usual is one
-more unknown, summed over as well.
+A walk is a chain of footprints, each one step beyond the previous one and where the sole has support. Whole chains are
+weighted, because people see an edge several steps ahead and adapt the steps up to it; forward and backward sums over
+the chain give each footprint's density. The common relative change of these steps is one more unknown, which is
+marginalised.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ _HERE = Path(__file__).parent
 
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _FLOOR = 1e-9
-"""Of a density: a walker who does what nobody expects must not leave it empty."""
+"""Lower limit of a density: an unexpected step must not leave it empty."""
 _LEAST = 1e-10
-"""Density that is not followed any further."""
+"""Densities below this are not propagated."""
 _TAIL = 8.0
-"""Deviations beyond which a density is none: there it is far below `_LEAST`."""
+"""Standard deviations beyond which a density is taken as zero: it is far below `_LEAST`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """What the coming steps may be.
+    """Distribution of the coming steps.
 
     Attributes:
         density: (K, S) of each step's footprint over the cells, sums 1.
         modes: (K, 5) probability of each mode.
-        on: (K, P) probability of each piece under the footprint.
+        on: (K, P) probability of each terrain segment under the footprint.
     """
 
     density: Array
@@ -58,19 +58,19 @@ def roll_out(
     See docs/locomotion_mode.md (5).
 
     Args:
-        stance: (S,) density of the foot that is on the ground, over the cells.
-        s: (S,) m along the way, evenly spaced.
-        ground: Pieces.
+        stance: (S,) density of the stance foot over the cells.
+        s: (S,) m along the path, evenly spaced.
+        ground: Terrain segments.
         lengths: Expected length of each coming step on level ground, m.
-        length_sd: Deviation that all of them share, m.
-        ratios: Length of a step over that on level ground, and its deviation, by mode of the ground (RA, RD).
-        p: Sizes.
-        landing: (S,) and (S,) how well each place of the last step suits where the body is, after a step on even
-            ground and after one over an edge; None: nothing is known of it.
+        length_sd: Standard deviation common to all of them, m.
+        ratios: Step length relative to level ground and its standard deviation, by mode of the ground (RA, RD).
+        p: Dimensions.
+        landing: (S,) and (S,) likelihood of each position of the last step given the body's position, after a step on
+            even ground and after one over an edge; None: unknown.
     """
     room = weights(ground, s, p) + _FLOOR
     edges = np.array(edges_before(ground))
-    # Crossing (a, b): how many edges lie between; backward never.
+    # Number of edges between (a, b); steps never go backward.
     between = edges[None, :] - edges[:, None]
     ahead = np.arange(len(ground))[None, :] >= np.arange(len(ground))[:, None]
     even = (ahead & (between == 0)).astype(float)
@@ -81,7 +81,7 @@ def roll_out(
     kinds = list(dict.fromkeys(lengths))
     kind = np.array([kinds.index(length) for length in lengths])
     made = [_kernels(s, level, unsure, length, shifts, band, p) for length in kinds]
-    if landing is not None:  # the last step is of a kind of its own
+    if landing is not None:  # the last step has its own kind
         at = np.minimum(np.arange(len(s))[:, None] + np.arange(band), len(s) - 1)
         near, far = made[kind[-1]]
         made.append((near * (landing[0][at] + _FLOOR), far * (landing[1][at] + _FLOOR)))
@@ -96,7 +96,7 @@ def roll_out(
 def _kernels(
     s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, p: LocomotionModeParameters
 ) -> tuple[Array, Array]:
-    """(H, S, B) and (S, B) density of a step from each cell to those from it on: on even ground, and over an edge.
+    """(H, S, B) and (S, B) density of a step from each cell to the following cells: on even ground, and over an edge.
 
     See docs/locomotion_mode.md (7).
     """
@@ -108,7 +108,7 @@ def _kernels(
 
 @cached(_HERE)
 def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
-    """(H, S, B) density of steps on even ground: (S,) the way as `stretch` tells it, and (S,) deviation, by the end."""
+    """(H, S, B) density of steps on even ground, from (S,) path length and (S,) standard deviation as in `stretch`."""
     found = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
         for j in range(band):
@@ -130,16 +130,16 @@ def _chain(
     See docs/locomotion_mode.md (8).
 
     Args:
-        first: (H, P, S) density of the foot on the ground, by how much steps are longer, piece and cell.
-        room: (P, S) how readily a foot is set down.
-        even: (P, P) 1 where a step from piece to piece crosses no edge.
-        over: (P, P) how likely one is that crosses edges.
-        near: (L, H, S, B) density of a kind of step from a cell to the B cells from it on, on even ground.
-        far: (L, S, B) likewise over an edge.
-        kind: (K,) of each step.
+        first: (H, P, S) density of the stance foot, by step length change, segment and cell.
+        room: (P, S) weight of each foothold.
+        even: (P, P) 1 where a step between segments crosses no edge.
+        over: (P, P) probability of a step that crosses edges.
+        near: (L, H, S, B) density of each kind of step from a cell to the B cells from it on, on even ground.
+        far: (L, S, B) the same over an edge.
+        kind: (K,) kind of each step.
 
     Returns:
-        (K, S) density of each footprint, (K, P) its pieces, (K, P, P) from piece to piece; each sums to 1.
+        (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition; each sums to 1.
     """
     _, H, S, B = near.shape
     K, P = len(kind), len(room)
@@ -207,7 +207,7 @@ def _chain(
 
 @njit(**INSIDE)
 def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Array) -> None:
-    """Adds what goes from one cell to those from it on."""
+    """Adds the contribution of one cell to the cells from it on."""
     for j in range(len(near)):
         onto_even[j] += v * near[j]
         onto_over[j] += v * far[j]
@@ -215,7 +215,7 @@ def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Arra
 
 @njit(fastmath=True, **INSIDE)
 def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
-    """What comes back to one cell from those from it on; sums run several at a time."""
+    """Backward sum of one cell over the cells from it on; vectorised."""
     v = 0.0
     for j in range(len(near)):
         v += near[j] * even[j] + far[j] * over[j]
@@ -223,6 +223,6 @@ def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
 
 
 def moments(density: Array, s: Array) -> tuple[float, float]:
-    """Mean and deviation of a density over cells, m."""
+    """Mean and standard deviation of a density over cells, m."""
     mean = float(density @ s)
     return mean, float(np.sqrt(max(density @ (s - mean) ** 2, (s[1] - s[0]) ** 2 / 12.0)))

@@ -1,4 +1,4 @@
-"""The ground along the way as pieces, each level or sloping, between edges and knees."""
+"""The ground along the path as terrain segments, level or sloping, between edges and slope breaks."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from stridetwin.estimators.terrain_map import Change, Profile, Ramp, TerrainEsti
 from stridetwin.streams.samples import Array
 
 _MOST = 10
-"""Pieces; what lies beyond is left out."""
+"""Largest number of segments; farther ones are omitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """Ground between two changes.
+    """A terrain segment between two changes.
 
     Attributes:
-        start: m along the way, -inf for the first.
-        start_sd: m.
+        start: m along the path, -inf for the first.
+        start_sd: Standard deviation, m.
         end: m, inf for the last.
-        end_sd: m.
-        drop: Height at its start over the end of the one before, m; 0 at a knee.
-        drop_sd: m, where it was not seen.
+        end_sd: Standard deviation, m.
+        drop: Height at its start over the end of the previous segment, m; 0 at a slope break.
+        drop_sd: Standard deviation where unobserved, m.
         slope: rad, uphill positive.
-        slope_sd: rad.
-        mode: LG, RA or RD: of steps that stay on it.
+        slope_sd: Standard deviation, rad.
+        mode: Mode of steps within the segment: LG, RA or RD.
     """
 
     start: float
@@ -47,13 +47,13 @@ class Piece:
 
     @property
     def length(self) -> float:
-        """From start to end, m."""
+        """Length from start to end, m."""
         return self.end - self.start
 
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """Sizes of the stairs that were seen last: those of one building are alike.
+    """Dimensions of the last observed stairs: those of one building are alike.
 
     Attributes:
         riser: m.
@@ -65,7 +65,7 @@ class Flight:
 
 
 def seen_last(estimate: TerrainEstimate, before: Flight | None, p: LocomotionModeParameters) -> Flight | None:
-    """Of the stairs that are known well those with most steps; where there are none, as before."""
+    """Dimensions of the well-known stairs with the most steps; if there are none, `before`."""
     most = np.array([p.known_riser_sd_m, p.known_tread_sd_m]) ** 2
     known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
     if not known:
@@ -78,19 +78,19 @@ def pieces(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: LocomotionModeParameters,
     usual: Flight | None = None,
 ) -> list[Piece]:  # fmt: skip
-    """Cuts a profile at its changes; of what lies behind s = 0 no more than one piece is told.
+    """Cuts a profile at its changes; at most one segment lies behind s = 0.
 
     Args:
-        profile: Of the ground along the way.
-        estimate: The planes and terrains that it shows; None: nothing is known.
-        forward: (2,) unit vector of the way.
-        p: Deviations.
-        usual: Stairs as they are here; None: none were seen.
+        profile: Profile of the ground along the path.
+        estimate: Its planes and terrains; None: unknown.
+        forward: (2,) unit vector of the path.
+        p: Standard deviations.
+        usual: Dimensions of stairs here; None: none observed.
     """
     changes, until = _walked(_whole_treads(_over(profile.changes, p), p), profile, estimate, p)
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
     seen = profile.s[profile.plane >= 0]
-    if len(seen) and seen[0] > p.behind_m + p.under_m:  # what is seen afar says nothing of the slope under the feet
+    if len(seen) and seen[0] > p.behind_m + p.under_m:  # distant ground does not give the slope under the feet
         bounds.append(_Bound(float(seen[0]), p.begin_sd_m, 0.0))
     for change in changes:
         bounds += _bounds(change, usual, p)
@@ -112,10 +112,10 @@ def pieces(
 
 
 def _over(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change]:
-    """In order, without what one steps over: ground that soon goes back to the level before it.
+    """The changes in order, without those that are stepped over: ground that soon returns to its previous level.
 
-    Nobody sets a foot on a strip that is shorter than any tread, nor into a hole that is shorter than a step; such are
-    things left lying, and what mirrors.
+    No foot is placed on a strip shorter than any tread, nor into a hole shorter than a step; these are small objects
+    and reflections.
     """
     kept: list[Change] = []
     for change in sorted(changes, key=lambda c: c.s):
@@ -133,7 +133,7 @@ def _over(changes: Iterable[Change], p: LocomotionModeParameters) -> list[Change
 
 
 def _whole_treads(changes: list[Change], p: LocomotionModeParameters) -> list[Change]:
-    """Without the knees between two edges that are a tread apart: see `_is_tread`."""
+    """Removes slope breaks between two edges a tread apart: see `_is_tread`."""
     edges = [c.s for c in changes if c.kind == "edge"]
     treads = [(a, b) for a, b in pairwise(edges) if b - a <= p.tread_max_m]
     return [c for c in changes if c.kind == "edge" or not any(a < c.s < b for a, b in treads)]
@@ -142,7 +142,7 @@ def _whole_treads(changes: list[Change], p: LocomotionModeParameters) -> list[Ch
 def _walked(
     changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters
 ) -> tuple[list[Change], float]:
-    """Those between what nobody climbs or jumps down, behind the walker and before him, and how far one can go, m."""
+    """The changes between impassable edges behind and ahead of the walker, and the passable distance, m."""
     behind = 0
     for k, change in enumerate(changes):
         if _blocks(change, profile, estimate, p):
@@ -153,7 +153,7 @@ def _walked(
 
 
 def _blocks(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: LocomotionModeParameters) -> bool:
-    """Whether an edge is none of stairs: higher than a riser and no flight goes on there, or too steep a fall."""
+    """Whether an edge is impassable: higher than a riser where no flight continues, or too steep a drop."""
     if change.drop <= 0.0:
         return -change.drop > p.riser_max_m * (1.0 + p.hidden_per_sd * change.sd / p.tread_min_m)
     if change.drop <= p.riser_max_m:
@@ -170,20 +170,19 @@ class _Bound(NamedTuple):
 
 
 def _is_tread(one: _Bound, other: _Bound, p: LocomotionModeParameters) -> bool:
-    """Whether ground between two edges is a tread, and so level, whatever slope the map has for it.
+    """Whether the ground between two edges is a tread, and so level, whatever its mapped slope.
 
-    A tread is mapped over several steps: where the poses are corrected meanwhile, its near side lies at another height
-    than its far one.
+    A tread is mapped over several steps. A pose correction in between gives its two sides different heights.
     """
     return one.drop != 0.0 and other.drop != 0.0 and other.s - one.s <= p.tread_max_m
 
 
 def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -> list[_Bound]:
-    """A change as edges that one can step over.
+    """Converts a change to edges that can be stepped over.
 
-    Who looks down over an edge sees its ground up to the edge, and what lies behind it not at all: the edge is where
-    the upper ground ends, and where the fall is more than a riser there are treads in what is hidden. That ground seems
-    to end too soon, by about the deviation that is told: at outlines pixels and sparse columns are left out.
+    A camera looking down over an edge sees the ground up to the edge, but not what it occludes. The edge is where
+    the upper ground ends; if the drop is more than a riser, treads are occluded. The upper ground appears to end too
+    early, by about the estimated standard deviation, because pixels at discontinuities and sparse columns are removed.
     """
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
@@ -204,9 +203,9 @@ def _bounds(change: Change, usual: Flight | None, p: LocomotionModeParameters) -
 
 
 def _hidden_steps(fall: float, usual: Flight | None, p: LocomotionModeParameters) -> tuple[float, float, float, float]:
-    """Riser and tread of stairs that nobody sees, m, and by which share either may differ.
+    """Riser and tread of occluded stairs, m, and the relative standard deviation of each.
 
-    As those seen last, where so many of them make the fall; else as they are anywhere.
+    They equal the last observed ones if a whole number of those makes up the drop, and usual ones otherwise.
     """
     if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < p.alike_fall_m:
         return usual.riser, usual.tread, p.alike_riser_sd, p.alike_tread_sd
@@ -217,7 +216,7 @@ def _slope(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float,
     p: LocomotionModeParameters,
 ) -> tuple[float, float]:  # fmt: skip
-    """Slope of a piece and its deviation; ground that the map does not take for a ramp is flat as people build it."""
+    """Slope of a segment and its standard deviation; ground that is not a ramp in the map is level as built."""
     planes = {} if estimate is None else estimate.planes
     inside = profile.plane[(profile.s > start) & (profile.s < end) & (profile.plane >= 0)]
     known = [int(i) for i in inside if int(i) in planes]
@@ -232,13 +231,13 @@ def _slope(
 
 
 def under(ground: Sequence[Piece], s: float, p: LocomotionModeParameters) -> int:
-    """Number of the piece under the middle of a sole whose heel's centre is at s, m along the way."""
+    """Index of the segment under the middle of a sole whose heel's centre is at s, m along the path."""
     middle = s + 0.5 * (p.toe_m - p.heel_m)
     return next(k for k, piece in enumerate(ground) if middle < piece.end)
 
 
 def lie(ground: Sequence[Piece], s: Array) -> tuple[Array, Array, Array]:
-    """(S,) m height over the first piece's at s = 0, (S,) rad slope and (S,) its deviation, along the way."""
+    """(S,) m height over the first segment's at s = 0, (S,) rad slope and (S,) its standard deviation."""
     height, slope, slope_sd = (np.zeros(len(s)) for _ in range(3))
     base = 0.0
     for k, piece in enumerate(ground):
@@ -253,7 +252,7 @@ def lie(ground: Sequence[Piece], s: Array) -> tuple[Array, Array, Array]:
 
 
 def heights(ground: Sequence[Piece], profile: Profile, s: Array) -> Array | None:
-    """(S,) m, of the ground at places along the way, also where it is not seen; None where nothing of it is."""
+    """(S,) m, height of the ground along the path, also where unobserved; None if none is observed."""
     known = np.isfinite(profile.height)
     if not known.any():
         return None
@@ -262,12 +261,12 @@ def heights(ground: Sequence[Piece], profile: Profile, s: Array) -> Array | None
 
 
 def edges_before(ground: Sequence[Piece]) -> list[int]:
-    """How many edges lie before each piece; knees are none."""
+    """Number of edges before each segment; slope breaks do not count."""
     return np.cumsum([abs(piece.drop) > 0.0 for piece in ground]).tolist()
 
 
 def mode_table(ground: Sequence[Piece], p: LocomotionModeParameters) -> Array:
-    """(P, P, 5) probability of each mode of a step from one piece to another. See docs/locomotion_mode.md (9)."""
+    """(P, P, 5) probability of each mode of a step from one segment to another. See docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))
     for b, piece in enumerate(ground):
         up, down = (_above(sign * piece.slope, p.ramp_rad, piece.slope_sd) for sign in (1.0, -1.0))
@@ -283,19 +282,19 @@ def mode_table(ground: Sequence[Piece], p: LocomotionModeParameters) -> Array:
 
 
 def weights(ground: Sequence[Piece], s: Array, p: LocomotionModeParameters) -> Array:
-    """(P, S) how readily a foot is set down at places s of each piece: on whole soles, toes before a riser.
+    """(P, S) weight of a foothold at s on each segment: the whole sole is supported, and toes end before a riser.
 
     See docs/locomotion_mode.md (6).
 
     Args:
-        ground: Pieces.
-        s: (S,) m along the way of the heel's centre.
-        p: Sizes.
+        ground: Terrain segments.
+        s: (S,) m along the path, of the heel's centre.
+        p: Dimensions.
     """
     found = np.ones((len(ground), len(s)))
     middle = s + 0.5 * (p.toe_m - p.heel_m)
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
-    # behind: a riser after a step down, a free edge after a step up, else a knee
+    # behind: a riser after a step down, a free edge after a step up, else a slope break
     inside = s - p.heel_m - start[1:, None]
     found[1:] *= _room(inside, start_sd[1:], drop[1:], p) * _here(middle, start[1:], start_sd[1:])
     # ahead: a riser before a step up, a free edge before a step down
@@ -305,7 +304,7 @@ def weights(ground: Sequence[Piece], s: Array, p: LocomotionModeParameters) -> A
 
 
 def _room(inside: Array, sd: Array, fall: Array, p: LocomotionModeParameters) -> Array:
-    """(N, S) how readily soles end so far inside their pieces; `fall` (N,) is below 0 where the ground beyond rises."""
+    """(N, S) weight of soles ending so far inside their segments; `fall` (N,) is < 0 where the ground beyond rises."""
     spread = np.where(fall < 0.0, p.clearance_sd_m, np.where(fall > 0.0, p.overhang_sd_m, p.across_sd_m))
     allowed = np.where(fall > 0.0, p.overhang_m, 0.0)
     beyond = np.maximum(0.0, -inside - allowed[:, None])
@@ -313,7 +312,7 @@ def _room(inside: Array, sd: Array, fall: Array, p: LocomotionModeParameters) ->
 
 
 def _here(s: Array, start: Array, sd: Array) -> Array:
-    """(N, S) whether places lie beyond edges (N,), which are known to some deviation."""
+    """(N, S) probability that positions lie beyond edges (N,) of known standard deviation."""
     return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, 0.01))[:, None])))
 
 
@@ -322,16 +321,16 @@ def _above(value: float, limit: float, sd: float) -> float:
 
 
 def unseen(profile: Profile, s: Array, here: float, p: LocomotionModeParameters) -> Array:
-    """(S,) chance that places of the way are on ground of another mode than it seems, for want of having seen it.
+    """(S,) probability that unobserved positions are of another mode than assumed.
 
-    Changes come by chance, once in `change_m`. Between two places that were seen there would have to be two of them;
-    from where the foot stands, which nobody may have seen, one is enough.
+    Changes are random, one per `change_m` on average. Between two observed positions two changes would be needed; from
+    the stance foot, whose ground may be unobserved, one is enough.
 
     Args:
-        profile: Of the ground along the way.
-        s: (S,) m along the way.
-        here: m, where the foot stands: there is ground.
-        p: How often ground changes.
+        profile: Profile of the ground along the path.
+        s: (S,) m along the path.
+        here: Position of the stance foot, m: there is ground.
+        p: Rate of changes.
     """
     seen = profile.s[profile.plane >= 0]
     bounds = np.concatenate([[-np.inf], seen, [np.inf]])
@@ -342,17 +341,17 @@ def unseen(profile: Profile, s: Array, here: float, p: LocomotionModeParameters)
 
 
 def with_unseen(modes: Array, chance: Array) -> Array:
-    """(K, 5) probabilities of modes where, with (K,) chance, each may be any."""
+    """(K, 5) mode probabilities when, with probability (K,), any mode is possible."""
     return np.asarray((1.0 - chance[:, None]) * modes + chance[:, None] / len(MODES))
 
 
 def stretch(ground: Sequence[Piece], s: Array, ratios: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
-    """(S,) the way measured in level ground: where steps are shorter, it is longer; and (S,) how unsure that is there.
+    """(S,) path length in units of level ground, longer where steps are shorter; and (S,) its local uncertainty.
 
     Args:
-        ground: Pieces.
-        s: (S,) m along the way, evenly spaced.
-        ratios: Length of a step over that on level ground, and its deviation, by mode of the piece.
+        ground: Terrain segments.
+        s: (S,) m along the path, evenly spaced.
+        ratios: Step length relative to level ground and its standard deviation, by mode of the segment.
     """
     ratio, sd = np.ones(len(s)), np.zeros(len(s))
     for piece in ground:

@@ -1,7 +1,4 @@
-"""The depth camera: which it is, and its picture as a pinhole would see it, without what is no depth.
-
-A depth picture without what is no depth: out of range, or beside an outline.
-"""
+"""The depth camera of a rig and its rectified depth image: invalid pixels and depth discontinuities are removed."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ _HERE = Path(__file__).parent
 
 @cached(_HERE)
 def in_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) -> tuple[NDArray[np.float32], int]:
-    """(H, W) m, 0 for what is not from `least` to `most` or not finite; and how many pixels are."""
+    """(H, W) m, 0 where not finite or outside `least` to `most`; and the number of valid pixels."""
     found = np.empty(depth.shape, np.float32)
     nothing, count = np.float32(0.0), 0
     for v in range(depth.shape[0]):
@@ -36,19 +33,19 @@ def in_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) ->
 
 @cached(_HERE, error_model="numpy")
 def without_outlines(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
-    """The depth without the pixels beside an outline, which lie on one of two surfaces or between them.
+    """Removes the pixels beside a depth discontinuity: each lies on either surface or between them (flying pixels).
 
-    Taking as much away on either side leaves the middle of the gap where the outline is.
+    The same width is removed on both sides, so the middle of the gap is at the discontinuity.
 
     Args:
         depth: (H, W) m, 0 = none.
-        share: Difference of the depths, over the larger one, that makes an outline.
-        reach: Pixels.
+        share: Depth difference, relative to the larger depth, that makes a discontinuity.
+        reach: Width removed on each side, pixels.
     """
     height, width = depth.shape
     keeps, nothing, never = np.float32(1.0 - share), np.float32(0.0), np.float32(math.inf)
     found = np.empty(depth.shape, np.float32)
-    # Of each column over the rows around, then of its neighbours too; beyond the picture there is none.
+    # First per column over the neighbouring rows, then over the neighbouring columns; outside the image there is none.
     far, near = np.zeros(width + 2 * reach, np.float32), np.full(width + 2 * reach, never)
     farthest, nearest = np.empty(width, np.float32), np.empty(width, np.float32)
     for v in range(height):
@@ -77,13 +74,13 @@ _WIDTH = 640.0
 
 
 class DepthCamera:
-    """A depth stream and the pinhole that it is seen through.
+    """A depth stream and its pinhole model.
 
     Args:
-        calibration: Of the camera that the depth is registered to.
+        calibration: Calibration of the camera that the depth is registered to.
 
     Attributes:
-        topic: Of the depth.
+        topic: Depth stream.
         shape: (H, W).
         intrinsics: (4,) fu, fv, pu, pv.
     """
@@ -101,26 +98,26 @@ class DepthCamera:
 
     @classmethod
     def of(cls, rig: Rig, topic: str | None) -> DepthCamera:
-        """The camera with this depth stream, or the first that has one.
+        """The camera with this depth stream, or the first camera that has one.
 
         Raises:
-            StrideTwinError: There is none; the message lists those there are.
+            StrideTwinError: No such camera; the message lists the available ones.
         """
         return cls(depth_calibration(rig, topic))
 
     def pixels(self, of_640: float) -> int:
-        """So many pixels of a 640-pixel picture in this one, at least one."""
+        """Converts a number of pixels of a 640-pixel image to this image's width, at least one."""
         return max(1, round(of_640 * self.shape[1] / _WIDTH))
 
     def rectified(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> tuple[NDArray[np.float32], int]:
-        """(H, W) m, 0 = none: what lies within range, as a pinhole would see it; and how many pixels have depth.
+        """The rectified depth, (H, W) m, 0 = out of range or invalid; and the number of valid pixels.
 
         Args:
-            depth: (H, W) m; 0, NaN, infinity and what is negative are none.
-            p: The range.
+            depth: (H, W) m; 0, NaN, infinity and negative values are invalid.
+            p: Range limits.
 
         Raises:
-            StrideTwinError: The picture has another size than the rig tells.
+            StrideTwinError: The image size differs from the rig's.
         """
         if depth.shape != self.shape:
             raise StrideTwinError(f"{self.topic}: picture of {depth.shape}; valid: {self.shape}, as the rig tells")
@@ -132,10 +129,10 @@ class DepthCamera:
 
 
 def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
-    """The camera with this depth stream, or the first that has one.
+    """The camera with this depth stream, or the first camera that has one.
 
     Raises:
-        StrideTwinError: There is none; the message lists those there are.
+        StrideTwinError: No such camera; the message lists the available ones.
     """
     there = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
     if not there or (topic is not None and topic not in there):
@@ -144,12 +141,12 @@ def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
 
 
 def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
-    """(4, 4) optical frame of a camera to another sensor's frame on the same body, such as `head/imu`; m.
+    """(4, 4) transform, m: camera's optical frame to another sensor's frame on the same body, such as `head/imu`.
 
     Args:
-        rig: Says where both are mounted.
-        camera: Whose optical frame.
-        frame: The other sensor's; "" is the camera's own.
+        rig: Holds both mounting poses.
+        camera: Camera of the optical frame.
+        frame: The other sensor's frame; "" is the camera's own.
 
     Raises:
         StrideTwinError: The rig has no such sensor, or it is on another body.

@@ -1,4 +1,4 @@
-"""What the terrain map tells."""
+"""The output of the terrain map: planes, terrains and the ground profile."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plane:
-    """A piece of ground, η of Zhao et al. 2023.
+    """A ground plane, η of Zhao et al. 2023.
 
     Attributes:
-        id: Its own as long as it lives.
+        id: Constant over the plane's lifetime.
         centre: (3,) m, world.
         normal: (3,) unit vector, up.
         area_m2: Area, seen from above.
         spread: (2, 2) m², covariance of its points in plan.
-        votes: Score w of the paper: pictures that confirm it over those that do not.
-        covariance: (3, 3) of the height at the centre (m) and of the slopes along world x and y.
+        votes: Score w of the paper: frames that confirm the plane minus frames that do not.
+        covariance: (3, 3) covariance of the height at the centre (m) and of the slopes along world x and y.
     """
 
     id: int
@@ -42,12 +42,12 @@ class Plane:
 
     @cached_property
     def slope(self) -> float:
-        """Angle against the level, rad, ≥ 0."""
+        """Angle to the horizontal, rad, ≥ 0."""
         return math.atan(math.hypot(*self.gradient.tolist()))
 
     @cached_property
     def slope_sd(self) -> float:
-        """Its standard deviation, rad, along the steepest ascent."""
+        """Standard deviation of the slope, rad, along the steepest ascent."""
         x, y = self.gradient.tolist()
         (xx, xy), (_, yy) = self.covariance[1:, 1:].tolist()
         steep = math.hypot(x, y)
@@ -56,32 +56,32 @@ class Plane:
 
     @cached_property
     def rise(self) -> float:
-        """From its lowest to its highest side, m, as of a rectangle that slopes along one of its edges."""
+        """Height from its lowest to its highest side, m, taken as a rectangle that slopes along one of its edges."""
         return math.sqrt(12.0 * max(float(self.gradient @ self.spread @ self.gradient), 0.0))
 
     def height(self, xy: Array) -> Array:
-        """(...) m at (..., 2) places of the world."""
+        """(...) height, m, at (..., 2) positions in the world."""
         return np.asarray(self.centre[2] + (np.asarray(xy) - self.centre[:2]) @ self.gradient)
 
     def seen_height(self, x: float, y: float) -> float:
-        """m, height on the way from the centre to (x, y), as far as the plane is well seen.
+        """Height, m, toward (x, y), evaluated no farther from the centre than the plane is well observed.
 
-        A narrow plane is known best at its centre: its slope is not, and where it ends it is half air.
+        A narrow plane is known best at its centre: its slope is uncertain, and its boundary is half free space.
         """
         return seen_height(self.centre, self.gradient, self.spread, x, y)
 
     def height_sd(self, xy: Array) -> float:
-        """Standard deviation of the height at a (2,) place, m."""
+        """Standard deviation of the height at a (2,) position, m."""
         j = np.array([1.0, *(np.asarray(xy) - self.centre[:2])])
         return math.sqrt(j @ self.covariance @ j)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Level:
-    """Ground to walk on as usual: a flat plane that is no tread.
+    """Level ground: a flat plane that is not a tread.
 
     Attributes:
-        id: Its own as long as its plane lives.
+        id: Constant over the lifetime of its plane.
         plane: The plane's id.
     """
 
@@ -94,11 +94,11 @@ class Ramp:
     """A sloping plane.
 
     Attributes:
-        id: Its own as long as its plane lives.
+        id: Constant over the lifetime of its plane.
         plane: The plane's id.
         slope: rad, > 0.
         slope_sd: Standard deviation, rad.
-        heading: Direction of the steepest ascent in the world, rad from x.
+        heading: Direction of steepest ascent in the world, rad from x.
     """
 
     id: int
@@ -113,19 +113,19 @@ class Stairs:
     """A flight of equal steps; its edges lie at s = start + k tread, k = 0..steps - 1, along the way up.
 
     Attributes:
-        id: Its own as long as one of its planes lives.
-        planes: Ids of the planes, from the lowest: what lies before the first riser, each tread, what lies at the top.
-        steps: Risers seen.
+        id: Constant as long as one of its planes exists.
+        planes: Ids of the planes from the lowest: ground before the first riser, each tread, landing at the top.
+        steps: Number of observed risers.
         riser: Height of a step, m.
-        tread: Depth of a step, m; NaN as long as one edge alone is seen.
-        heading: Way up in the world, rad from x.
-        start: Where the first edge lies, m along that way from the world's origin.
+        tread: Depth of a step, m; NaN while only one edge is observed.
+        heading: Direction of ascent in the world, rad from x.
+        start: Position of the first edge, m along that direction from the world's origin.
         base: Height of the lowest plane at the first edge, m.
-        covariance: (5, 5) of (riser, tread, heading, start, base); inf where nothing is known.
-        edges: (steps,) m along the way up, each edge as it was found; NaN where it was not.
-        risers: (steps,) m, each riser as it was found.
-        across: (2,) m, from where to where the edges reach (2nd and 98th percentile of their points), along the
-            left-hand side of the way up.
+        covariance: (5, 5) of (riser, tread, heading, start, base); inf where unknown.
+        edges: (steps,) m along the direction of ascent, each measured edge; NaN where it was not found.
+        risers: (steps,) m, each measured riser.
+        across: (2,) m, lateral extent of the edges (2nd and 98th percentile of their points), positive to the left
+            of the direction of ascent.
     """
 
     id: int
@@ -143,7 +143,7 @@ class Stairs:
 
     @property
     def up(self) -> Array:
-        """(2,) unit vector of the way up."""
+        """(2,) unit vector of of the direction of ascent."""
         return np.array([math.cos(self.heading), math.sin(self.heading)])
 
 
@@ -152,11 +152,11 @@ Terrain = Level | Ramp | Stairs
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TerrainEstimate:
-    """The ground around the walker as it is known at one instant.
+    """The estimated ground around the walker at one instant.
 
     Attributes:
-        t_ns: Time of the picture.
-        planes: By id.
+        t_ns: Time of the depth image.
+        planes: Planes by id.
         terrains: Levels, ramps and stairs.
         p_camera_in_world: (3,) m.
     """
@@ -168,21 +168,21 @@ class TerrainEstimate:
 
     @property
     def stairs(self) -> tuple[Stairs, ...]:
-        """Those of the terrains that are stairs."""
+        """The terrains that are stairs."""
         return tuple(t for t in self.terrains if isinstance(t, Stairs))
 
     @property
     def ramps(self) -> tuple[Ramp, ...]:
-        """Those that are ramps."""
+        """The terrains that are ramps."""
         return tuple(t for t in self.terrains if isinstance(t, Ramp))
 
     @property
     def levels(self) -> tuple[Level, ...]:
-        """Those that are level."""
+        """The terrains that are level."""
         return tuple(t for t in self.terrains if isinstance(t, Level))
 
     def terrain_of(self, plane: int) -> Terrain | None:
-        """The terrain that a plane belongs to: stairs where it is a tread, else its own."""
+        """The terrain that a plane belongs to: stairs if the plane is a tread, else its own."""
         own: Terrain | None = None
         for terrain in self.terrains:
             if isinstance(terrain, Stairs):
@@ -195,14 +195,14 @@ class TerrainEstimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """Where the ground along a line changes.
+    """A change of the ground along a line.
 
     Attributes:
-        kind: `edge`, a jump, or `knee`, a bend.
+        kind: `edge`, a height step, or `knee`, a slope break.
         s: m along the line.
-        sd: Standard deviation of it, m.
-        drop: Height after it less the height before, m; 0 at a knee.
-        bend: Slope after it less the slope before, rad; 0 at an edge.
+        sd: Standard deviation of `s`, m.
+        drop: Height after minus height before, m; 0 at a slope break.
+        bend: Slope after minus slope before, rad; 0 at an edge.
     """
 
     kind: str
@@ -218,9 +218,9 @@ class Profile:
 
     Attributes:
         s: (N,) m along the line.
-        height: (N,) m, NaN where nothing is known.
-        plane: (N,) id of the plane, -1 where there is none.
-        changes: Edges and knees in order.
+        height: (N,) m, NaN where unknown.
+        plane: (N,) id of the plane, -1 = none.
+        changes: Edges and slope breaks in order.
     """
 
     s: Array

@@ -1,4 +1,4 @@
-"""The terrain map as an estimator: depth pictures and poses in, ground out."""
+"""The terrain map as an estimator: depth images and poses in, ground out."""
 
 from __future__ import annotations
 
@@ -30,27 +30,27 @@ from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Depth, Odometry, Sample
 
 _VIEW = 208
-"""Columns along the edge of the view from above."""
+"""Columns along the edge of the top view."""
 _NEVER_NS = -(10**18)
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
 _SMOOTHED = 4
-"""Pixels of the camera's picture to one of the smoothed one."""
+"""Pixels of the camera's image per pixel of the smoothed image."""
 
 
 class TerrainMap:
-    """Where the ground is, and what it is: levels, ramps and stairs around someone who wears a depth camera.
+    """Map of the ground around the wearer of a depth camera: level ground, ramps and stairs.
 
-    Causal, of bounded memory, deterministic. A depth picture needs a pose no older than `max_pose_age_s`; poses come
-    before the pictures of the same instant. A picture without such a pose, without depth, or older than the last one is
-    passed over; a pose that is not finite is none; where the pose jumps, or none came for long, the map begins anew.
+    Causal, of bounded memory, deterministic. A depth image needs a pose no older than `max_pose_age_s`; poses come
+    before the images of the same instant. Images without such a pose, without depth, or older than the last one are
+    ignored, as are non-finite poses. The map is reset when the pose jumps or after a long gap in the poses.
 
-    Every picture is taken, planes are looked for every `period_s`: at 30 pictures a second after every other one.
+    Every image is integrated; planes are extracted every `period_s`: at 30 Hz, after every other image.
 
     Args:
-        rig: Tells the camera.
-        options: `poses_of`, the frame whose poses come.
-        mount: Deprecated; the depth camera's optical frame in the frame whose poses come (`T_body_sensor`).
-        topic: Depth stream; None: the first that the rig has.
+        rig: Holds the camera.
+        options: `poses_of`, the frame of the incoming poses.
+        mount: Deprecated; pose of the depth camera's optical frame in the frame of the poses (`T_body_sensor`).
+        topic: Depth stream; None: the rig's first.
         parameters: One set serves every camera and terrain.
 
     Raises:
@@ -98,7 +98,7 @@ class TerrainMap:
         return POSE_STREAM, Stream(role="depth", topic=depth_calibration(rig).depth_topic, kind=Depth)
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
-        """Takes one sample; returns what is now known of the ground, None where nothing new is."""
+        """Takes one sample; returns the new estimate of the ground, or None if nothing changed."""
         if isinstance(sample, Odometry):
             if self._poses.add(sample):
                 self._forget()
@@ -120,7 +120,7 @@ class TerrainMap:
         return self._estimate
 
     def due(self, t_ns: int) -> bool:
-        """Whether planes will be looked for in a picture of this time."""
+        """Whether planes will be extracted after an image of this time."""
         return t_ns - self._looked_ns >= self.parameters.period_s * 1e9
 
     def run(self, samples: Iterable[Sample]) -> TerrainEstimate | None:
@@ -131,16 +131,16 @@ class TerrainMap:
 
     @property
     def estimate(self) -> TerrainEstimate | None:
-        """What was last known; None before the first picture, and after a jump."""
+        """The last estimate; None before the first image and after a jump."""
         return self._estimate
 
     @property
     def blocks_used(self) -> int:
-        """Blocks of voxels that are held now."""
+        """Number of voxel blocks in use."""
         return int(self._blocks.used.sum())
 
     def heights(self, xy: Array) -> Array:
-        """(N,) m, height of the ground at (N, 2) places of the world as the map saw it; NaN where it did not."""
+        """(N,) m, mapped height of the ground at (N, 2) positions in the world; NaN where unobserved."""
         columns = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_size_m).astype(np.int64)
         return self._planes.surface.at(columns)[1].astype(float)
 
@@ -148,16 +148,16 @@ class TerrainMap:
         """The ground along a line.
 
         Args:
-            origin: (2,) m, world, where it starts.
+            origin: (2,) m, world, start of the line.
             heading: Its direction in the world, rad from x.
-            length_m: How long it is.
+            length_m: Its length.
         """
         return profile(self._estimate, self._planes, self._R_world_grid, self.parameters, origin, heading, length_m)
 
     def ground(self, xy: Array) -> tuple[Plane, Terrain | None] | None:
-        """The plane and the terrain under a (2,) place of the world, m; None where no plane is known.
+        """The plane and the terrain under a (2,) position in the world, m; None where no plane is known.
 
-        The plane is that of most columns around the place, so that a hole in the map is none in the ground.
+        The plane is the majority among the surrounding columns, so a hole in the map is not a hole in the ground.
         """
         if self._estimate is None:
             return None
@@ -169,7 +169,7 @@ class TerrainMap:
         return plane, self._estimate.terrain_of(plane.id)
 
     def smoothed(self) -> NDArray[np.float32]:
-        """(H / 4, W / 4) m, 0 = none: the smoothed depth image I_D^s, the map as the camera sees it now."""
+        """(H / 4, W / 4) m, 0 = none: the smoothed depth image I_D^s, the map rendered from the current camera pose."""
         shape = (self._camera.shape[0] // _SMOOTHED, self._camera.shape[1] // _SMOOTHED)
         if self._T_grid_camera is None:
             return np.zeros(shape, np.float32)
@@ -181,7 +181,7 @@ class TerrainMap:
         )  # fmt: skip
 
     def surface_points(self) -> tuple[Array, NDArray[np.int64]]:
-        """(N, 3) m, world, the ground seen from above, a point a column, and (N,) the id of its plane, -1 none."""
+        """(N, 3) m, world, the ground from above, one point per column; and (N,) the id of its plane, -1 = none."""
         surface = self._planes.surface
         i, j = np.nonzero(np.isfinite(surface.height))
         columns = np.column_stack([i, j])
@@ -191,7 +191,7 @@ class TerrainMap:
         return points @ self._R_world_grid.T, np.where(label >= 0, self._planes.ids[label], -1)
 
     def _take(self, t_ns: int, depth: NDArray[np.float32], T_world_camera: Array) -> Array:
-        """A picture goes into the voxels; returns the (4, 4) camera in the grid's axes."""
+        """Integrates a depth image into the voxels; returns the (4, 4) camera pose in grid axes."""
         p, blocks, camera = self.parameters, self._blocks, self._camera
         T_grid_camera = T_world_camera.copy()
         T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]
@@ -210,7 +210,7 @@ class TerrainMap:
         return T_grid_camera
 
     def _look(self, t_ns: int, T_grid_camera: Array, p_camera_in_world: Array) -> None:
-        """Planes are looked for in the voxels, and terrains in the planes."""
+        """Extracts planes from the voxels and terrains from the planes."""
         p, blocks, eye = self.parameters, self._blocks, T_grid_camera[:3, 3]
         self._looked_ns = t_ns
         first = self._view_corner(T_grid_camera)
@@ -229,7 +229,7 @@ class TerrainMap:
         )  # fmt: skip
 
     def _view_corner(self, T_grid_camera: Array) -> NDArray[np.int64]:
-        """(2,) first column of the view from above, ahead of the camera: where its axis and the picture's top lead."""
+        """(2,) first column of the top view, ahead of the camera along its axis and the image's up direction."""
         p = self.parameters
         ahead = T_grid_camera[:2, 2] - T_grid_camera[:2, 1]
         ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)

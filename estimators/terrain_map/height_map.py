@@ -1,4 +1,4 @@
-"""The ground as columns: which plane each belongs to and how high it is, in a ring that follows the walker."""
+"""Height map: plane label and height per column, in a ring buffer that follows the walker."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
 _HERE = Path(__file__).parent
 
 COLUMNS = SHAPE[0] * EDGE
-"""Along an edge of the window; a power of two."""
+"""Columns along an edge of the window; a power of two."""
 NONE = -1
 
 
@@ -23,8 +23,8 @@ class Surface:
     """Columns of the window.
 
     Attributes:
-        label: (X, Y) int32 ring, slot of the column's plane, -1 none. Column (i, j) stands at (i mod X, j mod Y).
-        height: (X, Y) float32 ring, m; NaN where nothing was ever seen.
+        label: (X, Y) int32 ring, slot of the column's plane, -1 none. Column (i, j) is stored at (i mod X, j mod Y).
+        height: (X, Y) float32 ring, m; NaN where never observed.
         noise: (X, Y) float32 ring, m, standard deviation of the height.
         origin: (2,) lowest column of the window.
     """
@@ -36,11 +36,11 @@ class Surface:
         self.origin = np.zeros(2, np.int64)
 
     def clear(self) -> None:
-        """Forgets everything."""
+        """Clears all columns."""
         self.label[:], self.height[:] = NONE, np.nan
 
     def move(self, origin: NDArray[np.int64]) -> None:
-        """Moves the window and forgets the columns that lie outside.
+        """Moves the window and clears the columns outside.
 
         Args:
             origin: (2,) lowest column.
@@ -67,18 +67,18 @@ def overlaps(
     label: NDArray[np.int32], first: NDArray[np.int64], labels: NDArray[np.int32], height: NDArray[np.float32],
     count: int, slots: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
-    """How many columns of a view are of a new and an old plane.
+    """Number of columns that each pair of a new and an old plane shares in a view.
 
     Args:
         label: Ring, see `Surface`.
         first: (2,) column of the view's corner.
         labels: (n, n) number of each column's new plane, -1 none.
-        height: (n, n) m, NaN where nothing is seen.
-        count: How many new planes there are.
-        slots: How many old ones there may be.
+        height: (n, n) m, NaN where unobserved.
+        count: Number of new planes.
+        slots: Capacity for old planes.
 
     Returns:
-        (count, slots) columns that are of both, and (slots,) columns of each old one that are seen.
+        (count, slots) columns shared by both, and (slots,) observed columns of each old plane.
     """
     both, seen = np.zeros((count, slots), np.int64), np.zeros(slots, np.int64)
     for i in range(labels.shape[0]):
@@ -100,15 +100,15 @@ def put_view(
     """Writes a view into the rings.
 
     Args:
-        label: Ring, see `Surface`; changed, likewise the next two.
+        label: Ring, see `Surface`; modified, as are the next two.
         height: Ring.
         noise: Ring.
         first: (2,) column of the view's corner.
         labels: (n, n) number of each column's new plane, -1 none.
         slots: Slot of each new plane.
-        heights: (n, n) m, NaN where nothing is seen.
+        heights: (n, n) m, NaN where unobserved.
         noises: (n, n) m.
-        same_m: A column without a new plane keeps its old one where its height has changed by less.
+        same_m: A column without a new plane keeps its old plane if its height has changed by less.
     """
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
@@ -125,7 +125,7 @@ def put_view(
 
 @cached(_HERE)
 def forget(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
-    """Takes the labels away that are gone, (slots,), from the ring."""
+    """Removes the labels marked in `gone`, (slots,), from the ring."""
     for i in range(label.shape[0]):
         for j in range(label.shape[1]):
             if label[i, j] >= 0 and gone[label[i, j]]:
@@ -160,14 +160,14 @@ def borders(
         label: Ring, see `Surface`.
         height: Ring.
         origin: (2,) lowest column of the window.
-        slots: How many labels there are.
-        reach: Columns that may lie between the two.
-        least_m: Smallest difference of their heights.
-        most_m: Largest difference.
+        slots: Number of labels.
+        reach: Columns that may lie between them.
+        least_m: Smallest height difference.
+        most_m: Largest height difference.
 
     Returns:
-        (N, 5) slot of the lower and of the upper plane, the upper one's last column (i, j), and the side on which the
-        lower one lies: 0..3 for +i, -i, +j, -j.
+        (N, 5) slot of the lower and of the upper plane, the upper plane's last column (i, j), and the side of the
+        lower plane: 0..3 for +i, -i, +j, -j.
     """
     found = np.empty((COLUMNS * 64, 5), np.int32)
     count = 0

@@ -1,4 +1,4 @@
-"""What the terrain map believes about any camera and any building."""
+"""Parameters of the terrain map, for any camera and any building."""
 
 from __future__ import annotations
 
@@ -20,55 +20,55 @@ class TerrainMapParameters:
     Attributes:
         voxel_size_m: Edge of a voxel.
         truncation_m: t_δ of eq. (20), as a height over the surface.
-        grid_turn_rad: Angle of the voxels against the world's axes, so that edges across the way never run along them.
-        weight_max: W_max of eq. (22), in pictures taken at 1 m.
-        range_min_m: Depth below this is none.
-        range_max_m: Depth beyond this is none.
-        headroom_m: Nothing higher than this above the camera is mapped.
+        grid_turn_rad: Angle between grid and world axes, so that edges across the walking direction are oblique to it.
+        weight_max: W_max of eq. (22), in frames taken at 1 m.
+        range_min_m: Smaller depths are invalid.
+        range_max_m: Larger depths are invalid.
+        headroom_m: Nothing higher above the camera is mapped.
         outline_share: Inverse depths that differ by this share within `outline_px` belong to two surfaces.
-        outline_px: Reach of the test, pixels of a 640-pixel picture.
-        depth_noise_per_m: Standard deviation of the depth over its square, 1/m.
-        ahead_m: How far ahead of the camera the view from above is centred.
-        flat_rad: A plane that slopes less is flat.
-        ramp_rad: No ramp slopes more.
-        ramp_area_m2: No ramp is smaller.
-        strip_area_m2: No plane is smaller.
-        plane_noise_m: How far a column of the map may lie off its plane.
-        riser_min_m: Stairs begin here.
-        riser_max_m: And end here.
-        edge_min_m: No edge of stairs is shorter.
+        outline_px: Reach of the test, pixels of a 640-pixel image.
+        depth_noise_per_m: Standard deviation of the depth divided by its square, 1/m.
+        ahead_m: Distance ahead of the camera at which the top view is centred.
+        flat_rad: A plane with a smaller slope is flat.
+        ramp_rad: Largest slope of a ramp.
+        ramp_area_m2: Smallest area of a ramp.
+        strip_area_m2: Smallest area of a plane.
+        plane_noise_m: Largest distance of a map column from its plane.
+        riser_min_m: Smallest riser of stairs.
+        riser_max_m: Largest riser of stairs.
+        edge_min_m: Shortest edge of stairs.
         tread_min_m: Shortest tread.
-        tread_max_m: Longest tread; beyond it a flat plane is a level of its own.
-        votes_max: A plane's votes stop here.
-        plane_sd_m: What pose and sensor do to the height of a whole plane.
-        slope_sd_rad: And to its slopes.
-        edge_sd_m: And to the place of a whole edge.
-        period_s: Every picture goes into the voxels; planes are looked for no more often than this.
-        max_pose_age_s: A pose older than this says nothing about a picture.
-        max_gap_s: Poses that come again after longer may be in another frame: the map begins anew.
-        max_speed_mps: A pose that moves faster has jumped: the map begins anew.
-        jump_m: A change of pose below this is no jump, however fast.
-        below_m: How far under the camera the middle of the window lies: about a person's neck over the ground.
-        stale_s: Voxels that were not seen for longer make room first.
-        pixels_min: A depth image with fewer pixels says nothing.
-        significant_sd: A slope within so many standard deviations of flat may be flat.
-        kerb_m: What rises by less from side to side is no ramp: a kerb is 40 mm.
-        hidden_m: Ground that a riser may hide from the camera: the longest shadow of a riser of 0.2 m.
-        parallel_rad: Edges of one flight differ by less in direction.
-        cell_angle_rad: Neighbouring cells of one plane differ by less in direction.
-        slope_prior_sd_rad: Slope of ground without evidence.
-        shared_columns: Columns that share their error: a pixel's neighbourhood, and one pose.
-        same_iou: Planes are one where they share this part of their union.
-        inside_share: Or where one has this share of its columns in the other.
-        apart: Planes further apart than this many `plane_noise_m` are two.
-        uneven_m: How far an edge may lie off the even ones of its flight.
-        uneven_riser_m: The same of a riser.
-        even_sd_m: Deviation of an edge that is taken from the others of its flight.
-        gap_m: How far it may lie outside of where nothing is seen.
-        edge_m: Jumps below this are none.
-        knee_rad: Changes of slope below this are none.
+        tread_max_m: Longest tread; a longer flat plane is level ground.
+        votes_max: Upper limit of a plane's votes.
+        plane_sd_m: Standard deviation of a plane's height from pose and sensor errors.
+        slope_sd_rad: The same for its slopes.
+        edge_sd_m: The same for the position of a whole edge.
+        period_s: Shortest time between two plane extractions; every image is integrated.
+        max_pose_age_s: An older pose is not used for an image.
+        max_gap_s: After a longer gap poses may be in another frame: the map is reset.
+        max_speed_mps: A pose that moves faster has jumped: the map is reset.
+        jump_m: A smaller change of pose is not a jump, however fast.
+        below_m: Distance of the window's middle below the camera: about a person's neck height.
+        stale_s: Voxels not observed for longer are freed first.
+        pixels_min: A depth image with fewer valid pixels is ignored.
+        significant_sd: A slope within this many standard deviations of flat may be flat.
+        kerb_m: A plane with less rise from side to side is not a ramp: a kerb is 40 mm.
+        hidden_m: Length of ground that a riser may occlude: the longest shadow of a riser of 0.2 m.
+        parallel_rad: Largest difference in direction between edges of one flight.
+        cell_angle_rad: Largest angle between neighbouring cells of one plane.
+        slope_prior_sd_rad: Prior standard deviation of the ground's slope.
+        shared_columns: Number of columns that share their error: a pixel's neighbourhood, and one pose.
+        same_iou: Two planes are the same if they share this part of their union.
+        inside_share: Or if one has this share of its columns in the other.
+        apart: Planes farther apart than this many `plane_noise_m` are distinct.
+        uneven_m: Largest distance of an edge from the evenly spaced edges of its flight.
+        uneven_riser_m: The same for a riser.
+        even_sd_m: Standard deviation of an edge inferred from the others of its flight.
+        gap_m: Largest distance of an inferred edge from the unobserved gap.
+        edge_m: Smallest height step of an edge.
+        knee_rad: Smallest slope change of a slope break.
 
-    All are hand-chosen on twin walks of tuning seeds, below 1000, but for sizes of buildings.
+    All are hand-chosen on twin walks of tuning seeds (below 1000), except building dimensions.
     """
 
     voxel_size_m: float = 0.02

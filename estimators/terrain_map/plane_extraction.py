@@ -1,10 +1,9 @@
 """Planes of an organised grid of points by agglomerative hierarchical clustering of cells (Feng et al., ICRA 2014).
 
-The grid is divided into cells; a cell without a jump, whose points fit a plane, is a node; neighbouring nodes whose
-planes agree are merged, best pair first, as long as their common plane fits. Pairs that are each other's best are
-merged together, so that a round costs one pass over the edges.
-
-From a height image to pieces of ground: long planes first, then the strips that are left between them.
+The grid is divided into cells. A cell without a height step, whose points fit a plane, is a node. Neighbouring nodes
+whose planes agree are merged, best pair first, as long as their common plane fits. Pairs that are mutually best are
+merged in one round, which costs one pass over the edges. In a height image, large planes are extracted first, then
+the strips between them.
 """
 
 from __future__ import annotations
@@ -23,25 +22,25 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 _FULL = 0.7
-"""Share of a cell's points that must be there."""
+"""Smallest share of valid points in a cell."""
 _DOUBT = 2.0
-"""Standard deviations of their tilts that two planes may differ by."""
+"""Largest difference in tilt between two merged planes, in standard deviations."""
 _SIGMAS = 3.0
-"""No point of a cell lies farther off."""
+"""Largest distance of a cell's point from its plane, in standard deviations."""
 
 
 @cached(_HERE, error_model="numpy")
 def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: NDArray[np.float32], cell: int) -> Array:
-    """Sums over the points of each cell that is a node.
+    """Sums over the points of each node cell.
 
     Args:
-        places: (n, 2) m, x of a row of points and y of a column.
-        height: (n, n) m, NaN where there is no point.
+        places: (n, 2) m, x of each row of points and y of each column.
+        height: (n, n) m, NaN = no point.
         noise: (n, n) m, standard deviation of a point.
         cell: Edge of a cell, points.
 
     Returns:
-        (n // cell, n // cell, 11) sums; 0 where the cell is no node.
+        (n // cell, n // cell, 11) sums; 0 where the cell is not a node.
     """
     rows, columns = height.shape[0] // cell, height.shape[1] // cell
     found = np.zeros((rows, columns, SUMS))
@@ -69,11 +68,11 @@ def cell_sums(places: NDArray[np.float32], height: NDArray[np.float32], noise: N
 
 @njit(error_model="numpy", **INSIDE)
 def _tilt_variance(s: Array) -> float:
-    """Variance of a plane's tilt, rad², about the axis along which its points reach least."""
+    """Variance of a plane's tilt, rad², in the direction in which its points extend least."""
     n = s[0]
     a, b, d = s[4] / n - (s[1] / n) ** 2, s[7] / n - (s[2] / n) ** 2, s[9] / n - (s[3] / n) ** 2
     e, f, g = s[5] / n - s[1] * s[2] / n**2, s[6] / n - s[1] * s[3] / n**2, s[8] / n - s[2] * s[3] / n**2
-    # Of three eigenvalues, the least near 0: the middle one from their sum and the sum of their products.
+    # The smallest of three eigenvalues is near 0: the middle one follows from their sum and the sum of their products.
     total, products = a + b + d, a * b + a * d + b * d - e * e - f * f - g * g
     middle = 0.5 * (total - math.sqrt(max(total * total - 4.0 * products, 0.0)))
     return s[10] / n / n / max(middle, 1e-9)
@@ -86,11 +85,11 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
     See docs/terrain_map.md (6).
 
     Args:
-        found: (R, C, 11) sums of the cells; changed: a plane's sums stand at its root.
-        angle: Largest angle between two planes that are merged, rad, beside what their noise explains.
+        found: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
+        angle: Largest angle between two merged planes, rad, in addition to what their noise explains.
 
     Returns:
-        (R, C) root cell of each cell's plane, as index r * C + c; -1 where there is none.
+        (R, C) root cell of each cell's plane, as index r * C + c; -1 = none.
     """
     rows, columns = found.shape[:2]
     sums = found.reshape(rows * columns, SUMS)
@@ -114,7 +113,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
             if r + 1 < rows and root[n + columns] >= 0:
                 edges[count, 0], edges[count, 1] = n, n + columns
                 count += 1
-    costs = np.full(count, -1.0)  # of merging an edge's planes; -1 not known, inf not allowed
+    costs = np.full(count, -1.0)  # cost of merging an edge's planes; -1 unknown, inf not allowed
     best, met = np.empty(len(root), np.int64), np.empty(len(root), np.int64)
     common = np.empty(SUMS)
     while True:
@@ -157,7 +156,7 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
             a = -2 - best[a] if best[a] < -1 else a
             b = -2 - best[b] if best[b] < -1 else b
             low, high = min(a, b), max(a, b)
-            if a != b and met[low] != high:  # long borders are edges many times over
+            if a != b and met[low] != high:  # a long border has many edges
                 met[low] = high
                 edges[kept, 0], edges[kept, 1] = a, b
                 costs[kept] = -1.0 if new else costs[e]
@@ -173,8 +172,8 @@ def cluster(found: Array, angle: float) -> NDArray[np.int32]:
 CELL = 4
 """Columns along the edge of a cell: 8 cm, a third of the shortest tread."""
 _CELLS = 4
-"""Fewest cells of a long plane."""
-"""How far a column may lie off its plane, or off its neighbour in a strip."""
+"""Smallest number of cells of a large plane."""
+"""Largest distance of a column from its plane, or from its neighbour in a strip."""
 
 Labels = NDArray[np.int32]
 Heights = NDArray[np.float32]
@@ -183,19 +182,19 @@ Heights = NDArray[np.float32]
 def patches(
     height: Heights, noise: Heights, corner: Array, voxel_m: float, steepest: float, fewest: int, angle: float
 ) -> tuple[Labels, Array]:
-    """Planes of the ground seen from above.
+    """Extracts the planes of the ground from a top view.
 
     Args:
-        height: (n, n) m, NaN where nothing is seen; n a multiple of `CELL`.
+        height: (n, n) m, NaN where unobserved; n is a multiple of `CELL`.
         noise: (n, n) m, standard deviation of the heights.
-        corner: (2,) m, grid axes, where column (0, 0) begins.
+        corner: (2,) m, grid axes, corner of column (0, 0).
         voxel_m: Edge of a column.
-        steepest: Steeper planes are no ground, rad.
-        fewest: Columns of the smallest strip.
-        angle: Neighbouring cells of one plane differ by less in direction, rad.
+        steepest: Largest slope of the ground, rad.
+        fewest: Smallest number of columns of a strip.
+        angle: Largest angle between neighbouring cells of one plane, rad.
 
     Returns:
-        (n, n) number of each column's plane, -1 where there is none; and (P, 11) sums over each plane's columns.
+        (n, n) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
     """
     along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
     places = (along[:, None] + corner).astype(np.float32)
@@ -208,7 +207,7 @@ def patches(
 def _label(
     places: Heights, height: Heights, noise: Heights, roots: Labels, found: Array, least_up: float, fewest: int
 ) -> tuple[Labels, Array]:
-    """Gives each column to the nearest of the planes around it, and what is left to strips."""
+    """Assigns each column to the nearest surrounding plane, and the remaining columns to strips."""
     rows, columns = roots.shape
     number = np.full(rows * columns, -1, np.int32)
     planes = np.empty((rows * columns, 4))
@@ -263,10 +262,10 @@ def _strips(
     places: Heights, height: Heights, noise: Heights, labels: Labels, planes: Array, count: int, least_up: float,
     fewest: int,
 ) -> int:  # fmt: skip
-    """Labels connected columns of one height that belong to no long plane, or go on one that they touch.
+    """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
 
     Returns:
-        How many planes there are now.
+        The new number of planes.
     """
     n, m = labels.shape
     visited, long = labels >= 0, count

@@ -1,4 +1,4 @@
-"""Planes through points, from sums over them, with covariance."""
+"""Plane fits, with covariance, from sums over points."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def fit(s: Array) -> Plane:
     det = aa * (bb * dd - gg * gg) - ee * (ee * dd - gg * ff) + ff * (ee * gg - bb * ff)
     phi = math.acos(min(1.0, max(-1.0, det / 2.0))) / 3.0
     least = q + 2.0 * p * math.cos(phi + 2.0 * math.pi / 3.0)
-    # Its vector is orthogonal to the rows of (matrix - value): the longest cross product of two of them.
+    # Its eigenvector is orthogonal to the rows of (matrix - eigenvalue): the longest cross product of two of them.
     a, b, d = a - least, b - least, d - least
     ux, uy, uz = e * g - f * b, f * e - a * g, a * b - e * e
     vx, vy, vz = e * d - f * g, f * f - a * d, a * g - e * f
@@ -77,10 +77,10 @@ def fit(s: Array) -> Plane:
 
 @njit(error_model="numpy", **INSIDE)
 def off_plane(s: Array) -> float:
-    """Mean squared distance of points from the plane that fits them best, m², as of `fit`, without the plane.
+    """Mean squared distance of points from their best-fit plane, m², as in `fit`, without computing the plane.
 
-    The smallest root of the characteristic polynomial by Newton's method from 0, which nears it from below and is there
-    in a few steps, since points on a plane scatter little across it.
+    Newton's method finds the smallest root of the characteristic polynomial from 0. It converges from below in a few
+    steps, because points on a plane scatter little across it.
 
     Args:
         s: (11,) sums over at least three points, see `SUMS`.
@@ -115,18 +115,18 @@ def spread_of(sums: Array) -> Array:
 def height_plane(
     sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> tuple[Array, Array, Array]:
-    """A plane as a height over the ground, z = z_c + a (x - x_c) + b (y - y_c), most likely for its points.
+    """Maximum-likelihood plane through points as a height function, z = z_c + a (x - x_c) + b (y - y_c).
 
     See docs/terrain_map.md (7), (8).
 
-    Level is what is expected of a plane whose points are too few, or too nearly on one line, to tell its slope.
+    The prior is a level plane, for points that are too few or too nearly collinear to determine the slope.
 
     Args:
         sums: (11,) sums over its points, see `SUMS`.
-        common_m: Standard deviation of what all the points share.
-        common_rad: Likewise for the slopes, rad.
-        alike: How many points share an error.
-        slope_sd: Of slopes before anything is seen, rad.
+        common_m: Standard deviation of the height error common to all points.
+        common_rad: The same for the slopes, rad.
+        alike: Number of points that share an error.
+        slope_sd: Prior standard deviation of the slopes, rad.
 
     Returns:
         (3,) centre, (2,) slopes a and b, and the (3, 3) covariance of (z_c, a, b).
@@ -156,7 +156,7 @@ def height_plane(
 def height_planes(
     sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> tuple[Array, Array, Array, Array]:
-    """`height_plane` of (N, 11) sums: (N, 3), (N, 2) and (N, 3, 3); and (N, 2, 2) `spread_of` them."""
+    """`height_plane` of (N, 11) sums: (N, 3), (N, 2) and (N, 3, 3); and their (N, 2, 2) `spread_of`."""
     n = len(sums)
     centres, slopes, covariances = np.empty((n, 3)), np.empty((n, 2)), np.empty((n, 3, 3))
     spreads = np.empty((n, 2, 2))
@@ -170,18 +170,18 @@ def height_planes(
 def off_height_plane(
     new: Array, old: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> float:
-    """Mean square of the height, m², by which points lie off the `height_plane` of others, both by their (11,) sums."""
+    """Mean squared height difference, m², of points from the `height_plane` of others; both given as (11,) sums."""
     c, slopes, _ = height_plane(old, common_m, common_rad, alike, slope_sd)
     a, b = -slopes[0], -slopes[1]
     d = -(c[2] + a * c[0] + b * c[1])
-    # Of a x + b y + z + d
+    # of a x + b y + z + d
     squares = a * a * new[4] + b * b * new[7] + new[9] + 2.0 * (a * b * new[5] + a * new[6] + b * new[8])
     return (squares + 2.0 * d * (a * new[1] + b * new[2] + new[3])) / new[0] + d * d
 
 
 @cached(_HERE)
 def toward(centre: Array, spread: Array, x: float, y: float) -> tuple[float, float]:
-    """The place on the way from a plane's centre to (x, y) up to which the plane is well seen.
+    """The farthest point from a plane's centre toward (x, y) at which the plane is well observed.
 
     Args:
         centre: (3,) m.
@@ -196,14 +196,14 @@ def toward(centre: Array, spread: Array, x: float, y: float) -> tuple[float, flo
         return ox, oy
     x, y = x / length, y / length
     variance = x * x * spread[0, 0] + 2.0 * x * y * spread[0, 1] + y * y * spread[1, 1]
-    half = math.sqrt(3.0 * max(variance, 0.0))  # as if its points lay evenly
+    half = math.sqrt(3.0 * max(variance, 0.0))  # for uniformly distributed points
     reach = max(0.0, min(length, half) - _BORDER_M)
     return ox + reach * x, oy + reach * y
 
 
 @cached(_HERE)
 def seen_height(centre: Array, gradient: Array, spread: Array, x: float, y: float) -> float:
-    """Height of a plane, m, where it is well seen toward (x, y); gradient (2,), the rest as of `toward`."""
+    """Height of a plane, m, where it is well observed toward (x, y); gradient (2,), the rest as in `toward`."""
     x, y = toward(centre, spread, x, y)
     return centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]
 
@@ -211,7 +211,7 @@ def seen_height(centre: Array, gradient: Array, spread: Array, x: float, y: floa
 def turned(
     centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """What `height_planes` tells in other axes, by a (3, 3) turn about the vertical."""
+    """Rotates the result of `height_planes` by a (3, 3) rotation about the vertical."""
     turn = R[:2, :2]
     covariances = covariances.copy()
     covariances[:, 1:, 1:] = turn @ covariances[:, 1:, 1:] @ turn.T

@@ -1,4 +1,4 @@
-"""The set of planes: new ones vote for those that are there, eq. (23), and the ground knows its plane."""
+"""The set of planes: new planes vote for existing ones, eq. (23), and label the columns of the ground."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ SLOTS = 256
 
 
 class PlaneSet:
-    """Planes with their votes, and the columns of each.
+    """Planes with their votes and columns.
 
     Args:
         parameters: See `TerrainMapParameters`.
 
     Attributes:
         surface: The columns; labels are slots.
-        ids: (SLOTS,) id of the plane in each slot, -1 none.
+        ids: (SLOTS,) id of the plane in each slot, -1 = none.
         votes: (SLOTS,) score of each.
     """
 
@@ -38,7 +38,7 @@ class PlaneSet:
         self._next_id = 0
 
     def clear(self) -> None:
-        """Forgets every plane; ids go on."""
+        """Removes every plane; ids continue."""
         self.surface.clear()
         self.ids[:] = NONE
         self.votes[:] = 0.0
@@ -48,13 +48,13 @@ class PlaneSet:
         self, first: NDArray[np.int64], labels: NDArray[np.int32], sums: Array, height: NDArray[np.float32],
         noise: NDArray[np.float32],
     ) -> None:  # fmt: skip
-        """Takes the planes of one view from above.
+        """Takes the planes of one top view.
 
         Args:
             first: (2,) column of the view's corner.
-            labels: (n, n) number of each column's new plane, -1 none.
+            labels: (n, n) number of each column's new plane, -1 = none.
             sums: (P, 11) over the columns of each new plane.
-            height: (n, n) m, NaN where nothing is seen.
+            height: (n, n) m, NaN where unobserved.
             noise: (n, n) m.
         """
         s = self.surface
@@ -65,16 +65,16 @@ class PlaneSet:
         self.refit()
 
     def refit(self) -> None:
-        """Sums over each plane's columns; a plane without enough of them goes."""
+        """Recomputes the sums over each plane's columns; removes planes with too few."""
         s = self.surface
         self._sums = sums_of(s.label, s.height, s.noise, s.origin, SLOTS, self._p.voxel_size_m)
         few = (self.ids >= 0) & (self._sums[:, 0] < self._fewest)
         self._remove(np.flatnonzero(few))
 
     def planes(self, R_world_grid: Array) -> dict[int, Plane]:
-        """The planes by id, in world axes; R_world_grid (3, 3) turns about the vertical.
+        """The planes by id, in world axes; R_world_grid is a (3, 3) rotation about the vertical.
 
-        A plane that has not changed since the last time is the same object.
+        A plane that has not changed since the last call is the same object.
         """
         changed = (self._sums != self._told_sums).any(axis=1) | (self.votes != self._told_votes)
         self._told_sums[:], self._told_votes[:] = self._sums, self.votes
@@ -110,7 +110,7 @@ class PlaneSet:
         }  # fmt: skip
 
     def _pair(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
-        """Slot of each new plane: that of the one it agrees with, or a free one. See docs/terrain_map.md (9)."""
+        """Slot of each new plane: that of the matching plane, or a free one. See docs/terrain_map.md (9)."""
         sizes = sums[:, 0].astype(np.int64)
         slots = np.full(len(sizes), NONE, np.int32)
         new, old = np.nonzero(common)
@@ -135,7 +135,7 @@ class PlaneSet:
         return slots
 
     def _agrees(self, new: Array, slot: int) -> bool:
-        """Whether a new plane lies on the old one, all over it, by its sums."""
+        """Whether all of a new plane lies on the old one, from its sums."""
         p = self._p
         off = off_height_plane(
             new, self._sums[slot], p.plane_sd_m, p.slope_sd_rad, p.shared_columns, p.slope_prior_sd_rad
@@ -143,7 +143,7 @@ class PlaneSet:
         return off < (p.apart * p.plane_noise_m) ** 2
 
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
-        """A pair votes for the plane, a plane that was in view without one against it."""
+        """A match is a vote for the plane; no match while in view is a vote against it."""
         paired = np.zeros(SLOTS, bool)
         paired[slots[slots >= 0]] = True
         self.votes[paired] = np.minimum(self.votes[paired] + 1.0, self._p.votes_max)

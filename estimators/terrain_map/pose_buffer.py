@@ -1,4 +1,4 @@
-"""Poses as they come, and where the frame is at a picture's time."""
+"""Buffer of the incoming poses; gives the pose at an image's time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stridetwin.streams.samples import Array, Odometry
 
 
 def is_pose(sample: Odometry) -> bool:
-    """Whether position and rotation are finite, and the rotation is one."""
+    """Whether position and rotation are finite, and the rotation is valid."""
     p, q = sample.p_frame_in_world.tolist(), sample.q_world_frame.tolist()
     return math.isfinite(sum(p)) and 0.5 <= math.hypot(*q) < math.inf
 
@@ -21,7 +21,7 @@ class Poses:
     """The last two poses.
 
     Args:
-        parameters: How old a pose may be, and how fast.
+        parameters: Limits of a pose's age and speed.
     """
 
     def __init__(self, parameters: TerrainMapParameters) -> None:
@@ -29,9 +29,9 @@ class Poses:
         self._last: Odometry | None = None
 
     def add(self, pose: Odometry) -> bool:
-        """Takes a pose; returns whether it jumped away from the one before, or that one is long ago.
+        """Takes a pose; returns whether it jumped from the previous one, or came after a long gap.
 
-        A pose that is not finite, or not newer than the one before, is passed over.
+        A pose that is not finite, or not newer than the previous one, is ignored.
         """
         if not is_pose(pose):
             return False
@@ -46,7 +46,7 @@ class Poses:
         return dt > self._p.max_gap_s or (moved > self._p.jump_m and moved > self._p.max_speed_mps * dt)
 
     def at(self, t_ns: int) -> Array | None:
-        """(4, 4) frame to world at a time: the last pose, carried on by its velocity; None where it is too old."""
+        """(4, 4) frame to world at a time: the last pose, propagated by its velocity; None if it is too old."""
         pose = self._last
         if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:
             return None

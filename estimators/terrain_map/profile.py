@@ -1,4 +1,4 @@
-"""The ground along a line: its height, and where it jumps or bends."""
+"""The ground along a line: its height, edges and slope breaks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _STEP_M = 0.02
 _LANES = np.arange(-0.24, 0.25, 0.04)
 _LEAST_LANES = 4
 _SHORTEST = 3
-"""Fewest steps of a plane that counts."""
+"""Fewest samples on a plane for it to count."""
 
 
 def profile(
@@ -33,10 +33,10 @@ def profile(
     """The ground along a line.
 
     Args:
-        estimate: What is known.
-        planes: And its columns.
+        estimate: Estimate of the ground.
+        planes: Its columns.
         R_world_grid: (3, 3) grid to world axes.
-        p: Size of a column.
+        p: Holds the size of a column.
         origin: (2,) m, world.
         heading: rad from x.
         length_m: m.
@@ -74,19 +74,19 @@ def _lanes(
     label: NDArray[np.int32], height: NDArray[np.float32], first: NDArray[np.int64], origin: Array, forward: Array,
     s: Array, lanes: Array,
 ) -> tuple[NDArray[np.int64], Array]:  # fmt: skip
-    """The ground along a line as most of the lanes beside it see it.
+    """The ground along a line, by majority over parallel lanes.
 
     Args:
         label: Ring of slots, see `Surface`.
         height: Ring of heights, m.
         first: (2,) lowest column of the window.
-        origin: (2,) where the line starts, columns.
-        forward: (2,) columns on a metre of it.
+        origin: (2,) start of the line, columns.
+        forward: (2,) columns per metre along the line.
         s: (N,) m along it.
         lanes: (L,) m to its left.
 
     Returns:
-        (N,) slot of the plane that most lanes show, -1 where too few show one; (N,) m, median of their heights, NaN
+        (N,) slot of the majority plane, -1 where too few lanes have one; (N,) m, median of the lanes' heights, NaN
         where too few are known.
     """
     slot, middle = np.full(len(s), -1), np.full(len(s), math.nan)
@@ -130,7 +130,7 @@ def _changes(
 
 
 def _runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """First and last step of each stretch on one plane, and the plane's id; one that goes on behind another has two."""
+    """First and last sample of each run on one plane, and the plane's id; a plane split by another has two runs."""
     known = np.flatnonzero(plane >= 0)
     runs: list[tuple[int, int, int]] = []
     for steps in np.split(known, np.flatnonzero(np.diff(plane[known])) + 1):
@@ -176,7 +176,7 @@ def _edge_or_knee(
 
 
 def _own_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
-    """Standard deviation of a plane's height at a (2,) place, m, without what the pose does to all planes alike."""
+    """Standard deviation of a plane's height at a (2,) position, m, without the pose error common to all planes."""
     shared = np.diag([p.plane_sd_m, p.slope_sd_rad, p.slope_sd_rad]) ** 2
     j = np.array([1.0, *(place - plane.centre[:2])])
     return math.sqrt(max(float(j @ (plane.covariance - shared) @ j), 0.0))
@@ -187,8 +187,8 @@ def _in_flight(
 ) -> tuple[float, float] | None:
     """Where a line crosses the edge between two planes of a flight, m along it, and its standard deviation.
 
-    The edge lies where it was found; but a leg that stands before one edge hides it: where it lies far off those of the
-    others, these tell.
+    This is the measured edge, unless it is far from its place in the fitted flight, as when a leg occludes it: then the
+    other edges determine it.
     """
     for k in range(flight.steps):
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
@@ -203,7 +203,7 @@ def _in_flight(
 def _next_to_flight(
     flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array, p: TerrainMapParameters
 ) -> tuple[float, float] | None:
-    """The same of the edge a step beyond either end of a flight: where a riser more was seen, but not where it lies."""
+    """The same for the edge one tread beyond either end of a flight: its riser was observed, but not its position."""
     if flight.steps < 2 or abs(abs(drop) - flight.riser) > p.uneven_riser_m:
         return None
     climbs = drop * float(flight.up @ forward) > 0.0
@@ -216,6 +216,6 @@ def _next_to_flight(
 
 
 def _crossing(flight: Stairs, edge: float, sd: float, origin: Array, forward: Array) -> tuple[float, float] | None:
-    """Where a line crosses an edge that lies so far along a flight's way up, and its deviation; None along the edge."""
+    """Where a line crosses a flight's edge, and its standard deviation; None if the line is parallel to the edge."""
     along = float(flight.up @ forward)
     return None if abs(along) < 0.3 else ((edge - float(flight.up @ origin)) / along, sd / abs(along))

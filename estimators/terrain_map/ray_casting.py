@@ -1,4 +1,4 @@
-"""Ray casting: the map as the camera would see it, and as seen from straight above."""
+"""Ray casting: the map seen by the camera, and from straight above."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 _SEEN = 0.1
-"""Weight from which on a voxel counts."""
+"""Smallest weight of an observed voxel."""
 _NEAR = 0.5
-"""Beyond this λ does not say how far the surface is: between two such places it lies in the middle."""
+"""Beyond this |λ| the distance is unknown: the surface between two such voxels is taken in the middle."""
 _SHARE = 0.5
-"""Of the weight beside it that a column needs."""
+"""Smallest weight of a column, as a share of its neighbours' weight."""
 _BESIDE = np.ones((5, 5), np.uint8)
 _FEWEST = 0.05
-"""Weight below which a column is known no worse."""
+"""Lower limit of the weight in a column's standard deviation."""
 
 
 @cached(_HERE)
 def from_above(
     blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What a camera over the ground sees that looks straight down, a ray to each column of voxels.
+    """Casts one ray straight down per column of voxels.
 
     Args:
-        blocks: The map.
+        blocks: Voxels of the map.
         first_i: Column of the corner; a multiple of 8.
         first_j: As `first_i`.
-        size: Columns along an edge of the view; a multiple of 8.
+        size: Columns along one edge of the view; a multiple of 8.
         top_k: Rays start at this layer.
         voxel_m: Edge of a voxel.
 
     Returns:
-        (size, size) height of the surface, m, NaN where none is seen, and the weight of the voxel above it.
+        (size, size) height of the surface, m, NaN where unobserved, and the weight of the voxel above it.
     """
     height = np.full((size, size), np.nan, np.float32)
     trust = np.zeros((size, size), np.float32)
-    # Of the voxel above, by column of a block: its λ, its weight, 0 where it was not seen; and which columns are done.
+    # Per column of a block: λ and weight (0 = unobserved) of the voxel above, and which columns are done.
     above, known = np.zeros(EDGE * EDGE, np.float32), np.zeros(EDGE * EDGE, np.float32)
     met = np.zeros(EDGE * EDGE, np.bool_)
     slots, origin = blocks.slots, blocks.origin
@@ -100,8 +100,8 @@ def from_camera(
     """The smoothed depth image I_D^s: the depth at which each pixel's ray meets the surface.
 
     Args:
-        blocks: The map.
-        intrinsics: (4,) fu, fv, pu, pv of the picture to make.
+        blocks: Voxels of the map.
+        intrinsics: (4,) fu, fv, pu, pv of the rendered image.
         shape: (H, W).
         T_grid_camera: (4, 4) optical frame to grid axes, m.
         voxel_m: Edge of a voxel.
@@ -144,18 +144,18 @@ def from_camera(
 
 @cached(_HERE, error_model="numpy")
 def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
-    """How far solid ground reaches along lines just under a surface.
+    """How far solid ground extends along lines just under a surface.
 
     Args:
-        blocks: The map.
-        starts: (N, 3) in voxels, grid axes, just under the surface.
-        direction: (2,) horizontal unit vector along which it ends.
-        slope: Rise of the surface along it.
-        reach: How far to look, voxels.
-        gap: Longest stretch not seen between the last solid place and the first free one, voxels.
+        blocks: Voxels of the map.
+        starts: (N, 3) voxels, grid axes, just under the surface.
+        direction: (2,) horizontal unit vector toward its end.
+        slope: Slope of the surface along it.
+        reach: Length of the search, voxels.
+        gap: Longest unobserved stretch between the last solid and the first free position, voxels.
 
     Returns:
-        (N,) voxels from each start to where λ changes its sign for the first time; NaN where that is not seen.
+        (N,) voxels from each start to the first sign change of λ; NaN where unobserved.
     """
     found = np.full(len(starts), np.nan)
     step = 1.0
@@ -163,7 +163,7 @@ def brink(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: 
     for n in range(len(starts)):
         at, last_at, last = 0.0, -1.0, 0.0
         while at < reach:
-            # λ between voxel centres (trilinear), where all eight were seen
+            # trilinear interpolation of λ between voxel centres, where all eight were observed
             x, y = starts[n, 0] + direction[0] * at - 0.5, starts[n, 1] + direction[1] * at - 0.5
             z = starts[n, 2] + slope * at - 0.5
             i, j, k = math.floor(x), math.floor(y), math.floor(z)
@@ -196,17 +196,17 @@ def well_seen(
     height: NDArray[np.float32], weight: NDArray[np.float32], eye_z: float, least_m: float, most_m: float,
     noise_per_m: float,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """How well the columns are known.
+    """Standard deviation of the columns' heights.
 
-    Those that are seen far less than those beside them go: they lie at an outline, half in the air.
+    Columns observed far less than their neighbours are removed: they are flying pixels at a depth discontinuity.
 
     Args:
-        height: (n, n) m; changed, NaN where nothing is seen.
+        height: (n, n) m; modified: NaN where unobserved.
         weight: (n, n) of the columns.
         eye_z: Height of the camera, m.
-        least_m: Standard deviation of any column.
-        most_m: No column has more.
-        noise_per_m: Standard deviation of the depth over its square, 1/m.
+        least_m: Lower limit of the standard deviation.
+        most_m: Upper limit.
+        noise_per_m: Standard deviation of the depth divided by its square, 1/m.
 
     Returns:
         (n, n) m, standard deviation of the heights.

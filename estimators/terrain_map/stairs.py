@@ -1,6 +1,6 @@
-"""Stairs as one object: planes in a row, each a step above the one before, with equal risers and treads.
+"""Fits flights of stairs with equal risers and treads to rows of planes.
 
-Edges between two flat planes: where the upper one ends, to a centimetre.
+An edge between two flat planes is where the upper one ends; the voxels give it to a centimetre.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _GAP_M = 0.12
 _FEWEST = 6
 _OUTLIER_M = 0.02
 _ENDS = np.array([3.0, 97.0])
-"""Percentiles of its points between which an edge is looked up."""
+"""Percentiles of an edge's points between which it is refined."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,9 +42,9 @@ class Riser:
         lower: Id of the lower plane.
         upper: Id of the upper plane.
         down: (2,) unit vector across the edge, from the upper plane to the lower.
-        points: (N, 2) m, world, where the upper plane ends.
-        found: Whether `points` were found in the voxels; else they are the plane's last columns.
-        height: Of the upper plane over the lower one at the edge, m.
+        points: (N, 2) m, world, the end of the upper plane.
+        found: Whether `points` come from the voxels; otherwise they are the plane's last columns.
+        height: Height of the upper plane over the lower one at the edge, m.
     """
 
     lower: int
@@ -56,12 +56,12 @@ class Riser:
 
     @cached_property
     def middle(self) -> tuple[float, float]:
-        """m, world."""
+        """Middle of the edge, m, world."""
         return self._extent[:2]
 
     @cached_property
     def length(self) -> float:
-        """Of the edge, m."""
+        """Length of the edge, m."""
         return self._extent[2]
 
     @cached_property
@@ -71,23 +71,23 @@ class Riser:
 
 @cached(_HERE)
 def _extent(points: Array, down: Array) -> tuple[float, float, float]:
-    """Middle of (N, 2) points, and how far they reach along an edge across `down`, m."""
+    """Middle of (N, 2) points, and their extent along an edge across `down`, m."""
     along = points[:, 1] * down[0] - points[:, 0] * down[1]
     return points[:, 0].mean(), points[:, 1].mean(), along.max() - along.min()
 
 
 def riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float) -> Riser | None:
-    """The step between two planes as their columns show it.
+    """The step between two planes, from their columns.
 
     Args:
-        lower: Plane.
-        upper: Plane.
-        columns: (N, 5) as of `surface.borders`, the upper plane's last columns before the lower one.
+        lower: Lower plane.
+        upper: Upper plane.
+        columns: (N, 5) from `surface.borders`, the upper plane's last columns before the lower one.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
 
     Returns:
-        The riser, None where the columns make no edge.
+        The riser; None if the columns form no edge.
     """
     if len(columns) < _FEWEST:
         return None
@@ -104,7 +104,7 @@ def _edge(
     columns: NDArray[np.int32], turn: Array, voxel_m: float, low_centre: Array, low_gradient: Array, low_spread: Array,
     centre: Array, gradient: Array, spread: Array,
 ) -> tuple[Array, Array, float]:  # fmt: skip
-    """Edge between two planes by `riser`'s columns: (2,) down across it, its (N, 2) points, m, and its height, m."""
+    """Edge between two planes from `riser`'s columns: (2,) down across it, its (N, 2) points, m, and its height, m."""
     ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
     for n in range(len(columns)):
         side = columns[n, 4]
@@ -123,9 +123,9 @@ def _edge(
 
 @njit(**INSIDE)
 def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
-    """(2,) unit vector down across an edge, and those of its columns, see `_edge`, on it; none if it is none."""
+    """(2,) unit vector down across an edge, and its columns (see `_edge`) on the line; none if there is no edge."""
     down = np.array([toward[:, 0].mean(), toward[:, 1].mean()])
-    if math.hypot(down[0], down[1]) < 0.4:  # the lower plane lies all around: no edge to step over
+    if math.hypot(down[0], down[1]) < 0.4:  # the lower plane surrounds the upper one: no edge to step over
         return down, ends[:0]
     down = across(ends, down)
     s = ends[:, 0] * down[0] + ends[:, 1] * down[1]
@@ -139,19 +139,19 @@ def _line(ends: Array, toward: Array) -> tuple[Array, Array]:
 def across(points: Array, toward: Array) -> Array:
     """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
     x, y = points[:, 0] - points[:, 0].mean(), points[:, 1] - points[:, 1].mean()
-    turn = 0.5 * math.atan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())  # of the line, by its scatter
+    turn = 0.5 * math.atan2(2.0 * (x * y).sum(), (x * x).sum() - (y * y).sum())  # the line's, from its scatter
     ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
     along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
-    if abs(ahead) < abs(along) * 0.5:  # too short an edge to have a direction
+    if abs(ahead) < abs(along) * 0.5:  # the edge is too short to have a direction
         return toward / math.hypot(toward[0], toward[1])
     return math.copysign(1.0, ahead) * np.array([-math.sin(turn), math.cos(turn)])
 
 
 def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
-    """The same riser with its edge looked up in the voxels just under the upper plane.
+    """Refines a riser's edge in the voxels just under the upper plane.
 
     Args:
-        edge: As the columns show it.
+        edge: Riser from the columns.
         upper: Its upper plane.
         down: (2,) unit vector across all edges of the flight.
         blocks: The voxels.
@@ -159,7 +159,7 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
         voxel_m: Edge of a voxel.
 
     Returns:
-        The riser, unchanged where the voxels show no edge.
+        The riser, unchanged if the voxels show no edge.
     """
     across_edge, points = _looked_up(
         edge.points, down, upper.centre, upper.gradient, blocks, R_grid_world[:2, :2], voxel_m
@@ -173,7 +173,7 @@ def refined(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world
 def _looked_up(
     points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
 ) -> tuple[Array, Array]:
-    """(2,) unit vector down across an edge, and (N, 2) points, m, of it in the voxels; none if they show none."""
+    """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
     starts = _starts(points, down)
     at = np.empty((len(starts), 3))
     for n in range(len(starts)):
@@ -190,7 +190,7 @@ def _looked_up(
 
 @njit(**INSIDE)
 def _starts(points: Array, down: Array) -> Array:
-    """(N, 2) m, where lanes that cross an edge begin, a little before it."""
+    """(N, 2) m, start points, a little before an edge, of the lanes that cross it."""
     s = points[:, 0] * down[0] + points[:, 1] * down[1]
     low, high = np.percentile(points[:, 1] * down[0] - points[:, 0] * down[1], _ENDS)
     first = np.median(s) - _INSIDE_M
@@ -204,7 +204,7 @@ def _starts(points: Array, down: Array) -> Array:
 
 @njit(**INSIDE)
 def _ends(starts: Array, reach: Array, down: Array) -> Array:
-    """(N, 2) m, where lanes end, without those that end elsewhere than most; none if they are too few."""
+    """(N, 2) m, end points of the lanes without outliers; none if too few remain."""
     seen = np.isfinite(reach)
     if seen.sum() < _FEWEST:
         return starts[:0]
@@ -218,7 +218,7 @@ def _ends(starts: Array, reach: Array, down: Array) -> Array:
 
 
 def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
-    """Rows of the borders that `surface.borders` finds, by the ids of lower and upper plane."""
+    """Rows of the result of `surface.borders`, by the ids of lower and upper plane."""
     if not len(found):
         return {}
     key = found[:, 0].astype(np.int64) * len(ids) + found[:, 1]
@@ -229,7 +229,7 @@ def pairs_of(found: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int
 
 
 def heading_of(edges: list[Riser]) -> Array:
-    """(2,) unit vector down the flight that suits all edges best, the longer the more."""
+    """(2,) unit vector down the flight, fitted to all edges weighted by length."""
     x, y = max(edges, key=lambda e: len(e.points)).down.tolist()
     total_x, total_y = 0.0, 0.0
     for edge in edges:
@@ -246,17 +246,17 @@ def angle_between(a: Array, b: Array) -> float:
 
 _UNKNOWN = math.inf
 _PLACES = (3, 1, 2)
-"""Of start, tread and turn in the covariance of `Stairs`."""
+"""Indices of start, tread and rotation in the covariance of `Stairs`."""
 _STEP_ENDS = np.array([2.0, 98.0])
-"""Percentiles of its points between which a flight's edges reach."""
+"""Percentiles of the points that give the lateral extent of a flight's edges."""
 
 
 def flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Riser]]:
-    """Risers in a row, from the lowest: the upper plane of one is the lower plane of the next, parallel, a tread on.
+    """Rows of parallel risers a tread apart, lowest first: the upper plane of one is the lower plane of the next.
 
     Args:
-        risers: Steps between two planes each.
-        p: Limits of treads.
+        risers: Steps between two planes.
+        p: Limits of the treads.
     """
     above: dict[int, list[Riser]] = {}
     for r in risers:
@@ -287,13 +287,13 @@ def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
 
 
 def stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
-    """The flight that suits a row of risers best, with covariance.
+    """Fits a flight to a row of risers, with covariance.
 
     Args:
         row: Risers from the lowest, see `flights`.
-        planes: By id.
-        id_: Of the stairs.
-        p: Uncertainties that all of an edge or a plane shares.
+        planes: Planes by id.
+        id_: Id of the stairs.
+        p: Uncertainties common to a whole edge or plane.
     """
     up = -heading_of(row)
     points = np.concatenate([r.points for r in row])
@@ -318,15 +318,15 @@ def _flight(
     points: Array, counts: NDArray[np.int64], sd: Array, up: Array, least: float, centres: Array, gradients: Array,
     spreads: Array, covariances: Array,
 ) -> tuple[tuple[float, float, float, float, float], Array, Array, Array]:  # fmt: skip
-    """Equal steps through the edges and planes of a row.
+    """Fits equal steps to the edges and planes of a row.
 
     Args:
-        points: As of `_even`, likewise the next three.
-        counts: How many each edge has.
+        points: As in `_even`, like the next three.
+        counts: Number of points of each edge.
         sd: m.
-        up: (2,) unit vector of the way up.
+        up: (2,) unit vector of the direction of ascent.
         least: Smallest variance of a point, m².
-        centres: (n + 1, 3), of the planes from the lowest, as of `Plane`, likewise the next three.
+        centres: (n + 1, 3), of the planes from the lowest, as in `Plane`, like the next three.
         gradients: (n + 1, 2).
         spreads: (n + 1, 2, 2).
         covariances: (n + 1, 3, 3).
@@ -343,7 +343,7 @@ def _flight(
         middle += (middles[k, 1] * up[0] - middles[k, 0] * up[1]) / n
     values, covariance = _even(points, counts, sd, up, middle, least)
     heights, height_sd = np.empty(n + 1), np.empty(n + 1)
-    for k in range(n + 1):  # each plane where it is well seen toward its edge
+    for k in range(n + 1):  # each plane where it is well observed toward its edge
         edge = middles[max(k - 1, 0)]
         x, y = toward(centres[k], spreads[k], edge[0], edge[1])
         slopes = np.array([1.0, x - centres[k, 0], y - centres[k, 1]])
@@ -363,7 +363,7 @@ def _flight(
     full[4, 4], full[4, 0] = height_covariance[0, 0], height_covariance[0, 1]
     full[0, 4], full[0, 0] = height_covariance[1, 0], height_covariance[1, 1]
     heading = math.atan2(up[1], up[0]) + values[2]
-    # The line at its middle, told along the turned way up.
+    # The line at its middle, along the rotated direction of ascent.
     x, y = values[0] * up[0] - middle * up[1], values[0] * up[1] + middle * up[0]
     start = x * math.cos(heading) + y * math.sin(heading)
     x, y = math.cos(heading), math.sin(heading)
@@ -376,18 +376,18 @@ def _flight(
 def _even(
     points: Array, counts: NDArray[np.int64], sd: Array, up: Array, middle: float, least: float
 ) -> tuple[Array, Array]:
-    """Even edges: s = start + k tread - turn (l - middle), one row an edge point, by least squares.
+    """Fits evenly spaced edges, s = start + k tread - turn (l - middle), by least squares; one row per edge point.
 
     See docs/terrain_map.md (10).
 
-    An edge's points share an error: what all of them share comes out of the weights by Woodbury's formula.
+    An edge's points share an error; Woodbury's formula includes it in the weights.
 
     Args:
-        points: (N, 2) m, those of each edge in turn.
-        counts: How many each has.
-        sd: m, what the points of each share.
+        points: (N, 2) m, edge after edge.
+        counts: Number of points of each edge.
+        sd: Standard deviation of the error common to an edge's points, m.
         up: (2,) unit vector along which s is measured; l to its left.
-        middle: m.
+        middle: Middle of l, m.
         least: Smallest variance of a point, m².
 
     Returns:
@@ -410,7 +410,7 @@ def _even(
         normal += squares / own - shared * np.outer(ones, ones)
         total = own_s.sum()
         right += np.array([total, k * total, -(side * own_s).sum()]) / own - shared * total * ones
-    at = np.array([0, 1, 2]) if len(counts) > 1 else np.array([0, 2])  # one edge alone tells no tread
+    at = np.array([0, 1, 2]) if len(counts) > 1 else np.array([0, 2])  # a single edge does not determine the tread
     known = np.empty((len(at), len(at)))
     for i in range(len(at)):
         for j in range(len(at)):
@@ -427,7 +427,7 @@ def _even(
 
 @njit(error_model="numpy", **INSIDE)
 def _stair_line(heights: Array, sd: Array) -> tuple[float, float, Array]:
-    """Base and riser of equal steps, and their (2, 2) covariance. See docs/terrain_map.md (10)."""
+    """Fits base and riser of equal steps, with their (2, 2) covariance. See docs/terrain_map.md (10)."""
     w, k = sd**-2, np.arange(len(heights))
     n, x, xx = w.sum(), (w * k).sum(), (w * k * k).sum()
     det = n * xx - x * x

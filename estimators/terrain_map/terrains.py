@@ -1,4 +1,4 @@
-"""Terrains from planes: ramps and levels by slope and area, stairs from planes a step apart."""
+"""Classifies planes into terrains: ramps and level ground by slope and area, stairs by steps between planes."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class _Known(NamedTuple):
 
 
 def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
-    """Whether a plane is flat, or may well be.
+    """Whether a plane is flat within its uncertainty.
 
-    A tread's two sides are seen at different times: where the poses are corrected in between, it slopes by as much as
-    they were, which makes no ramp of it.
+    A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
+    does not make it a ramp.
     """
     if plane.slope < p.flat_rad + min(p.significant_sd * plane.slope_sd, 2.0 * p.flat_rad):
         return True
@@ -36,9 +36,9 @@ def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
 
 
 class Terrains:
-    """Finds terrains, and remembers those whose planes and edges have not changed since the last picture.
+    """Finds terrains, and caches those whose planes and edges have not changed since the last image.
 
-    What lies behind the walker is then looked at no more, however long the way is.
+    Ground behind the walker is therefore not processed again, however long the walk is.
 
     Args:
         R_world_grid: (3, 3) grid to world axes.
@@ -54,9 +54,9 @@ class Terrains:
         """Levels, ramps and stairs.
 
         Args:
-            planes: By id, world axes; those that have not changed are the objects of the last time.
+            planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
             plane_set: Their columns.
-            blocks: The voxels.
+            blocks: Voxels.
         """
         p = self._p
         found: list[Terrain] = []
@@ -84,7 +84,7 @@ class Terrains:
         return stairs(looked_up, planes, min(r.upper for r in row), self._p)
 
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
-        """Steps between flat planes as their columns show them."""
+        """Steps between flat planes, from their columns."""
         p, surface = self._p, plane_set.surface
         found = borders(
             surface.label, surface.height, surface.origin, SLOTS, round(p.hidden_m / p.voxel_size_m), p.riser_min_m,
@@ -107,7 +107,7 @@ class Terrains:
         return [one.riser for one in known.values() if one.riser is not None]
 
     def _riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
-        """The step that columns of `borders` show."""
+        """The step given by columns of `borders`."""
         p = self._p
         edge = riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
         if edge is not None and p.riser_min_m <= edge.height <= p.riser_max_m and edge.length >= p.edge_min_m:

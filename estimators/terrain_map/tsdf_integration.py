@@ -1,4 +1,4 @@
-"""A depth picture goes into the voxels: eqs. (19)-(22) of Zhao et al. 2023."""
+"""Integrates depth images into the voxels: eqs. (19)-(22) of Zhao et al. 2023."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _HERE = Path(__file__).parent
 _STRIDE = 8
 _f32 = np.float32
 _STEEPEST = _f32(0.3)
-"""Height over depth along the shallowest line of sight whose distances still count as heights."""
+"""Height over depth of the shallowest line of sight along which distances are converted to heights."""
 _NEAREST = _f32(0.05)
 _AIR = _f32(-0.5)
-"""λ of what is free for certain."""
+"""Largest λ of certainly free space."""
 _NONE, _LEAST = _f32(1e9), _f32(1e-20)
 _ZERO, _ONE, _ORIGIN = _f32(0.0), _f32(1.0), np.int32(0)
 _Corner = tuple[np.float32, np.float32, np.float32]
 _RADIUS = math.sqrt(3.0) / 2.0 * EDGE
 _SLAB = EDGE * EDGE
-"""Voxels of a block that are passed over together where a picture tells nothing of them."""
+"""Voxels of a block that are skipped together if an image does not observe them."""
 
 
 @cached(_HERE)
@@ -36,22 +36,22 @@ def touch(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
     top_m: float, t_ns: int,
 ) -> None:  # fmt: skip
-    """Makes the blocks that a picture's surfaces run through.
+    """Allocates the blocks that contain surfaces of a depth image.
 
     Args:
-        blocks: Changed in place.
+        blocks: Modified in place.
         depth: (H, W) m, 0 = none.
         intrinsics: (4,) fu, fv, pu, pv.
         T_grid_camera: (4, 4) optical frame to grid axes, m.
         voxel_m: Edge of a voxel.
         band_m: Truncation, as a height.
-        top_m: Nothing above this height is mapped, grid axes.
-        t_ns: Time of the picture.
+        top_m: Upper limit of the mapped height, grid axes.
+        t_ns: Time of the image.
     """
     R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3]
     per_block = 1.0 / (voxel_m * EDGE)
     ray = np.zeros(3)
-    last_i, last_j, last_k = 0, 0, blocks.origin[2] - 1  # a block outside of the window
+    last_i, last_j, last_k = 0, 0, blocks.origin[2] - 1  # a block outside the window
     for v in range(_STRIDE // 2, depth.shape[0], _STRIDE):
         for u in range(_STRIDE // 2, depth.shape[1], _STRIDE):
             d = depth[v, u]
@@ -92,19 +92,19 @@ def integrate(
 
     See docs/terrain_map.md (1)-(4).
 
-    The truncation t_δ of a line of sight is such that λ is a height: band_m over how steeply the line falls. A voxel
-    behind a surface is only counted so where that surface reaches to straight above it; else a line of sight that
-    passes just over a tread's edge would lengthen the tread by as much as it runs on below it.
+    The truncation t_δ of a line of sight makes λ a height: it is band_m divided by the line's descent per metre. A
+    voxel counts as behind a surface only if the surface extends to straight above it. Otherwise a line of sight just
+    over a tread's edge would lengthen the tread.
 
     Args:
-        blocks: Changed in place.
+        blocks: Modified in place.
         depth: (H, W) m, 0 = none.
         intrinsics: (4,) fu, fv, pu, pv.
         T_camera_grid: (4, 4) grid axes to optical frame, m.
         voxel_m: Edge of a voxel.
         band_m: Truncation, as a height.
         weight_max: W_max.
-        noise_per_m: Standard deviation of the depth over its square, 1/m.
+        noise_per_m: Standard deviation of the depth divided by its square, 1/m.
     """
     height, width = depth.shape
     fu, fv, pu, pv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
@@ -140,11 +140,11 @@ def integrate(
         if _look(picture, eye, lattice, corner, _f32(eye_z - bz), sight):
             _reach_above(picture, eye, lattice, corner, sight)
             _blend(blocks.distance[row], blocks.weight[row], eye, sight)
-            blocks.solid[row] = False  # it may be so no more
+            blocks.solid[row] = False  # it may no longer be solid
 
 
 class _Eye(NamedTuple):
-    """A pinhole: pixels, the vertical in its axes, and what its depth is worth; 32 bit numbers throughout."""
+    """A pinhole camera: pixels, the vertical in its axes, and the weight of its depth; all 32 bit."""
 
     fu: np.float32
     fv: np.float32
@@ -162,7 +162,7 @@ class _Eye(NamedTuple):
 
 
 class _Lattice(NamedTuple):
-    """(512,) m each: from a block's first voxel to the others along the camera's axes, and upwards."""
+    """(512,) m each: offsets from a block's first voxel along the camera's axes, and upwards."""
 
     x: NDArray[np.float32]
     y: NDArray[np.float32]
@@ -171,17 +171,17 @@ class _Lattice(NamedTuple):
 
 
 class _Sight(NamedTuple):
-    """(512,) each, of a block's voxels, and (8,) of its slabs.
+    """(512,) per voxel of a block, and (8,) per slab.
 
     Attributes:
         z: m along the optical axis.
-        falls: How far the line of sight falls on one metre of it.
-        scale: λ over metres of depth.
-        pixel: Where the voxel is seen; 0 where it is not.
-        sdf: (19), m; `_NONE` where nothing is told.
-        second: Depth in the picture at a second look, m.
-        told: How many voxels of a slab the picture tells of.
-        behind: And how many of them lie behind a surface that is seen from above.
+        falls: Descent of the line of sight per metre.
+        scale: λ per metre of depth.
+        pixel: Pixel of the voxel; 0 if it is not in view.
+        sdf: (19), m; `_NONE` where unobserved.
+        second: Depth of the image at the second lookup, m.
+        told: Number of observed voxels per slab.
+        behind: Number of those behind a surface seen from above.
     """
 
     z: NDArray[np.float32]
@@ -196,7 +196,7 @@ class _Sight(NamedTuple):
 
 @njit(**INSIDE)
 def _lattice(steps: Array, voxel_m: float) -> _Lattice:
-    """From the (3, 3) steps from voxel to voxel in the camera's axes, m."""
+    """Offsets from the (3, 3) steps between neighbouring voxels in the camera's axes, m."""
     x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
     up = np.empty(VOXELS, np.float32)
     for at in range(VOXELS):
@@ -221,18 +221,18 @@ def _sight() -> _Sight:
 def _look(
     picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, above: np.float32, sight: _Sight
 ) -> bool:
-    """What a picture tells of each voxel of a block; returns whether it tells anything.
+    """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
 
     Args:
         picture: (H * W) m, 0 = none.
-        eye: What took it.
-        lattice: The voxels.
+        eye: Its camera.
+        lattice: Offsets of the voxels.
         corner: (3) m, the block's first voxel in the camera's axes.
-        above: m by which the eye is higher.
-        sight: Changed.
+        above: Height of the camera over that voxel, m.
+        sight: Modified.
     """
     x0, y0, z0 = corner
-    # Loops without a branch or a look-up among the sums: they run several voxels at a time.
+    # Loops without branches or lookups among the sums are vectorised.
     for at in range(VOXELS):
         z = z0 + lattice.z[at]
         per_z = _ONE / z
@@ -265,14 +265,14 @@ def _look(
 def _reach_above(
     picture: NDArray[np.float32], eye: _Eye, lattice: _Lattice, corner: _Corner, sight: _Sight
 ) -> None:  # fmt: skip
-    """Voxels behind a surface stay so only where it reaches to straight above them: a second look into the picture.
+    """Keeps voxels behind a surface only if it extends to straight above them, by a second lookup in the image.
 
     Args:
-        picture: As of `_look`.
-        eye: As of `_look`.
-        lattice: As of `_look`.
-        corner: As of `_look`.
-        sight: Changed; its pixels are those of the second look.
+        picture: As in `_look`.
+        eye: As in `_look`.
+        lattice: As in `_look`.
+        corner: As in `_look`.
+        sight: Modified; its pixels become those of the second lookup.
     """
     x0, y0 = corner[0], corner[1]
     for slab in range(EDGE):
@@ -281,7 +281,7 @@ def _reach_above(
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
             sdf, falls = sight.sdf[at], sight.falls[at]
             behind = (sdf > _ZERO) & (sdf < _NONE) & (falls > _ZERO)
-            up = sdf * falls if behind else _ZERO  # to where the line of sight met the surface
+            up = sdf * falls if behind else _ZERO  # to where the line of sight meets the surface
             zf = sight.z[at] + eye.up_z * up
             per_z = _ONE / zf
             u = np.int32(eye.fu * (x0 + lattice.x[at] + eye.up_x * up) * per_z + eye.pu)

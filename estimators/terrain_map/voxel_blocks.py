@@ -1,7 +1,7 @@
-"""Voxels in blocks of 8 x 8 x 8, in a window that follows the walker: memory stays what it is.
+"""Voxels in blocks of 8 x 8 x 8, in a window of constant memory that follows the walker.
 
-Where a block lies is looked up in a ring: block (i, j, k) stands at (i mod X, j mod Y, k mod Z), so that the window
-moves without moving a voxel. Grid axes: the world's, turned about the vertical.
+The index of the blocks is a ring: block (i, j, k) is stored at (i mod X, j mod Y, k mod Z), so the window moves
+without moving voxels. Grid axes: the world's, rotated about the vertical.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ _NONE = -1
 
 
 class Blocks(NamedTuple):
-    """The voxels that there are.
+    """The allocated voxels.
 
     Attributes:
-        slots: (X, Y, Z) int32 ring, which row of the others holds the block; -1 none.
+        slots: (X, Y, Z) int32 ring, row of each block in the arrays below; -1 = none.
         places: (N, 3) int32, block coordinates.
         used: (N,) bool.
         distance: (N, 512) float32, λ of eq. (21), -1 to 1, positive behind the surface.
         weight: (N, 512) float32, W of eq. (22); 0 = never seen.
-        solid: (N,) bool, whether it is known to have a voxel behind a surface.
-        seen_ns: (N,) int64, when the block was last touched by a surface.
+        solid: (N,) bool, whether the block is known to have a voxel behind a surface.
+        seen_ns: (N,) int64, when a surface was last observed in the block.
         free: (N,) int32, stack of unused rows.
         counts: (1,) int64, height of that stack.
         origin: (3,) int64, lowest block of the window.
@@ -54,7 +54,7 @@ class Blocks(NamedTuple):
 
 
 def empty_blocks() -> Blocks:
-    """A window without a voxel."""
+    """An empty window."""
     return Blocks(
         slots=np.full(SHAPE, _NONE, np.int32),
         places=np.zeros((CAPACITY, 3), np.int32),
@@ -70,7 +70,7 @@ def empty_blocks() -> Blocks:
 
 
 def clear(blocks: Blocks) -> None:
-    """Forgets every voxel."""
+    """Removes all voxels."""
     blocks.slots[:] = _NONE
     blocks.used[:] = False
     blocks.free[:] = np.arange(CAPACITY - 1, -1, -1, dtype=np.int32)
@@ -78,13 +78,13 @@ def clear(blocks: Blocks) -> None:
 
 
 def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: int) -> None:
-    """Moves the window; drops what lies outside or shows no surface any more, and the farthest where room is short.
+    """Moves the window; frees blocks outside it or without a surface, and the farthest ones when memory is short.
 
     Args:
         blocks: Changed in place.
-        centre: (3,) m, grid axes, where the middle of the window goes.
+        centre: (3,) m, grid axes, new middle of the window.
         block_m: Edge of a block.
-        stale_ns: A block without a surface that none has touched since goes.
+        stale_ns: A block without a surface, and with none observed since then, is freed.
     """
     blocks.origin[:] = np.floor(centre / block_m).astype(np.int64) - np.array(SHAPE) // 2
     _leave(blocks, stale_ns)
@@ -96,7 +96,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
 
 @cached(_HERE)
 def _leave(blocks: Blocks, stale_ns: int) -> None:
-    """Drops the blocks outside of the window, and those that show no surface any more: none in them or just below."""
+    """Frees the blocks outside the window, and those without a surface in them or just below."""
     for row in range(CAPACITY):
         if not blocks.used[row]:
             continue
@@ -130,7 +130,7 @@ def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32]) -> boo
 
 @njit(**INSIDE)
 def _ends_at_top(distance: NDArray[np.float32], weight: NDArray[np.float32]) -> bool:
-    """Whether a surface may lie just over a block: what is above tells that there is one, and not more ground."""
+    """Whether a surface may lie just above a block: the block above then delimits the solid ground."""
     at = EDGE - 1
     while at < VOXELS and not (distance[at] > 0.0 and weight[at] > 0.0):
         at += EDGE
@@ -148,7 +148,7 @@ def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
 
 @njit(inline="always")
 def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int, k: int) -> int:
-    """Row of block (i, j, k), -1 where there is none."""
+    """Row of block (i, j, k), -1 = none."""
     if (
         i < origin[0] or i >= origin[0] + SHAPE[0] or j < origin[1] or j >= origin[1] + SHAPE[1]
         or k < origin[2] or k >= origin[2] + SHAPE[2]
@@ -159,7 +159,7 @@ def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int,
 
 @njit(**INSIDE)
 def add_block(blocks: Blocks, i: int, j: int, k: int) -> int:
-    """Row of a new block (i, j, k) within the window, -1 where there is no room."""
+    """Row of a new block (i, j, k) within the window, -1 if the buffer is full."""
     if blocks.counts[0] == 0:
         return _NONE
     blocks.counts[0] -= 1

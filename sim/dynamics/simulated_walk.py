@@ -1,7 +1,4 @@
-"""A simulated walk: smooth functions of time through the physics steps, and the contact loads.
-
-Playback of a simulated walk, with the recorded contact loads.
-"""
+"""Result of a simulated walk: its physics steps as smooth functions of time for playback, and the contact loads."""
 
 from __future__ import annotations
 

@@ -3,9 +3,7 @@
 In stance the foot rotates about the heel's edge while its pitch is negative (toes up), and about the toe hinge, toes
 flat, while it is positive. In swing a point that moves through the foot, from the toe hinge (the pivot that it leaves)
 to the pivot that it lands on, follows smooth paths. Both pivots rest at their ends, so that position, velocity and
-acceleration match there for any pitch of the foot.
-
-Smoothest rise or fall of a foot over an obstacle.
+acceleration match there for any pitch of the foot. Over an obstacle the foot takes the smoothest rise or fall.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""From a route's layout to footsteps: where, when and in which manner each foot lands.
+"""Footsteps of a route's layout: position, landing time and style of each step.
 
-Landing time of each foot, and the style of each step.
-
-Steps in time: a phase that counts them, and quantities that change smoothly from step to step.
+A phase counts the steps, and quantities change smoothly from step to step.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""Motion of pelvis, trunk, head and arms that goes with the feet.
+"""Motion of pelvis, trunk, head and arms with the feet, and the walker's gaze.
 
-Gaze of the walker: along the way, down at the ground of the next steps, or around.
-
-The head is held still in space between movements, as balance reflexes do (Pozzo, Berthoz & Lefort 1990); the chest
-follows it less.
+The gaze is along the path, down at the ground of the next steps, or around. The head is held still in space between
+movements, as balance reflexes do (Pozzo, Berthoz & Lefort 1990); the chest follows it less.
 """
 
 from __future__ import annotations

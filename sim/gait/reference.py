@@ -3,8 +3,6 @@
 Route -> footsteps -> foot paths -> pelvis path with a feasible zero-moment point -> leg inverse kinematics ->
 exoskeleton -> quintic splines through all coordinates. The zero-moment point is first that of a linear inverted
 pendulum, then corrected by the inverse dynamics of the whole body.
-
-The wearer's coordinates from pelvis, feet and posture, and the zero-moment point of the resulting motion.
 """
 
 from __future__ import annotations

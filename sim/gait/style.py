@@ -2,9 +2,8 @@
 
 The table `level_style.csv` is the result of `python -m tools.fit_gait_cycle`, fitted to the joint angles of Schwartz,
 Rozumalski & Trost 2008 and the corresponding ground reactions. Speeds are dimensionless, v / sqrt(g leg), lengths are
-in leg lengths (hip centre to sole), angles in rad.
-
-How a walking style changes with manner: below or above the table's speeds, with a shuffle, or before a pause.
+in leg lengths (hip centre to sole), angles in rad. The style also changes with manner: outside the table's speeds, with
+a shuffle, or before a pause.
 """
 
 from __future__ import annotations

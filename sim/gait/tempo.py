@@ -1,7 +1,4 @@
-"""Speed of the walker along the way, and the step length there.
-
-Walking on curves: slower, with shorter steps and wider feet.
-"""
+"""Speed of the walker along the path and the step length there; curves are walked slower, with shorter, wider steps."""
 
 from __future__ import annotations
 

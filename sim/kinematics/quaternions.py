@@ -1,8 +1,7 @@
-"""Quaternions (w, x, y, z) for compiled code, as four numbers; vectors and matrices as in `sim.kinematics.quaternions`.
+"""Quaternions (w, x, y, z) for compiled code, as four numbers; vectors and matrices as tuples.
 
-Vectors and matrices of compiled code as tuples of numbers: the compiler keeps them in registers.
-
-With arrays of three the same computation takes several times as long, because every result is stored and loaded again.
+The compiler keeps tuples of numbers in registers. With arrays of three the same computation takes several times as
+long, because every result is stored and loaded again.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The parts that come with the project, by name, and custom parts from files.
-
-Full scales of the library's parts, looked up by a rig's description of a part.
-"""
+"""The library of parts by name, custom parts from files, and full scales by a rig's description of a part."""
 
 from __future__ import annotations
 

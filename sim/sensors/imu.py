@@ -1,6 +1,6 @@
 """Inertial measurement unit: from the true motion of its mount to the counts of its converter.
 
-Interval means of rate and specific force from which strapdown integration recovers the motion.
+Its samples are interval means of rate and specific force, from which strapdown integration recovers the motion.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Body segments from height and mass: de Leva 1996, J. Biomech. 29(9):1223-1230, table 4.
 
-Lengths scale with height, masses with body mass; centres of mass and radii of gyration are fractions of the
-segment's length. Segments run from proximal to distal, with x forward, y left, z up in the segment's frame.
-
-The people who walked in the papers, by name.
+Lengths scale with height, masses with body mass; centres of mass and radii of gyration are fractions of the segment's
+length. Segments run from proximal to distal, with x forward, y left, z up in the segment's frame. The walkers of the
+papers are available by name.
 """
 
 from __future__ import annotations

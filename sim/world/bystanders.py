@@ -2,9 +2,8 @@
 
 They circle around the walker along the way, all in one sense and evenly spaced, so that they never meet. Each one
 crosses the way some metres ahead of the walker and again behind, and passes them on both sides. Their stance feet do
-not slip. The state defined here is rendered by the cameras, sensed by the sonars, and written as ground truth.
-
-Bystanders in the model: bodies placed along their paths, visible to every camera and without contacts.
+not slip. The state defined here is rendered by the cameras, sensed by the sonars, and written as ground truth. In the
+model they are bodies without contacts on their paths.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 The mesh is cut along five parallel lines. On the middle one, height steps are risers, and straight lines between them
 are levels or ramps (Douglas-Peucker); equal treads in a row become stairs. The layout of these segments is compared
-with the mesh over the whole width of the way; a mesh that differs too much is rejected.
-
-Triangles of a mesh file, `.stl`, `.obj` or `.ply`, up to a size limit; materials and other files are ignored.
+with the mesh over the whole width of the way; a mesh that differs too much is rejected. Mesh files are `.stl`, `.obj`
+or `.ply`, up to a size limit; materials are ignored.
 """
 
 from __future__ import annotations

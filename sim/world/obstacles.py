@@ -1,8 +1,7 @@
 """Surroundings of the way, clear of the walker: planters and pillars outdoors, walls and furniture in a room.
 
-The walls of a corridor are directly at the borders of the way.
-
-Objects on or beside the way that are not walkable ground: paint, shadows, tables, walls.
+Objects on or beside the way are not walkable ground: paint, shadows, tables, walls. The walls of a corridor are
+directly at the borders of the way.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Appearance of the terrain: textured surfaces, sky and sun.
 
-All of it is purely visual: nothing here collides. One mesh per material keeps rendering fast.
-
-Convex polygons in the plane: the part of one that others do not cover.
+All of it is purely visual: nothing here collides. One mesh per material keeps rendering fast. Helpers compute the part
+of a convex polygon that others do not cover.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Upright solids with a flat or a sloping top, and exact geometric queries for many of them at once.
 
-Terrain consists of these: a `Box` for a level segment, a tread or a landing, a `Wedge` for a ramp. Each may be
-rotated about the vertical. A `SolidSet` answers queries for N points or rays and all solids at once.
-
-Compiled loops over the solids of a terrain: rays against convex solids, and the surface under points.
+Terrain consists of these: a `Box` for a level segment, a tread or a landing, a `Wedge` for a ramp. Each may be rotated
+about the vertical. A `SolidSet` answers queries for N points or rays and all solids at once. The loops are compiled.
 """
 
 from __future__ import annotations
