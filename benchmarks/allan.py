@@ -1,9 +1,9 @@
-"""Allan deviation of every simulated IMU at rest, against the figures of its part.
+"""Allan deviation of every simulated IMU at rest, compared with the figures of its part.
 
 `python -m benchmarks.allan [--hours 2] [--seeds 20] [--plot docs/images/allan.svg] [--json]`. The overlapping Allan
 variance of each axis (IEEE Std 952-1997, annex C) is fitted by N²/τ + B² 2 ln 2/π + K² τ/3: white noise N, bias
-instability B and rate random walk K. N² carries the noise of counting too. Intervals are those of the mean over seeds,
-of the mean over the three axes.
+instability B and rate random walk K. N² includes the quantisation noise. Confidence intervals are those of the mean
+over the seeds of the mean over the three axes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def parts() -> dict[str, ImuPart]:
 
 
 def at_rest(imu: ImuPart, seconds: float, seed: int) -> Array:
-    """(N, 6) rates and specific forces of a level sensor at rest; neither its range nor its bandwidth plays a part."""
+    """Angular rates and specific forces (N, 6) of a level sensor at rest, with unlimited range and bandwidth."""
     free = {"range": math.inf, "bandwidth_hz": math.inf}
     imu = replace(imu, gyroscope=replace(imu.gyroscope, **free), accelerometer=replace(imu.accelerometer, **free))
     told = ImuCalibration(
@@ -66,13 +66,13 @@ def at_rest(imu: ImuPart, seconds: float, seed: int) -> Array:
 
 
 def means(x: Array, rate_hz: float) -> Array:
-    """Means over the shortest averaging time: all that the longer ones are made of."""
+    """Means over the shortest averaging time, from which all longer ones are computed."""
     count = round(SHORTEST_S * rate_hz)
     return np.asarray(x[: len(x) // count * count].reshape(-1, count, x.shape[1]).mean(axis=1))
 
 
 def allan_variance(x: Array, counts: NDArray[np.int64]) -> Array:
-    """(M, K) overlapping Allan variance of (N, K) samples, averaged over (M,) counts of them."""
+    """(M, K) overlapping Allan variance of (N, K) samples, averaged over (M,) numbers of samples."""
     total = np.vstack([np.zeros((1, x.shape[1])), np.cumsum(x - x.mean(axis=0), axis=0)])
     variances = []
     for m in counts.tolist():
@@ -82,7 +82,7 @@ def allan_variance(x: Array, counts: NDArray[np.int64]) -> Array:
 
 
 def coefficients(tau: Array, variance: Array, expected: Array, seconds: float) -> Array:
-    """(3, K) fitted N², B², K², weighted by the accuracy that the expected (M,) variance would have."""
+    """(3, K) fitted N², B², K², weighted by the expected accuracy of the (M,) variances."""
     basis = np.column_stack([1 / tau, np.full(len(tau), FLOOR**2), tau / 3])
     weight = 1 / (expected * np.sqrt(tau / seconds))
     return np.linalg.lstsq(basis * weight[:, None], variance * weight[:, None], rcond=None)[0]
@@ -131,7 +131,7 @@ def measure(imu: ImuPart, seconds: float, seeds: int) -> dict[str, dict[str, Any
 
 
 def plot(results: dict[str, dict[str, dict[str, Any]]]) -> str:
-    """The gyroscopes' Allan deviations, measured and as the part's figures have them, on logarithmic axes."""
+    """Plots the gyroscopes' Allan deviations, measured and from the part's figures, on logarithmic axes."""
     tau = np.log10(next(iter(results.values()))["gyroscope"]["tau_s"])
     deviation = {n: np.log10(np.degrees(r["gyroscope"]["deviation"]) * 3600) for n, r in results.items()}
     every = np.concatenate(list(deviation.values()))

@@ -1,12 +1,12 @@
-"""The other shoe's board in rendered pictures of the twin, against the truth: how often, how exactly, how fast.
+"""Detection of the other shoe's board in rendered images of the twin: detection rate, accuracy and CPU time.
 
 `python -m benchmarks.board_detection [--json] [--seeds 1000 ...] [--scenarios level_20m ...] [--exposure-ms 2]`. Each
-walk is made anew from its seed; pictures have the blur and the noise of the twin's camera. The detector is told where
-the board may be, as a filter would: the true pose with an error of 5 mm and 1 degree, and the motion in the picture
-with an error of 10 %. Every fourth picture is also searched without being told anything. A sighting is wrong where any
-corner is off by more than a third of a square, false where the board shows the camera its back or lies outside the
-picture. A board counts as whole where all its corners are in the picture with a margin, nothing hides any, and the
-camera looks at it at less than 75 degrees from its normal.
+walk is simulated from its seed; images have the blur and the noise of the twin's camera. The detector gets a
+prediction, as from a filter: the true pose with an error of 5 mm and 1 degree, and the motion in the image with an
+error of 10 %. Every fourth image is also searched without a prediction. A detection is wrong if any corner is off by
+more than a third of a square, and false if the board faces away from the camera or is outside the image. A board
+counts as whole if all its corners are in the image with a margin, nothing hides any of them, and the camera views it
+at less than 75 degrees from its normal.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ _SHUTTER = np.linspace(-0.5, 0.5, 9)  # instants of an exposure
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
-    """One picture, and the truth about it.
+    """One image and its truth.
 
     Attributes:
-        image: Grey picture.
+        image: Grey image.
         depth: (H, W) m along the optical axis, in the middle of the exposure.
-        board: Looked for.
-        camera: Taken with.
+        board: Board to detect.
+        camera: Its camera.
         T_camera_board: (9, 4, 4) true pose through the exposure.
     """
 
@@ -75,7 +75,7 @@ class Frame:
     T_camera_board: Array
 
     def bare(self, pixels: Array, points_in_board: Array) -> bool:
-        """Whether nothing lies between the camera and points (N, 3) of the board, seen at (N, 2) pixels."""
+        """Whether points (N, 3) of the board, at (N, 2) pixels, are unoccluded."""
         column, row = np.round(pixels).astype(int).T
         z = points_in_board @ self.middle[2, :3] + self.middle[2, 3]
         return bool((self.depth[row, column] > z - HIDDEN_M).all())
@@ -87,7 +87,7 @@ class Frame:
 
 
 def frames(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> Iterator[Frame]:
-    """Pictures of both shoe cameras of one walk."""
+    """Images of both shoe cameras of one walk."""
     camera_part = part(STANDARD["foot_camera"])
     assert isinstance(camera_part, CameraPart)
     imager = replace(camera_part.imager, exposure_s=1e-3 * exposure_ms)
@@ -118,7 +118,7 @@ def frames(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> 
 
 
 def _due(motion: Motion, camera: CameraCalibration, board: Board, t_ns: int) -> Due:
-    """What the renderer is asked for."""
+    """Views for the renderer."""
     row = motion.rows(np.array([t_ns]))
     tracks = [motion.carrier(carried.mount.body)[row] for carried in (camera, board)]
     twist = np.array([np.r_[track.v_body_in_world[0], track.w_body[0]] for track in tracks])
@@ -134,7 +134,7 @@ def _relative(motion: Motion, camera: CameraCalibration, board: Board, rows: NDA
 
 
 def case(frame: Frame, detector: BoardDetector, rng: np.random.Generator, search: bool) -> dict[str, Any] | None:
-    """What the detector makes of one picture; None where there is nothing to see and nothing was seen."""
+    """Result of the detector for one image; None if no board is visible and none was detected."""
     T, camera, square = frame.middle, frame.camera, frame.board.square_m
     size = np.array([camera.width, camera.height])
     true_px = detector.predict(T)
@@ -147,7 +147,7 @@ def case(frame: Frame, detector: BoardDetector, rng: np.random.Generator, search
     shown = true_px.reshape(*(n - 1 for n in frame.board.squares[::-1]), 2)
     per_square = np.sqrt(abs(np.linalg.det(np.array([shown[4, 3] - shown[4, 2], shown[4, 2] - shown[3, 2]]))))
     cosine = abs(T[:3, 2] @ T[:3, 3]) / np.linalg.norm(T[:3, 3])
-    margin = 1.6 * per_square  # the white margin is in view as well
+    margin = 1.6 * per_square  # the white margin must be in view as well
     whole = bool(((true_px > margin) & (true_px < size - 1 - margin)).all() and cosine > np.cos(STEEP_RAD))
     whole = whole and frame.bare(true_px, detector.points_in_board)
     guess = detector.predict(_disturbed(T, rng))
@@ -174,14 +174,14 @@ def case(frame: Frame, detector: BoardDetector, rng: np.random.Generator, search
 def _timed(
     detector: BoardDetector, image: Image, guess: Array | None, way_px: Array | None
 ) -> tuple[BoardSighting | None, float]:
-    """Sighting, and the processor's time for it in ms."""
+    """Detection and its CPU time in ms."""
     start = time.thread_time()
     sighting = detector.detect(image, guess, motion_px=way_px)
     return sighting, 1e3 * (time.thread_time() - start)
 
 
 def _which(sighting: BoardSighting, detector: BoardDetector) -> NDArray[np.intp]:
-    """(M,) numbers of the corners."""
+    """(M,) indices of the corners."""
     apart = np.linalg.norm(sighting.points_in_board[:, None] - detector.points_in_board, axis=2)
     return apart.argmin(axis=1)
 
@@ -196,7 +196,7 @@ def _disturbed(T_camera_board: Array, rng: np.random.Generator) -> Array:
 def _errors(
     sighting: BoardSighting, true_px: Array, T: Array, camera: CameraCalibration, square_m: float
 ) -> dict[str, Any]:  # fmt: skip
-    """Errors of corners and pose of a sighting."""
+    """Errors of corners and pose of a detection."""
     miss, sd = Lens(camera).pixels(sighting.rays) - true_px, sighting.ray_sd * camera.intrinsics[0]
     result: dict[str, Any] = {"miss_px": miss, "sd_px": sd}
     poses = board_poses(sighting)
@@ -215,7 +215,7 @@ def _errors(
 
 
 def summary(cases: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Figures of many pictures."""
+    """Figures of many images."""
     seen = [c for c in cases if c["in_view"]]
     whole = [c for c in seen if c["whole"]]
     usable = [c for c in whole if c["blur_squares"] < 0.5 and c["per_square_px"] >= 4.0]
@@ -258,7 +258,7 @@ def _share(flags: Sequence[bool]) -> float:
 
 
 def table(cases: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
-    """Figures by size of a square and blur, of pictures that show the whole board."""
+    """Figures by size of a square and blur, for images that show the whole board."""
     rows = []
     for low, high in pairwise(PER_SQUARE_PX):
         for sharp, blurred in pairwise(BLUR_SQUARES):
@@ -282,7 +282,7 @@ def table(cases: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
 
 
 def cases_of_walk(scenario: str, seed: int, exposure_ms: float, every: int = EVERY) -> list[dict[str, Any]]:
-    """One case a picture of one walk."""
+    """One case per image of one walk."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(98,)))
     detectors: dict[str, BoardDetector] = {}
     cases = []

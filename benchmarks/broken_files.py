@@ -1,8 +1,8 @@
-"""What happens to files that are broken: every import format, mutated in many ways, read strictly and leniently.
+"""Robustness to damaged files: every import format, mutated in many ways, read strictly and leniently.
 
-A mutated source must be refused in one line, read in part with a word about it, or read as if nothing had happened
-where nothing that matters has changed. A traceback or a hang is a fault. What is read as different numbers without a
-word is counted as unnoticed: formats without a checksum cannot do better than judge by plausibility.
+A mutated source must be rejected in one line, be read in part with a warning, or be read unchanged if nothing relevant
+was changed. A traceback or a hang is a fault. Different numbers without a warning count as unnoticed: formats without
+a checksum allow only plausibility checks.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ OUTCOMES = ("refused", "told", "harmless", "unnoticed", "traceback", "hang")
 
 @dataclass(frozen=True)
 class Trial:
-    """One mutated source: what was done to it, what came of it, and what was said."""
+    """One mutated source: the mutation, the outcome and the messages."""
 
     mutation: str
     outcome: str
@@ -47,7 +47,7 @@ class _HangError(BaseException):
 
 
 def mutated(source: Path, rng: np.random.Generator) -> str:
-    """Breaks one file of a source, in place; returns what was done."""
+    """Damages one file of a source in place; returns a description of the mutation."""
     files = sorted(p for p in ([source] if source.is_file() else source.rglob("*")) if p.is_file())
     file = files[int(rng.integers(len(files)))]
     is_text = file.suffix in (".csv", ".txt", ".yaml")
@@ -172,7 +172,7 @@ def _change_table(file: Path, rng: np.random.Generator) -> str:
 
 
 def contents(path: Path, lenient: bool) -> tuple[dict[str, Any], list[str]]:
-    """Everything that a source says, in a form that can be compared, and what had to be said about it."""
+    """The contents of a source in a comparable form, and the reported problems."""
     recording = open_any(path, lenient)
     read: dict[str, list[Any]] = {}
     for sample in recording.samples():
@@ -192,7 +192,7 @@ def _numbers(sample: Sample) -> Any:
 
 
 def same(a: dict[str, Any], b: dict[str, Any]) -> bool:
-    """Whether two sources say the same to 1e-12."""
+    """Whether two sources have equal contents to 1e-12."""
     if a.keys() != b.keys() or any(len(a[k]) != len(b[k]) for k in a):
         return False
     pairs = ((x, y) for k in a for x, y in zip(a[k], b[k]))
@@ -214,7 +214,7 @@ def _alarm(seconds: int) -> Iterator[None]:
 
 
 def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[str, str]:
-    """Outcome of reading a broken source, strictly and then leniently, and what was said."""
+    """Outcome of reading a damaged source, strictly and then leniently, and the messages."""
     outcome, said = "", ""
     for lenient in (False, True):
         try:
@@ -239,7 +239,7 @@ def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[st
 
 
 def trials(name: str, count: int, seed: int = 0) -> list[Trial]:
-    """Breaks a format's file `count` times."""
+    """Damages a format's file `count` times."""
     rng = np.random.default_rng([seed, *name.encode()])
     found = []
     with tempfile.TemporaryDirectory() as folder:

@@ -1,15 +1,15 @@
-"""What a campaign is worth whose making was killed: SIGKILL at random times during `generate CAMPAIGN`.
+"""Robustness of campaigns to SIGKILL at random times during `generate CAMPAIGN`.
 
 `python -m benchmarks.campaign_kills [--kills 200] [--workers 1] [--walks 5] [--json]` kills `stridetwin generate` on a
-campaign of so many short walks, each time at another moment of its life, lets the next one go on in the same folder,
-and demands of every kill that
+campaign of the given number of short walks at random times, resumes it in the same folder, and checks after every kill
+that
 
-- no file stands under a visible name unless it is whole: recordings, scenarios, rows, manifest and card have the bytes
-  of a campaign that was never disturbed;
-- no walk that was finished is lost or made again;
+- every file under a visible name is complete: recordings, scenarios, rows, manifest and card have the bytes of an
+  undisturbed campaign;
+- no finished walk is lost or generated again;
 - the campaign ends with the bytes of the undisturbed one.
 
-With two workers it is the process of the command itself that is killed; its workers end by themselves.
+With two workers, the command's own process is killed; its workers end by themselves.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ set:
 
 
 def start(campaign: Path, folder: Path, workers: int) -> int:
-    """Runs `generate` in a child; returns its process number."""
+    """Runs `generate` in a child process; returns its process id."""
     child = os.fork()
     if child == 0:
         code = 70
@@ -63,7 +63,7 @@ def start(campaign: Path, folder: Path, workers: int) -> int:
 
 
 def visible(folder: Path) -> dict[str, bytes]:
-    """The files that somebody sees, by name."""
+    """The visible files by name."""
     files = (p for p in folder.rglob("*") if not any(part.startswith(".") for part in p.relative_to(folder).parts))
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(files) if p.is_file()}
 
@@ -74,7 +74,7 @@ def rows(folder: Path) -> dict[str, int]:
 
 
 def measure_kills(kills: int, workers: int = 1, walks: int = 5, seed: int = 0) -> dict[str, float]:
-    """Kills so many runs of a campaign of so many walks; raises AssertionError where one leaves what it should not."""
+    """Kills the given number of runs of a campaign; raises AssertionError if a check fails."""
     rng = np.random.default_rng(seed)
     counts = {"kills": 0.0, "with_walks_before": 0.0, "campaigns_completed": 0.0, "walks_kept": 0.0}
     with tempfile.TemporaryDirectory() as name:
@@ -123,7 +123,7 @@ def _life(campaign: Path, folder: Path, workers: int) -> float:
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:
-    """Figures as an experiment tells them."""
+    """Figures in the form of an experiment's."""
     figures = measure_kills(arguments.kills, arguments.workers, arguments.walks)
     return {
         "experiment": "campaign_kills",

@@ -1,7 +1,7 @@
-"""Simulated walks: do they stand, what held the root, how the ground pushed, how far feet slip and sink, how fast.
+"""Simulated walks: falls, force at the root, contact forces, slip and penetration of the feet, computing time.
 
 Run as `python -m benchmarks.dynamics [--json] [--seeds 1000 1001 ...] [--suites plain assist ...] [--workers 2]`.
-Each seed is a person and a speed of its own. `plain` walks every terrain with nothing but the ground; `assist` the same
+Each seed has its own person and speed. `plain` walks every terrain supported by the ground alone; `assist` the same
 with the soft assist; `disturbed` the level and the stairs with each disturbance and with all, and the assist;
 `unaided` the same without it; `pushes` pushes and missteps without it; `turns` turns and a loop with the assist.
 """
@@ -43,7 +43,7 @@ from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
 SPEEDS_MPS = (0.6, 1.4)
-_WALK_S = 16.0  # of walking on the level; standing, start and stop make it 20 s and more
+_WALK_S = 16.0  # of walking on the level; with standing, start and stop at least 20 s
 _ENDS: tuple[Segment, Segment] = (Level(length_m=3.0), Level(length_m=3.0))
 _RAMP_RAD = math.radians(14.0)
 TERRAINS: dict[str, tuple[Segment, ...]] = {
@@ -73,8 +73,8 @@ ALLOWED = {
     "pushes": {},
     "turns": {"fell": 0, "root_mean_pct": 3},
 }
-_STEADY_S = 1.0  # at both ends of a walk, left out of the forces
-_FIRM = 0.10  # of the body weight on a foot from which on it must not slip
+_STEADY_S = 1.0  # excluded from the forces at both ends of a walk
+_FIRM = 0.10  # load on a foot, share of the body weight, above which it must not slip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class Case:
 
 
 def subject(seed: int) -> tuple[Person, float]:
-    """A person and a speed of one's own for each seed."""
+    """The person and the speed of a seed."""
     rng = np.random.default_rng(seed)
     height = float(rng.uniform(1.58, 1.90))
     person = Person(height_m=height, mass_kg=float(rng.uniform(20.0, 27.0)) * height**2, sex="male")
@@ -125,7 +125,7 @@ def cases(suite: str, seed: int) -> Iterator[Case]:
 
 
 def measure(case: Case) -> dict[str, float]:
-    """All figures of one walk; only `unplanned` where the plan finds no way for the legs."""
+    """All figures of one walk; only `unplanned` if the planner finds no solution for the legs."""
     started = time.process_time()
     try:
         twin = Twin(case.config, case.seed)
@@ -168,7 +168,7 @@ def root_help(twin: Twin, walk: SimulatedWalk) -> tuple[Array, Array]:
 
 
 def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
-    """How far the toe hinge wanders over the ground in each stance while the ball carries firmly, m."""
+    """How far the toe hinge slips on the ground in each stance while the ball is firmly loaded, m."""
     weight, found = NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0]), []
     hinge = np.array([twin.size.shoe.toe_hinge_x, 0.0, twin.size.shoe.toe_hinge_z])
     for k, side in enumerate(SIDES):
@@ -185,7 +185,7 @@ def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
 
 
 def penetration(twin: Twin, walk: SimulatedWalk) -> float:
-    """Deepest point of a flat foot's heel and hinge under the floor that there is, m."""
+    """Deepest point of a flat foot's heel and hinge below the actual floor, m."""
     floor = (twin.config.dynamics or Dynamics()).floor_offset_m
     motion, deepest = motion_at(twin, np.arange(0.0, walk.duration_s, 0.005)), 0.0
     for side in SIDES:
@@ -198,7 +198,7 @@ def penetration(twin: Twin, walk: SimulatedWalk) -> float:
 
 
 def summed(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Counts of walks and falls, and the worst of every other figure."""
+    """Numbers of walks and falls, and the worst of every other figure."""
     how = {"unplanned": sum, "fell": sum, "times_real": min, "times_real_with_plan": min}
     keys = dict.fromkeys(key for row in rows for key in row)
     return {"walks": len(rows)} | {k: how.get(k, max)([r[k] for r in rows if k in r]) for k in keys}
@@ -209,7 +209,7 @@ def _words(row: dict[str, float]) -> str:
 
 
 def main() -> None:
-    """Prints the worst of each figure beside what is allowed, or one JSON object."""
+    """Prints the worst of each figure beside its limit, or one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1000, 1020)))

@@ -1,9 +1,9 @@
-"""Every terrain of the catalogue in every pattern: does the walk plan, and does the walker get to the end.
+"""Every terrain of the catalogue in every pattern: can the walk be planned, and does the walker reach the end?
 
 Run as `python -m benchmarks.every_walk [--json] [--physics dynamic [--assist]] [--terrains NAME ...]
-[--manners NAME ...]`; one line a combination: ok, what it was refused for, when the walker fell, or what no walk may do
-(soles in the ground, slip; more help at the root than 3 % of the body weight). Exit code 1 where a combination is not
-ok. All of it is a night's work.
+[--manners NAME ...]`; prints one line per combination: ok, why it was refused, when the walker fell, or which limit it
+exceeds (soles in the ground, slip; mean assist force at the root above 3 % of the body weight). The exit code is 1 if a
+combination is not ok. All combinations take a night.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ HELP_MEAN_PCT = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How one combination went.
+    """Result of one combination.
 
     Attributes:
         verdict: ok, refused, fell or wrong.
-        why: Reason, where it is not ok.
+        why: Reason, if it is not ok.
         duration_s: Length of the walk.
-        help_mean_pct: Mean force of the assist at the root, % of the body weight; None of a walk that was not
+        help_mean_pct: Mean force of the assist at the root, % of the body weight; None for a walk that was not
             simulated with it. `help_p95_pct` and `help_max_pct` likewise.
-        wall_s: What it took.
+        wall_s: Wall-clock time of the computation.
     """
 
     terrain: str
@@ -63,7 +63,7 @@ class Outcome:
 
 
 def walk(terrain: str, manner: str, physics: str, dynamics: Dynamics | None, seed: int) -> Outcome:
-    """One combination, without sensors."""
+    """Computes one combination, without sensors."""
     config = replace(
         load_scenario(terrain).config, gait=MANNERS[manner], physics=physics, dynamics=dynamics, sensors=()
     )
@@ -80,7 +80,7 @@ def walk(terrain: str, manner: str, physics: str, dynamics: Dynamics | None, see
 
 
 def _help(twin: Twin) -> dict[str, float]:
-    """What the assist gave, % of the body weight."""
+    """Force of the assist, % of the body weight."""
     walk = twin.walk
     if not isinstance(walk, SimulatedWalk) or not (twin.config.dynamics and twin.config.dynamics.assist):
         return {}
@@ -96,7 +96,7 @@ def _judge(twin: Twin, given: dict[str, float]) -> tuple[str, str]:
         return "fell", f"at {twin.fell_at:.1f} s"
     if given.get("help_mean_pct", 0.0) > HELP_MEAN_PCT:
         return "wrong", f"help {given['help_mean_pct']:.1f} % of the body weight, allowed {HELP_MEAN_PCT:g}"
-    if twin.config.physics == "dynamic":  # real contacts sink in and slip: benchmarks.dynamics measures how much
+    if twin.config.physics == "dynamic":  # real contacts sink in and slip: see benchmarks.dynamics
         return "ok", ""
     found = {"penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
              "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES)}  # fmt: skip
@@ -105,7 +105,7 @@ def _judge(twin: Twin, given: dict[str, float]) -> tuple[str, str]:
 
 
 def main() -> int:
-    """Prints one line a combination, or one JSON object."""
+    """Prints one line per combination, or one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--physics", choices=PHYSICS, default="kinematic")

@@ -1,8 +1,8 @@
-"""Whether the one-foot filter's parameters are made for the walks that they were chosen on.
+"""Whether the one-foot filter's parameters are overfitted to the walks on which they were chosen.
 
-`python -m benchmarks.foot_ins_real --halves`. The walks are dealt alternately into two halves. On each, the parameters
-of `START` are tuned from round values by coordinate search and scored on the other half, beside the one set that
-`FootInsParameters` has. All else stays as it is there.
+`python -m benchmarks.foot_ins_real --halves`. The walks are split alternately into two halves. On each half, the
+parameters of `START` are tuned from round values by coordinate search and scored on the other half, beside the values
+in `FootInsParameters`. All other parameters keep their values there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 from benchmarks.real_walks import ViconWalk, armse, spread
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters
 
-START = {  # orders of magnitude that a consumer sensor and a shoe suggest
+START = {  # typical orders of magnitude for a consumer sensor and a shoe
     "gyro_noise_radps_rthz": 0.003,
     "accel_noise_mps2_rthz": 0.003,
     "accel_motion_noise_per_rthz": 0.003,
@@ -25,7 +25,7 @@ START = {  # orders of magnitude that a consumer sensor and a shoe suggest
     "floor_sd_m": 0.01,
 }
 STEPS = (3.0, 3.0**0.5, 3.0**0.25)  # factors, one sweep each
-BOUND = 10.0  # no parameter leaves its start by more than this factor
+BOUND = 10.0  # largest factor between a parameter and its start
 
 
 def errors(walks: Sequence[ViconWalk], parameters: FootInsParameters) -> list[float]:
@@ -34,10 +34,9 @@ def errors(walks: Sequence[ViconWalk], parameters: FootInsParameters) -> list[fl
 
 
 def tuned(walks: Sequence[ViconWalk]) -> dict[str, float]:
-    """The parameters of `START` that give the least mean error on some walks.
+    """The parameters of `START` with the least mean error on some walks.
 
-    One after the other is moved by a factor, on in the same direction while that gains; the factor shrinks from sweep
-    to sweep.
+    Each in turn is changed by a factor, repeatedly while the error decreases; the factor shrinks from sweep to sweep.
     """
     best = dict(START)
     least = _mean(walks, best)

@@ -1,7 +1,7 @@
 """The one-foot inertial navigation on real recordings: one parameter set, two data sets, four disturbances.
 
-`python -m benchmarks.foot_ins_real [--json] [--halves]`. The recordings are looked for as `real_walks` says. With
-`--halves` the parameters are tuned on one half of the walks and scored on the other (`foot_ins_halves`).
+`python -m benchmarks.foot_ins_real [--json] [--halves]`. `real_walks` finds the recordings. With `--halves` the
+parameters are tuned on one half of the walks and scored on the other (`foot_ins_halves`).
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ PUBLISHED = {  # 2-D ARMSE in m on the same walks (pyshoe's filter, one threshol
 
 
 def halved_rate(walk: ViconWalk) -> ViconWalk:
-    """As a sensor of half the rate would give it: means over pairs of samples."""
+    """The samples of a sensor of half the rate: means over pairs of samples."""
     n = len(walk.imu) // 2 * 2
     columns = {k: v[:n].reshape(-1, 2, 3).mean(1) for k, v in walk.imu.columns.items()}
     return replace(walk, imu=replace(walk.imu, t_ns=walk.imu.t_ns[1:n:2], columns=columns), truth=walk.truth[1:n:2])
 
 
 def stretched(walk: ViconWalk, factor: float) -> ViconWalk:
-    """The same way, walked in `factor` times the time: rates / factor, accelerations / factor².
+    """The same path, walked in `factor` times the time: rates / factor, accelerations / factor².
 
-    Which part of the force is gravity is taken from the filter's own attitude.
+    The filter's own attitude separates gravity from the specific force.
     """
     p = FootInsParameters()
     path = FootIns(parameters=p).run(walk.imu)
@@ -76,7 +76,7 @@ def biased(walk: ViconWalk, bias: float, rng: np.random.Generator) -> ViconWalk:
 
 
 def estimate(imu: Block[Imu]) -> FootInsPath:
-    """The path with the one set of parameters, no calibration known."""
+    """The path with the single parameter set and unknown calibration."""
     return FootIns().run(imu)
 
 
@@ -102,11 +102,11 @@ def marker_errors(feet: Sequence[MarkerWalk], paths: Sequence[FootInsPath]) -> d
 
 
 def both_feet(feet: Sequence[MarkerWalk], start: dict[str, StartPose] | None) -> dict[str, Any]:
-    """Errors of both feet of `dual_foot_walk` in one filter, no calibration told, and of their distance.
+    """Errors of both feet of `dual_foot_walk` in one filter with unknown calibration, and of their distance.
 
     Args:
         feet: Left and right.
-        start: By `l` and `r`; None = side by side, a guess.
+        start: By `l` and `r`; None assumes that they are side by side.
 
     Returns:
         `marker_errors`, and how far the horizontal distance of the sensors differs from that of the feet's middles, m.
@@ -136,7 +136,7 @@ def both_feet(feet: Sequence[MarkerWalk], start: dict[str, StartPose] | None) ->
 
 
 def known_start(foot: MarkerWalk) -> StartPose:
-    """Where the markers see the foot at first; heading so that the way out, as one foot alone finds it, agrees."""
+    """Start pose from the markers; its heading aligns the one-foot path with theirs at the farthest point."""
     path, t = estimate(foot.imu).trajectory.p_frame_in_world, foot.imu.t_ns * 1e-9
     way = foot.middle - foot.middle[0]
     far = int(np.nanargmax(np.linalg.norm(way, axis=1)))

@@ -1,9 +1,9 @@
 """The one-foot inertial navigation on the twin: three scenarios, both feet, noisy sensors, known truth.
 
-`python -m benchmarks.foot_ins_twin [--json] [--seeds 1000 1001 ...]`. Each walk is made anew from its seed,
-with the foot IMUs alone; the filter is told the sensor's calibration, no start pose. Errors are those of
-`stridetwin score`: in 3-D, after the paths agree in position and heading where the filter has found the
-vertical. The same walks go through the smoother.
+`python -m benchmarks.foot_ins_twin [--json] [--seeds 1000 1001 ...]`. Each walk is simulated from its seed with the
+foot IMUs alone; the filter gets the sensor's nominal calibration, but no start pose. Errors are those of `stridetwin
+score`: 3-D, after alignment of position and heading where the filter has found the vertical. The same walks go through
+the smoother.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LAG_S = 1.0
 
 
 def joined(pieces: Sequence[Block[Any]]) -> Block[Any]:
-    """One block of consecutive pieces of a topic."""
+    """Consecutive blocks of a topic, joined."""
     columns = {name: np.concatenate([b.columns[name] for b in pieces]) for name in pieces[0].columns}
     return replace(pieces[0], t_ns=np.concatenate([b.t_ns for b in pieces]), columns=columns)
 
@@ -52,7 +52,7 @@ def feet_of_walk(scenario: str, seed: int) -> dict[str, tuple[Rig, Block[Imu], T
 
 
 def scores_of_walk(scenario: str, seed: int, lag_s: float | None = None) -> dict[str, Scores]:
-    """Scores of each foot in one walk, and `swing_error_m`; by the smoother where there is a lag."""
+    """Scores of each foot in one walk, and `swing_error_m`; with a lag, those of the smoother."""
     scores = {}
     for foot, (rig, imu, truth) in feet_of_walk(scenario, seed).items():
         path = FootIns.batch(rig, Options(foot=foot, lag_s=lag_s)).run(imu)
@@ -65,7 +65,7 @@ def scores_of_walk(scenario: str, seed: int, lag_s: float | None = None) -> dict
 def swing_error(
     comparison: Comparison, swing_mps: float = 0.3, stance_mps: float = 0.05, stance_s: float = 0.08
 ) -> float:
-    """What the swings add to the error: RMS over them, less the straight line between the errors of the stances, m."""
+    """Error added by the swings: RMS over them minus the straight line between the errors of the stances, m."""
     t, error = comparison.truth.t_ns * 1e-9, comparison.error_m
     speed = np.linalg.norm(np.gradient(comparison.truth.p_frame_in_world, t, axis=0), axis=1)
     stances = np.flatnonzero(np.diff(np.r_[0, speed < stance_mps, 0])).reshape(-1, 2)

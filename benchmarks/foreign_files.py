@@ -1,4 +1,4 @@
-"""Small recordings in every format that can be imported, written without our own writers; tests share them."""
+"""Small recordings in every import format, written without the project's own writers; tests share them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ K = (26.0, 26.5, 15.5, 11.5)
 
 
 class Walk:
-    """What every one of the files holds: 2 s of an IMU, pictures, depth and a true path.
+    """The common contents of the files: 2 s of an IMU, images, depth and a true path.
 
     Attributes:
         t: (N,) ns, IMU and truth.
@@ -36,7 +36,7 @@ class Walk:
         q: (N, 4) w, x, y, z.
         t_pictures: (M,) ns.
         colour: (M, H, W, 3) RGB.
-        depth_mm: (M, H, W), with a 0 and a 65535, which both mean none.
+        depth_mm: (M, H, W), including a 0 and a 65535, which both mean no depth.
     """
 
     def __init__(self, seed: int = 5) -> None:
@@ -160,7 +160,7 @@ def write_rosbag2_mcap(folder: Path, walk: Walk) -> Path:
 def write_foreign_mcap(
     folder: Path, walk: Walk, compression: CompressionType = CompressionType.LZ4, chunked: bool = True
 ) -> Path:
-    """As the mcap library writes it, with its CRCs."""
+    """A file as the mcap library writes it, with its CRCs."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     path = folder / "robot.mcap"
     with path.open("wb") as file:
@@ -187,7 +187,7 @@ FORMATS: dict[str, Callable[[Path, Walk], Path]] = {
 
 
 class _McapFeed:
-    """The mcap library's writer, called as those of rosbags are."""
+    """The mcap library's writer, with the interface of the rosbags writers."""
 
     def __init__(self, writer: Writer) -> None:
         self._writer = writer
@@ -211,7 +211,7 @@ def _rosbag2(folder: Path, walk: Walk, storage: StoragePlugin) -> Path:
 
 
 def _feed(writer: Any, store: Any, walk: Walk, serialise: Callable[[Any, str], Any], seq: bool = False) -> None:
-    """Messages under the names that a RealSense driver and a motion capture system give them, in order of time."""
+    """Messages under the topic names of a RealSense driver and of a motion capture system, in time order."""
     names = {
         "/camera/imu": "sensor_msgs/msg/Imu",
         "/camera/color/image_raw": "sensor_msgs/msg/Image",

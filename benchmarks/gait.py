@@ -1,7 +1,7 @@
-"""The walk as a body sees it: depth of the soles in the ground, slip in stance, joint ranges, landing on stairs.
+"""Consistency of the walk: penetration of the soles, slip in stance, joint ranges, foot pitch at landing on stairs.
 
 Run as `python -m benchmarks.gait [--json] [--seeds 1000 1001 ...]`; walks `level_20m`, `stair_up_down`,
-`ramp_up_down`, `turns` and `cross_slope` and prints the worst over feet and seeds beside what is allowed.
+`ramp_up_down`, `turns` and `cross_slope` and prints the worst over feet and seeds beside the limit.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def penetration(twin: Twin, side: str) -> float:
 
 
 def slip(twin: Twin, side: str) -> float:
-    """Largest way along one axis that the carrying pivot (heel's edge or toe hinge) makes in one stance, m."""
+    """Largest movement along one axis of the loaded pivot (heel edge or toe hinge) in one stance, m."""
     shoe, worst = twin.size.shoe, 0.0
     for step in twin.walk.steps[side]:
         t = np.arange(max(step.t_touch, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
@@ -61,7 +61,7 @@ def slip(twin: Twin, side: str) -> float:
 
 
 def joint_range_deg(twin: Twin, joint: str) -> tuple[float, float]:
-    """Smallest and largest angle of a leg joint on either side, degrees."""
+    """Smallest and largest angle of a leg joint over both sides, degrees."""
     values = np.degrees(twin.walk.splines(np.arange(0.0, twin.duration_s, 0.005)))
     columns = [i for i, n in enumerate(twin.walk.coordinates.names) if n in (f"{joint}_l", f"{joint}_r")]
     return float(values[:, columns].min()), float(values[:, columns].max())

@@ -1,9 +1,9 @@
-"""How human the walk is: joint angles, moments, ground reaction and foot motion beside published bands.
+"""Comparison with human gait: joint angles, moments, ground reaction and foot motion beside published bands.
 
 Run as `python -m benchmarks.gait_norms [--json] [--plots DIR] [--speeds 0.8 1.1 1.3] [--terrain level stairs ramps]`.
 On the level three bodies walk 20 m at each speed, as planned and as simulated, without exoskeleton and with it; the
 mean of the strides in the middle is compared over the gait cycle with Schwartz, Rozumalski & Trost 2008 (the speed
-group nearest by v / sqrt(g leg)). The other bands stand in evaluation/reference/gait_norms.yaml.
+group nearest by v / sqrt(g leg)). The other bands are in evaluation/reference/gait_norms.yaml.
 """
 
 from __future__ import annotations
@@ -57,20 +57,21 @@ TERRAINS: dict[str, tuple[Segment, ...]] = {
     ),
 }  # fmt: skip
 _MODES = {"stairs": {"ascent": "SA", "descent": "SD"}, "ramps": {"ascent": "RA", "descent": "RD"}}
-NORM_LEG = 0.967  # the norms' leg (pelvis to ankle) in legs of the model (hip centre to sole)
-# The norms were walked barefoot. The shoe's sole is 28 mm thick under the heel and 22 mm under the toes, 176 mm ahead
-# (assets/mjcf/shoe_*.xml): the foot in it points down by so much more than the sole that the ankle's angle refers to.
+NORM_LEG = 0.967  # leg of the norms (pelvis to ankle) as a share of the model's (hip centre to sole)
+# The norms were measured barefoot. The shoe's sole is 28 mm thick under the heel and 22 mm under the toes, 176 mm ahead
+# (assets/mjcf/shoe_*.xml): the foot inside is pitched down by this slope relative to the sole, to which the ankle's
+# angle refers.
 SHOE_DROP_DEG = float(np.degrees(np.arctan2(0.028 - 0.022, 0.176)))
 _CYCLE = np.linspace(0.0, 100.0, 51)
 _RATE_HZ, _EDGE_STEPS = 200, 5
 _LOADED_BW = 0.05
-_BEYOND = 0.03  # of the shoe's length that a centre of pressure may lie beyond its ends: 8 mm
+_BEYOND = 0.03  # of the shoe's length: tolerance of the centre of pressure beyond its ends, 8 mm
 _IMU_IN_FOOT_M = (-0.045, 0.0, 0.05)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One walk: what to call it, its figures and the curves over the cycle, by quantity of the norms."""
+    """One walk: its label, its figures and its curves over the cycle, by quantity of the norms."""
 
     labels: dict[str, str | float]
     figures: dict[str, float]
@@ -90,7 +91,7 @@ def walk(route: tuple[Segment, ...], person: Person, speed_mps: float, exo: bool
 
 
 def inside(curve: Array, group: str, quantity: str, limit: float) -> float:
-    """Share of the cycle, %, in which a curve on `_CYCLE` lies within so many standard deviations."""
+    """Share of the cycle, %, in which a curve on `_CYCLE` is within the given number of standard deviations."""
     _, mean, sd = level_norm(group, quantity)
     return 100.0 * float((np.abs(curve - mean) <= limit * sd).mean())
 
@@ -115,7 +116,7 @@ class Strides:
                               for a, b in self.steps]))  # fmt: skip
 
     def stance(self) -> float:
-        """Mean share of the cycle that the foot is on the ground."""
+        """Mean stance share of the cycle."""
         return float(np.mean([(a.t_off - a.t_touch) / (b.t_touch - a.t_touch) for a, b in self.steps]))
 
 
@@ -189,7 +190,7 @@ def _ground_reaction(curve: Array, stance: float) -> dict[str, float]:
 
 
 def _pressure(twin: Twin, side: str, strides: Strides, load: FootLoad, motion: Motion) -> dict[str, float]:
-    """Where the centre of pressure is early and late, shares of the shoe from the heel, and how much lies inside."""
+    """Centre of pressure early and late in stance, shares of the shoe from the heel, and its share inside the sole."""
     shoe, t, weight = twin.size.shoe, motion.t_ns * 1e-9, float(twin.model.body_subtreemass[0]) * NOMINAL_GRAVITY_MPS2
     x, early, late = [], [], []
     for step, _ in strides.steps:
@@ -239,7 +240,7 @@ def slope_case(twin: Twin, terrain: str, labels: dict[str, str | float]) -> Case
         for side in SIDES:
             own = twin.walk.steps[side]
             for a, b in pairwise(own):
-                if a.mode != mode or b.mode != mode:  # from one step of the flight to the next but one
+                if a.mode != mode or b.mode != mode:  # both footprints of the stride must be on the flight
                     continue
                 rows = (t >= a.t_touch) & (t <= b.t_touch)
                 on |= rows
@@ -255,7 +256,7 @@ def slope_case(twin: Twin, terrain: str, labels: dict[str, str | float]) -> Case
 
 
 def slope_bands(terrain: str) -> dict[str, tuple[float, float]]:
-    """Bands of `slope_case`'s figures; none are known on ramps."""
+    """Bands of `slope_case`'s figures; ramps have none."""
     bands: dict[str, tuple[float, float]] = {}
     if terrain == "stairs":
         norms = reference("gait_norms")["stairs"]
@@ -266,7 +267,7 @@ def slope_bands(terrain: str) -> dict[str, tuple[float, float]]:
 
 
 def draw(case: Case, folder: Path) -> None:
-    """One SVG a quantity: the norm's band of one and two standard deviations, and the walk's curve."""
+    """One SVG per quantity: the norm's bands of one and two standard deviations, and the walk's curve."""
     name = "_".join(str(v) for v in case.labels.values()).replace(" ", "").replace(",", "_")
     for quantity, curve in case.curves.items():
         bands = []
@@ -298,7 +299,7 @@ def cases(terrain: str, speeds: list[float], bodies: list[str], manners: list[st
 
 
 def table(rows: list[Case], bands: Mapping[str, tuple[float, float]]) -> str:
-    """Figures beside their bands; a star marks what lies outside."""
+    """Figures beside their bands; a star marks values outside."""
     lines = [f"{'':34}" + " ".join(f"{str(case.labels['body'])[:6]:>7}" for case in rows)]
     lines.append(f"{'asked, m/s':34}" + " ".join(f"{case.labels['asked']:7.2f}" for case in rows))
     for key in rows[0].figures:

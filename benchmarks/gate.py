@@ -1,13 +1,13 @@
-"""Does the gate see what is worse, and only that: injected regressions on the same walks, unchanged code on fresh ones.
+"""Sensitivity of the gate: it must detect injected regressions on the same walks, and pass unchanged code on new ones.
 
-`python -m benchmarks.gate [--walks 30] [--fresh 20] [--folder runs/gate] [--json]` makes walks of ten seconds without
-cameras (`benchmarks.speed.campaign`), scores `foot_ins` and `contact_terrain` on them as they are, and
+`python -m benchmarks.gate [--walks 30] [--fresh 20] [--folder runs/gate] [--json]` generates walks of ten seconds
+without cameras (`benchmarks.speed.campaign`), scores `foot_ins` and `contact_terrain` on them as they are, and
 
-- with each of `REGRESSIONS` on the same `--walks` walks: found is one whose estimator the gate calls worse. How much
-  worse it is is told by the composite of its errors, and by their means, over these walks.
-- unchanged on `--fresh` groups of as many other walks: whatever the gate calls worse there is a false alarm.
+- with each of `REGRESSIONS` on the same `--walks` walks: a regression is detected if the gate calls its estimator
+  worse. Its size is measured by the composite of its errors, and by their means, over these walks.
+- unchanged on `--fresh` groups of the same number of other walks: anything that the gate calls worse is a false alarm.
 
-Walks and scores stay in the folder, and are taken from there the next time.
+Walks and scores stay in the folder and are reused by the next run.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ Columns = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Regression:
-    """Something wrong with an estimator.
+    """A regression of an estimator.
 
     Attributes:
-        name: In few words.
+        name: Short description.
         estimator: FOOT or STEPS.
-        imu: Changes the columns of a foot's IMU, which it may write into.
+        imu: Changes the columns of a foot's IMU, possibly in place.
         sample: Changes a sample of the exoskeleton.
         parameters: Factors of the filter's parameters.
-        source: A line of the filter's sources, and what stands there instead.
+        source: A line of the filter's sources, and its replacement.
     """
 
     name: str
@@ -74,7 +74,7 @@ def noise(column: str, sd: float) -> Callable[[Columns, np.random.Generator], No
 
 
 def drift(column: str, *end: float) -> Callable[[Columns, np.random.Generator], None]:
-    """A bias that grows over the walk."""
+    """Adds a bias that grows over the walk."""
 
     def act(columns: Columns, rng: np.random.Generator) -> None:
         columns[column] += np.linspace(0.0, 1.0, len(columns[column]))[:, None] * np.array(end)
@@ -90,7 +90,7 @@ def scale(column: str, factor: float) -> Callable[[Columns, np.random.Generator]
 
 
 def late(column: str, share: float) -> Callable[[Columns, np.random.Generator], None]:
-    """A column is late by a share of a sample."""
+    """Delays a column by a share of a sample."""
 
     def act(columns: Columns, rng: np.random.Generator) -> None:
         x = columns[column]
@@ -107,7 +107,7 @@ def rounded(column: str, step: float) -> Callable[[Columns, np.random.Generator]
 
 
 def held(share: float) -> Callable[[Columns, np.random.Generator], None]:
-    """Some samples are those before them once more."""
+    """Replaces some samples by the previous ones."""
 
     def act(columns: Columns, rng: np.random.Generator) -> None:
         again = np.flatnonzero(rng.random(len(columns["angular_rate"])) < share)
@@ -178,7 +178,7 @@ REGRESSIONS = (
 
 
 class Spoilt:
-    """A recording of which some samples are others."""
+    """A recording with some samples replaced."""
 
     def __init__(self, recording: Recording, how: Regression) -> None:
         self._recording, self._how = recording, how
@@ -220,7 +220,7 @@ _FOLDER = Path(tempfile.gettempdir()) / "stridetwin-gate-mutants"
 
 
 def _mutant(how: Regression) -> Any:
-    """The filter with one line of its sources changed: a package of its own, compiled where it lies."""
+    """The filter with one line of its sources changed: a package of its own, compiled in its folder."""
     assert how.source is not None
     name = "mutant_" + re.sub(r"\W", "_", how.name)
     folder = _FOLDER / name
@@ -241,7 +241,7 @@ def _mutant(how: Regression) -> Any:
 
 
 def scores_of(path: Path, how: Regression | None, cached: dict[Path, Recording]) -> dict[str, dict[str, float]]:
-    """What the estimators get on a walk; with a regression, the one that has it."""
+    """Scores of the estimators on a walk; with a regression, only those of the affected estimator."""
     if path not in cached:
         cached.clear()
         cached[path] = Recording(path)
@@ -257,7 +257,7 @@ def scores_of(path: Path, how: Regression | None, cached: dict[Path, Recording])
 
 
 def table(paths: Sequence[Path], how: Regression | None, folder: Path) -> list[dict[str, Any]]:
-    """Rows of `score --json`, of which those that are in the folder are not made again."""
+    """Rows of `score --json`; those in the folder are reused."""
     name = "as_it_is" if how is None else re.sub(r"\W", "_", f"{how.name}")
     file = folder / "scores" / f"{name}.jsonl"
     file.parent.mkdir(exist_ok=True)
@@ -283,7 +283,7 @@ def as_table(rows: Sequence[dict[str, Any]], names: Iterable[str] | None = None)
 
 
 def walks(folder: Path, seed: int, count: int) -> list[Path]:
-    """Recordings of so many accepted walks of the campaign with a seed; those that are there are not made again."""
+    """Recordings of the given number of accepted walks of a campaign with a seed; existing ones are reused."""
     (folder / "campaign").mkdir(parents=True, exist_ok=True)
     options = Options(folder=folder / f"walks_{seed}", subset=count, seed=seed)
     done = generate(write_campaign(folder / "campaign"), options, lambda *_: None)
@@ -291,7 +291,7 @@ def walks(folder: Path, seed: int, count: int) -> list[Path]:
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:
-    """What was found of what was injected, and what was alarmed at for nothing."""
+    """Detected regressions and false alarms."""
     folder, rules = arguments.folder, Rules()
     same = walks(folder, 0, arguments.walks)
     as_it_is = table(same, None, folder)

@@ -1,14 +1,14 @@
-"""What a recording is worth whose making was killed: SIGKILL at random times during `generate`.
+"""Robustness of a recording to SIGKILL at random times during `generate`.
 
-`python -m benchmarks.kills [--kills 200] [--json]` kills `stridetwin generate` on a short walk without cameras, each
-time at another moment of its life, and demands that
+`python -m benchmarks.kills [--kills 200] [--json]` kills `stridetwin generate` on a short walk without cameras at
+random times, and checks that
 
-- no recording stands under the final name, unless it is whole;
-- what stands under the hidden name reads (`--lenient`) up to its last whole chunk, sample for sample;
-- another `generate` completes, with the bytes of one that was never disturbed.
+- a recording under the final name is complete;
+- the file under the hidden name is readable (`--lenient`) up to its last complete chunk, sample for sample;
+- another `generate` completes, with the bytes of an undisturbed one.
 
-Each `generate` runs in a forked child, and the walk is planned before: neither imports nor the plan, which write
-nothing, take any of its life.
+Each `generate` runs in a forked child with the walk already planned: imports and planning, which write nothing, take
+none of its run time.
 """
 
 from __future__ import annotations
@@ -43,15 +43,15 @@ sensors: [foot_imu, insole, sonar, ahrs, head_imu]
 
 
 def generate(scenario: Path, recording: Path, kill_after_s: float | None = None) -> int | None:
-    """Runs `generate` in a child.
+    """Runs `generate` in a child process.
 
     Args:
-        scenario: What is walked.
-        recording: To be made.
-        kill_after_s: When to kill it; None lets it live.
+        scenario: Walk to record.
+        recording: Output file.
+        kill_after_s: When to kill it; None lets it finish.
 
     Returns:
-        Its exit code, None where it was killed.
+        Its exit code, None if it was killed.
     """
     child = os.fork()
     if child == 0:
@@ -71,10 +71,10 @@ def generate(scenario: Path, recording: Path, kill_after_s: float | None = None)
 
 
 def whole_chunks(partial: Path, whole: Path) -> int:
-    """How many chunks of an undisturbed recording a killed one holds.
+    """Number of chunks of an undisturbed recording that a killed one holds.
 
     Raises:
-        AssertionError: The killed one is not a piece of the undisturbed one, or does not read up to its last chunk.
+        AssertionError: The killed one is not a prefix of the undisturbed one, or is not readable up to its last chunk.
     """
     data = partial.read_bytes()
     assert whole.read_bytes().startswith(data), "not a piece of the whole recording"
@@ -98,7 +98,7 @@ def whole_chunks(partial: Path, whole: Path) -> int:
 
 
 def measure(kills: int, seed: int = 0) -> dict[str, float]:
-    """Kills so many runs; raises AssertionError where one leaves what it should not."""
+    """Kills the given number of runs; raises AssertionError if a check fails."""
     rng = np.random.default_rng(seed)
     counts = {"kills": 0, "before_the_file": 0, "no_chunk_yet": 0, "some_chunks": 0, "whole": 0, "too_late": 0}
     with tempfile.TemporaryDirectory() as folder:

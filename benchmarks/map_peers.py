@@ -1,15 +1,15 @@
-"""The terrain map beside Open3D's, on the same walks of the twin: how far off, how much of the ground, at what cost.
+"""The terrain map beside Open3D's on the same walks of the twin: accuracy, coverage and computing time.
 
 `python -m benchmarks.map_peers [--walks SCENARIO ...] [--seed 900] [--mount head] [--json]`. Open3D's voxel grid
-(`VoxelBlockGrid`) gets the same depth with the same true poses and voxels of the same size as our map; each half second
-its points, and the planar patches that Open3D finds in them, are looked at as ours are:
+(`VoxelBlockGrid`) gets the same depth with the same true poses and voxels of the same size as our map. Every half
+second, its points and the planar patches that Open3D detects in them are evaluated in the same way as ours:
 
-- `off_rms_mm`, `off_p95_mm`: distance of the points on the way ahead (0.5 to 2.5 m) from the true ground.
+- `off_rms_mm`, `off_p95_mm`: distance of the points on the path ahead (0.5 to 2.5 m) from the true ground.
 - `known_pct`: places, every 5 cm of that ground, with a point within 3 cm.
 - `surfaces_pct`: levels, treads and ramps ahead that have a plane of their own, within 1 cm at their middle and within
-  3 degrees; a plane across two treads is neither's.
-- `picture_ms`, `look_ms`: processor time a picture, and of each look at points and planes. Ours looks for planes in
-  every second picture, within `picture_ms`; the look only reads them out.
+  3 degrees; a plane across two treads counts for neither.
+- `picture_ms`, `look_ms`: CPU time per image, and per query of points and planes. Our map detects planes in every
+  second image, which counts as `picture_ms`; the query only reads them.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _EVERY = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """A plane over a place: its number, height there (m) and gradient (2,)."""
+    """A plane at a place: its id, height there (m) and gradient (2,)."""
 
     number: int
     height: float
@@ -71,13 +71,13 @@ class Piece:
 
 
 class Map(Protocol):
-    """What is measured."""
+    """A map under test."""
 
     def take(self, sample: Odometry | Depth) -> None:
-        """A pose, or a depth picture of the instant of the last pose."""
+        """Takes a pose, or a depth image at the time of the last pose."""
 
     def look(self) -> tuple[Array, Callable[[Array], Piece | None]]:
-        """(N, 3) m, points of the ground, and what plane lies at a (2,) place."""
+        """Ground points (N, 3) m, and a function that returns the plane at a (2,) place."""
 
 
 class Ours:
@@ -147,7 +147,7 @@ MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {"ours": Ours, 
 
 
 def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:
-    """The highest patch over a place that is walked on rather than climbed."""
+    """The highest walkable patch at a place."""
     found = []
     for i, box in enumerate(boxes):
         R, normal = np.asarray(box.R), np.asarray(box.R)[:, 2]
@@ -163,7 +163,7 @@ def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:
 
 @dataclass(kw_only=True)
 class Tally:
-    """What was seen of a map."""
+    """Measurements of a map."""
 
     points: list[Array] = field(default_factory=list)
     known: list[float] = field(default_factory=list)
@@ -172,7 +172,7 @@ class Tally:
     looks_s: list[float] = field(default_factory=list)
 
     def figures(self, layout: Layout) -> dict[str, float]:
-        """By the names above."""
+        """Figures by the names above."""
         off = distance_to(mesh_of(layout.slabs), np.concatenate(self.points)[::_EVERY])
         return {
             "off_rms_mm": 1e3 * float(np.sqrt(np.mean(off**2))),
@@ -213,14 +213,14 @@ def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], 
 
 
 def _known(points: Array, here: float, layout: Layout) -> float:
-    """Share of the places ahead that a point lies at."""
+    """Share of the places ahead that have a point."""
     s, aside = cells_ahead(here, layout)
     places = np.column_stack([layout.way.point(s, aside), true_heights(layout.profile, s, aside)])
     return float(np.mean(cKDTree(points).query(places)[0] < _NEAR_M)) if len(s) else 1.0
 
 
 def _surfaces(piece_at: Callable[[Array], Piece | None], here: float, layout: Layout) -> list[bool]:
-    """Of each level, tread and ramp whose middle lies ahead, whether a plane of its own is there."""
+    """For each level, tread and ramp whose middle is ahead, whether it has a plane of its own."""
     low, high = here + NEAR_M, here + FAR_M
     found: list[tuple[Strip, Piece | None]] = []
     for strip in layout.profile:
@@ -232,7 +232,7 @@ def _surfaces(piece_at: Callable[[Array], Piece | None], here: float, layout: La
 
 
 def _own(piece_at: Callable[[Array], Piece | None], strip: Strip, s: float, layout: Layout) -> Piece | None:
-    """The plane at the middle of a strip, where it lies and slopes as the strip does."""
+    """The plane at the middle of a strip, if its height and slope match the strip's."""
     piece, heading = piece_at(np.asarray(layout.way.point(s))), float(layout.way.heading(s))
     if piece is None or abs(piece.height - strip.height(s, 0.0)) > _SAME_M:
         return None
@@ -260,7 +260,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
 
 
 def show(result: dict[str, Any]) -> None:
-    """A line a walk and map."""
+    """Prints one line per walk and map."""
     names = list(next(iter(result["summary"].values())))
     print(f"{'':28s}" + "".join(f"{name:>14s}" for name in names))
     for which, figures in result["summary"].items():

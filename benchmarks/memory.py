@@ -1,8 +1,8 @@
-"""How much memory a long walk takes: the largest resident size of `generate` and of its rendering processes.
+"""Memory of a long walk: the largest resident size of `generate` and of its rendering processes.
 
-`python -m benchmarks.memory [--minutes 10] [--cameras] [--json]` walks there and back for so long and
-looks twice a second. `planned_mib` is the largest size before the first sample is written, `first_mib` and `last_mib`
-those while the first and the last tenth of the file were, so that a leak shows. Linux alone.
+`python -m benchmarks.memory [--minutes 10] [--cameras] [--json]` walks back and forth for this time and measures twice
+per second. `planned_mib` is the largest size before the first sample is written, `first_mib` and `last_mib` those
+while the first and the last tenth of the file are written, which reveals a leak. Linux only.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ _METRES_A_MINUTE = 70.0
 
 
 def scenario(minutes: float) -> str:
-    """A way there and back that takes about so long."""
+    """A path back and forth that takes about this time."""
     half = minutes * _METRES_A_MINUTE / 2
     pieces = [f"  - level: {{length_m: {half:.1f}}}", "  - turn: {angle_deg: 180, radius_m: 5}"]
     return "\n".join(["description: there and back", "terrain:", *pieces, pieces[0]]) + "\n"
 
 
 def resident_mib(pid: int) -> float:
-    """Resident memory of a process and its children, MiB, the files (libraries) that they map counted once."""
+    """Resident memory of a process and its children, MiB; mapped files (libraries) count once."""
     sizes = list(_sizes_mib(pid))
     return sum(own for own, _ in sizes) + max((mapped for _, mapped in sizes), default=0.0)
 
 
 def _sizes_mib(pid: int) -> Iterator[tuple[float, float]]:
-    """What each process of a family has for itself, and what it maps, MiB; nothing of one that has ended."""
+    """Private and mapped memory of each process of a family, MiB; ended processes are omitted."""
     try:
         rows = dict(line.split(":") for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:])
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()

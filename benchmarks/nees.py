@@ -1,9 +1,9 @@
-"""Whether the foot filters know how wrong they are: NEES of the position over many walks of the twin.
+"""Consistency of the foot filters: NEES of the position over many walks of the twin.
 
 `python -m benchmarks.nees [--runs 30] [--cameras 4] [--seed 1000] [--scenario level_20m] [--json]`. Bar-Shalom et al.
-2001, 5.4.2: at one instant the mean over N walks of eᵀ P⁻¹ e, times N, is χ² with 3N degrees of freedom, if the filter
-is honest. Every filter is told the true pose of each foot at the start. Walks are kinematic; with `--cameras` so many
-of them are walked again with the shoe cameras, whose pictures then tie the feet together; without, sonars do.
+2001, 5.4.2: at one instant the mean over N walks of eᵀ P⁻¹ e, times N, is χ² with 3N degrees of freedom if the filter
+is consistent. Every filter gets the true start pose of each foot. Walks are kinematic. With `--cameras`, this number of
+them is repeated with the shoe cameras, whose images then link the feet; otherwise the sonars do.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from stridetwin.streams.trajectory import Trajectory
 from stridetwin.studies.jao2020.two_feet import FEET, true_start
 from stridetwin.studies.walks import IMUS
 
-SHARES = np.linspace(0.1, 1.0, 46)  # of a walk's duration, at which walks are compared
+SHARES = np.linspace(0.1, 1.0, 46)  # of a walk's duration: instants at which walks are compared
 
 
 def nees_at(estimate: Trajectory, truth: TruePath) -> Array:
@@ -47,7 +47,7 @@ def nees_at(estimate: Trajectory, truth: TruePath) -> Array:
 
 
 def nees_of_walk(scenario: str, seed: int, cameras: bool) -> dict[str, list[Array]]:
-    """By filter, both feet's NEES in one walk."""
+    """By filter, NEES of both feet in one walk."""
     sensors = ("foot_imu", "foot_camera", "sonar") if cameras else ("foot_imu", "sonar")
     with TemporaryDirectory() as folder:
         path = Path(folder) / "walk.mcap"
@@ -67,11 +67,12 @@ def nees_of_walk(scenario: str, seed: int, cameras: bool) -> dict[str, list[Arra
 
 
 def summary(nees: Array) -> dict[str, float]:
-    """Of one filter's (walks, feet, instants) NEES.
+    """Statistics of one filter's (walks, feet, instants) NEES.
 
     Returns:
-        `nees_mean` (3 if honest), `nees_median` (2.37), `within_95_pct`: single values within the χ² bound; `bound_low`
-        and `bound_high`: where the mean over the walks lies in 95 % of instants; `mean_within_95_pct`: where it does.
+        `nees_mean` (3 if consistent), `nees_median` (2.37), `within_95_pct`: share of values within the χ² bound;
+        `bound_low` and `bound_high`: 95 % bounds of the mean over the walks; `mean_within_95_pct`: share of instants
+        within them.
     """
     runs = len(nees)
     low, high = (float(v) / runs for v in chi2.ppf((0.025, 0.975), 3 * runs))

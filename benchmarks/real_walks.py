@@ -1,6 +1,6 @@
-"""Real walks with a known way, and how a path is scored on them.
+"""Real walks with known truth, and their scores.
 
-They are looked for in $STRIDETWIN_DATA, else in `../shared/data` beside the checkout: `foot_imu_vicon` (walks under
+The recordings are in $STRIDETWIN_DATA, otherwise in `../shared/data` beside the checkout: `foot_imu_vicon` (walks under
 motion capture, first published with pyshoe, Wagstaff & Kelly 2018) and `dual_foot_walk` (gaitmap's example data).
 """
 
@@ -43,14 +43,14 @@ class MarkerWalk:
 
 
 def data_folder(holding: str = "foot_imu_vicon") -> Path | None:
-    """Folder of the recordings, or None where there is none that holds what is asked for."""
+    """Folder of the recordings; None if no folder holds the requested ones."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     folder = Path(os.environ.get("STRIDETWIN_DATA", beside))
     return folder if (folder / holding).is_dir() else None
 
 
 def imu_block(t: Array, rate: Array, force: Array) -> Block[Imu]:
-    """Samples from seconds, rad/s and m/s²."""
+    """IMU samples from s, rad/s and m/s²."""
     columns = {"angular_rate": np.array(rate, float), "specific_force": np.array(force, float)}
     return Block(topic="/foot/imu", kind=Imu, t_ns=np.round(t * 1e9).astype(np.int64), columns=columns)
 
@@ -58,7 +58,7 @@ def imu_block(t: Array, rate: Array, force: Array) -> Block[Imu]:
 def despike(truth: Array, t: Array, max_speed: float = 9.0) -> Array:
     """Truth (N, 3) without the samples that would need more than `max_speed` (m/s) from the last good one.
 
-    They are interpolated. Where that were more than a tenth, a jump stayed, and the truth is as recorded.
+    They are interpolated. If they are more than a tenth, the jump is permanent, and the truth stays as recorded.
     """
     good, last = np.ones(len(truth), bool), 0
     for i in range(1, len(truth)):
@@ -70,7 +70,7 @@ def despike(truth: Array, t: Array, max_speed: float = 9.0) -> Array:
 
 
 def armse(path: Array, truth: Array) -> float:
-    """2-D ARMSE in m as pyshoe has it: common start, turned to agree where the path is first 0.8 m away."""
+    """2-D ARMSE in m as in pyshoe: common start, heading aligned where the path is first 0.8 m away."""
     e, g = path[:, :2] - path[0, :2], truth[:, :2] - truth[0, :2]
     far = np.linalg.norm(e, axis=1) > 0.8
     i = int(np.argmax(far)) if far.any() else len(e) - 1
@@ -79,7 +79,7 @@ def armse(path: Array, truth: Array) -> float:
 
 
 def stance_error(t: Array, path: Array, truth: MarkerWalk) -> tuple[float, float]:
-    """2-D RMSE over the rests after the best shift, turn and offset in the foot; end height error; both m.
+    """2-D RMSE over the rests after the best translation, rotation and offset in the foot; end height error; both m.
 
     Args:
         t: (N,) s.
@@ -163,7 +163,7 @@ def _table(file: Path) -> tuple[list[str], Array]:
 
 
 def bearing(way: Array) -> float:
-    """Direction of a way (2 or 3,) in the plane, rad."""
+    """Direction of a path (2 or 3,) in the plane, rad."""
     return float(np.arctan2(way[1], way[0]))
 
 

@@ -1,9 +1,9 @@
-"""The twin's foot IMU against real ones: what a walk on the level does to them.
+"""The twin's foot IMU compared with real ones on level walks.
 
-`python -m benchmarks.realism [--json]`. The real feet are those of `dual_foot_walk` (both shoes, 204.8 Hz, 16 g),
-looked for as by `benchmarks.real_walks`. The twin walks `level_20m` six times, as fast as they, with a cheap part
-of the same rate and range at the same place, the instep. Both go through the same arithmetic; a figure of the twin is
-realistic where it is 0.5-2 times the real one.
+`python -m benchmarks.realism [--json]`. The real feet are those of `dual_foot_walk` (both shoes, 204.8 Hz, 16 g), found
+by `benchmarks.real_walks`. The twin walks `level_20m` six times at their speed, with a cheap part of the same rate and
+range at the same place, the instep. Both are evaluated in the same way; a figure of the twin is realistic if it is
+0.5-2 times the real one.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from stridetwin.streams.samples import Array, Block, Imu
 
 SEEDS = range(1000, 1006)
 SPEED_MPS = 1.3  # of the recorded strides
-INSTEP_M = (0.110, 0.0, 0.085)  # where the recorded sensors were clipped to the laces, about
+INSTEP_M = (0.110, 0.0, 0.085)  # approximate place of the recorded sensors, clipped to the laces
 STILL_RADPS, STILL_S = 0.6, 0.10  # stance: the mean rate over this time stays below
 STRIDE_S = 1.2
 ABOVE_HZ = 20.0
@@ -38,7 +38,7 @@ REALISTIC = (0.5, 2.0)
 
 
 def matched_part(real: Block[Imu]) -> ImuPart:
-    """A cheap part with the rate of a recording, open to all that this rate can hold, as the recording is."""
+    """A cheap part with the rate of a recording and, like it, the full bandwidth of that rate."""
     cheap = part("MPU-9250")
     assert isinstance(cheap, ImuPart)
     rate_hz = 1e9 / float(np.median(np.diff(real.t_ns)))
@@ -51,10 +51,10 @@ def matched_part(real: Block[Imu]) -> ImuPart:
 
 
 def figures(imu: Block[Imu], range_mps2: float) -> dict[str, float]:
-    """What a walk does to a foot's IMU.
+    """Signal figures of a foot's IMU in a walk.
 
     Returns:
-        RMS of rate and of specific force's magnitude less gravity in stance, 95th percentile over strides of the
+        RMS of rate and of specific force's magnitude minus gravity in stance, 95th percentile over strides of the
         largest rate and of the largest specific force, share of the specific force's variance above 20 Hz, and share of
         samples in saturation.
     """
@@ -77,7 +77,7 @@ def figures(imu: Block[Imu], range_mps2: float) -> dict[str, float]:
 
 
 def _walking(speed: Array, hz: float) -> Any:
-    """Samples within a stride of a fast one: no standing at the start, in between and at the end."""
+    """Samples within a stride of a fast one, which excludes standing at the start, in between and at the end."""
     fast = np.flatnonzero(speed > 4.0) / hz
     return np.array([np.min(np.abs(fast - k / hz)) < STRIDE_S / 2 for k in range(len(speed))])
 
@@ -103,10 +103,10 @@ def twin_feet(imu: ImuPart) -> list[Block[Imu]]:
 
 
 def measure() -> dict[str, Any]:
-    """Real and twin's figures, mean of feet and walks, and their ratio.
+    """Real and simulated figures, means over feet and walks, and their ratio.
 
     Raises:
-        StrideTwinError: The real recordings are not there.
+        StrideTwinError: The real recordings are missing.
     """
     folder = data_folder()
     if folder is None:
@@ -126,7 +126,7 @@ def measure() -> dict[str, Any]:
 
 
 def show(result: dict[str, Any]) -> None:
-    """Prints a line for each figure."""
+    """Prints one line per figure."""
     print(f"{'':26}{'real':>10}{'twin':>10}{'ratio':>8}")
     for name, row in result["summary"].items():
         mark = "" if row["realistic"] else "  beyond 0.5-2"

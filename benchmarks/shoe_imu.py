@@ -1,10 +1,9 @@
-"""What an IMU on a shoe feels: the twin's walks, kinematic and dynamic, beside real recordings.
+"""Signals of an IMU on a shoe: the twin's walks, kinematic and dynamic, beside real recordings.
 
 `python -m benchmarks.shoe_imu [--json] [--seeds 1000 1001 ...] [--no-dynamic]`. Real walks: `dual_foot_walk` (204.8 Hz,
-16 g) and `foot_imu_vicon` (200 Hz, filtered in the sensor), looked for as in `benchmarks.real_walks`; of all of them
-the strides between 1.2 and 1.6 m/s count. The twin walks 20 m on the level at 1.3, 1.4 and 1.5 m/s, in turn with the
-seeds. Its IMU, without errors, is read at 1 kHz and at 204.8 Hz to compare with the real ones. Every figure is a median
-over strides.
+16 g) and `foot_imu_vicon` (200 Hz, filtered in the sensor), found by `benchmarks.real_walks`; strides between 1.2 and
+1.6 m/s count. The twin walks 20 m on the level at 1.3, 1.4 and 1.5 m/s, alternating with the seeds. Its IMU, without
+errors, is sampled at 1 kHz and, for comparison with the real ones, at 204.8 Hz. Every figure is a median over strides.
 """
 
 from __future__ import annotations
@@ -45,14 +44,14 @@ SEEDS = (1000, 1002, 1001)
 REAL_HZ = 204.8
 _STRIDE_MPS = (1.2, 1.6)
 _WINDOW_S = 0.1
-_STILL = 4e5  # of the statistic, which is in units of the noise of a good part
+_STILL = 4e5  # of the statistic, in units of the noise of a good part
 _STANCE_S = (0.1, 1.0)
-_MARKER_WINDOW_S = 0.055  # motion capture is differentiated over this much
+_MARKER_WINDOW_S = 0.055  # window over which motion capture is differentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FootWalk:
-    """One foot's IMU, and how fast it truly went.
+    """One foot's IMU and true speed.
 
     Attributes:
         t: (N,) s.
@@ -72,7 +71,7 @@ class FootWalk:
 
 
 def stillness(rate: Array, force: Array, dt: float) -> Array:
-    """(N,) statistic of SHOE (Skog et al. 2010, IEEE TBME 57:2657, eq. 19) over a window in the middle."""
+    """(N,) statistic of SHOE (Skog et al. 2010, IEEE TBME 57:2657, eq. 19) over a centred window."""
     n = max(3, round(_WINDOW_S / dt))
 
     def smooth(x: Array) -> Array:
@@ -85,7 +84,7 @@ def stillness(rate: Array, force: Array, dt: float) -> Array:
 
 
 def stances(walk: FootWalk) -> NDArray[np.int64]:
-    """(S, 2) first sample of each still span and the first one after it."""
+    """(S, 2) first sample of each stationary interval and the first one after it."""
     dt = float(np.median(np.diff(walk.t)))
     still = stillness(walk.rate, walk.force, dt) < _STILL
     spans = np.flatnonzero(np.diff(np.r_[0, still.astype(int), 0])).reshape(-1, 2)
@@ -93,7 +92,7 @@ def stances(walk: FootWalk) -> NDArray[np.int64]:
 
 
 def strides(walk: FootWalk) -> Iterator[dict[str, float]]:
-    """Figures of each stride at the speed in question: swing and the stance that follows."""
+    """Figures of each stride in the speed range: swing and the following stance."""
     spans = stances(walk)
     last = len(walk.t) - 1
     for (_, off), (touch, end) in pairwise(spans):
@@ -118,7 +117,7 @@ def strides(walk: FootWalk) -> Iterator[dict[str, float]]:
 
 
 def twin_walks(twin: Twin, rate_hz: float) -> dict[str, FootWalk]:
-    """What both feet's IMUs would read at another rate than the rig's, by side."""
+    """Samples of both feet's IMUs at another rate than the rig's, by side."""
     t_ns = instants(rate_hz, -1, int(twin.duration_s * 1e9))
     motion = twin.player().motion(t_ns)
     walks = {}
@@ -137,7 +136,7 @@ def twin_walks(twin: Twin, rate_hz: float) -> dict[str, FootWalk]:
 
 
 def real_walks() -> dict[str, list[FootWalk]]:
-    """Recorded walks by data set; none where there are no recordings."""
+    """Recorded walks by data set; empty without recordings."""
     folder = data_folder()
     if folder is None:
         return {}
@@ -165,7 +164,7 @@ def recorded(imu: Block[Imu], t: Array, p: Array) -> FootWalk:
 
 
 def medians(walks: Sequence[FootWalk]) -> dict[str, float]:
-    """Median of every figure over all strides, and how many there are."""
+    """Median of every figure over all strides, and the number of strides."""
     rows = [row for walk in walks for row in strides(walk)]
     if not rows:
         return {"strides": 0.0}

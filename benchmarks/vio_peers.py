@@ -1,11 +1,11 @@
 """Visual-inertial odometry beside OpenCV's RGB-D odometry and ORB-SLAM3, on the same walks of the twin.
 
 `python -m benchmarks.vio_peers [RECORDING ...] [--walks NAME ...] [--seed N] [--json]`. Peers are installed into an
-environment of this benchmark alone (`--environment`), run as programs of their own, and read the walk as an RGB-D
-folder with IMU; ORB-SLAM3 (GPL) gets a vocabulary that is learnt from other walks of the twin. A peer that cannot be
-had is named with the reason. Every path is laid on the truth in its first sure pose, tilt and all: kind to those
-without an IMU. Errors are those of `evaluation.path_drift`. ORB-SLAM3 closes loops, which an odometry does not: its
-pose counts as estimated when the frame comes.
+environment of their own (`--environment`), run as separate programs, and read the walk as an RGB-D folder with IMU;
+ORB-SLAM3 (GPL) gets a vocabulary learnt from other walks of the twin. An unavailable peer is listed with the reason.
+Every path is aligned with the truth at its first valid pose, including tilt, which favours peers without an IMU. Errors
+are those of `evaluation.path_drift`. ORB-SLAM3 closes loops, unlike an odometry: its pose counts as estimated when the
+frame arrives.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ PEERS = {
     "orbslam3_rgbd": ("pyorbslam3", "orbslam3.py", ("rgbd",)),
     "orbslam3_inertial": ("pyorbslam3", "orbslam3.py", ("inertial",)),
 }
-"""Name to what is installed, what is run, and its last arguments."""
+"""By name: what is installed, what is run, and its last arguments."""
 FIGURES = ("ape_rmse_m", "rpe_5m_pct", "loop_drift_m")
 LIMIT_S = 900
 _PROGRAMS = Path(__file__).parent / "peers"
@@ -58,8 +58,8 @@ class Environment:
     """A Python environment for the peers.
 
     Attributes:
-        folder: Where it is.
-        missing: Why a package could not be had, by its name.
+        folder: Its folder.
+        missing: Why a package is unavailable, by its name.
     """
 
     folder: Path
@@ -67,7 +67,7 @@ class Environment:
 
     @classmethod
     def made(cls, folder: Path) -> Environment:
-        """The environment in a folder; what is missing there is installed."""
+        """The environment in a folder; missing packages are installed."""
         python = folder / "bin" / "python"
         if not python.exists():
             venv.create(folder, with_pip=True)
@@ -81,7 +81,7 @@ class Environment:
         return cls(folder=folder, missing=missing)
 
     def run(self, program: str, *arguments: object) -> str:
-        """Runs a peer; returns what went wrong, or nothing."""
+        """Runs a peer; returns the error, or an empty text."""
         line = [str(self.folder / "bin" / "python"), str(_PROGRAMS / program), *map(str, arguments)]
         try:
             done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
@@ -143,7 +143,7 @@ def settings(camera: CameraCalibration, imu: ImuCalibration) -> str:
 
 
 def vocabulary_pictures() -> Iterator[NDArray[np.uint8]]:
-    """Some of what other walks of the twin see."""
+    """Sample images from other walks of the twin."""
     for name in VOCABULARY_WALKS:
         config = replace(load_scenario(name).config, sensors=("head_imu", "head_camera"), physics="kinematic")
         fitting = replace(config.fittings.get("head_camera") or SensorConfig(), rate_hz=30 / VOCABULARY_EVERY)
@@ -153,7 +153,7 @@ def vocabulary_pictures() -> Iterator[NDArray[np.uint8]]:
 
 
 def one_walk(recording: Recording, environment: Environment, vocabulary: Path, methods: list[str]) -> dict[str, Any]:
-    """Figures by method; of a peer that could not be run, `error`."""
+    """Figures by method; `error` for a peer that could not be run."""
     mount = "head" if "/head/color" in recording.topics else "chest"
     found: dict[str, Any] = {}
     if "proposed" in methods:
@@ -192,7 +192,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
 
 
 def summary(cases: Mapping[str, Any], method: str) -> dict[str, Any]:
-    """Figures of a method by walk, how often it failed, and why it was not run."""
+    """Figures of a method by walk, its number of failures, and why it was not run."""
     of = {walk: found[method] for walk, found in cases.items()}
     times = [w["time_ms"] for w in of.values() if "time_ms" in w]
     return {
@@ -204,7 +204,7 @@ def summary(cases: Mapping[str, Any], method: str) -> dict[str, Any]:
 
 
 def show(result: dict[str, Any]) -> None:
-    """Prints a line a method and walk."""
+    """Prints one line per method and walk."""
     print(f"{'':<20}{'':<28}{'APE m':>8}{'over 5 m %':>12}{'end m':>8}  {'failure':<12}{'ms a frame, p99':>18}")
     for method in result["summary"]:
         for walk, found in result["cases"].items():

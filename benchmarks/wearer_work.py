@@ -1,10 +1,10 @@
-"""What the exoskeleton costs its wearer: mechanical work of hips and knees, and what the cuffs press, mode by mode.
+"""Cost of the exoskeleton for its wearer: mechanical work of hips and knees, and cuff forces, by mode.
 
 `python -m benchmarks.wearer_work [--json] [--seeds 1000 1001 ...] [--scenarios ...] [--modes 0 1 ...]`. The same walk
 is simulated forward without exoskeleton and with it; modules stay unpowered. Work is that of the wearer's own joint
-torques between the first and the last second of walking, per metre of the way. Carrying 9.5 kg costs people 3 to 15 %.
-Walks in which the wearer falls are counted and left out. With `--physics kinematic` the plan is played and the torques
-come from inverse dynamics.
+torques between the first and the last second of walking, per metre of the path. In people, a load of 9.5 kg adds 3 to
+15 %. Walks in which the wearer falls are counted and excluded. With `--physics kinematic` the plan is played and the
+torques come from inverse dynamics.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def measure(scenario: str, seed: int, exo: Exo | None, physics: str = "dynamic")
     """Work per metre, J/m, and cuff forces, N, of one walk.
 
     Raises:
-        StrideTwinError: A walk that cannot be planned.
+        StrideTwinError: The walk cannot be planned.
     """
     config = replace(load_scenario(scenario).config, sensors=(), physics=physics, exo=exo)
     twin = Twin(config, seed)
@@ -79,7 +79,7 @@ def measure(scenario: str, seed: int, exo: Exo | None, physics: str = "dynamic")
 
 
 def summary(cases: Sequence[dict[str, Any]], scenarios: Sequence[str], modes: Sequence[str]) -> dict[str, Any]:
-    """Means over the walks that reached their end, and what each mode costs over the same walks without exoskeleton."""
+    """Means over the completed walks, and the cost of each mode relative to the same walks without exoskeleton."""
     table: dict[str, Any] = {}
     for scenario in scenarios:
         table[scenario] = {}

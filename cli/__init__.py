@@ -1,4 +1,4 @@
-"""What each command does. Heavy parts are imported where they are needed, so that help comes at once."""
+"""The commands. Heavy dependencies are imported where they are needed, so that help appears at once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ class Command:
     """A command of the command line.
 
     Attributes:
-        options: Its options; their docstring is the command's help.
-        run: Takes the options and a progress; returns the outcome.
+        options: Class of its options, whose docstring is the command's help.
+        run: Takes the options and a progress callback; returns the outcome.
     """
 
     options: type[Options]

@@ -1,4 +1,4 @@
-"""`send` and `live`: recordings out as hardware sends, and estimators on what comes."""
+"""`send` and `live`: plays recordings as hardware would send them, and runs estimators on incoming samples."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ FIGURES = {
 }  # fmt: skip
 _OVER_BUDGET = 1
 _LEAD_NS = 500_000_000
-"""Within which a receiver has understood the hello, so that play begins in time."""
+"""Time for a receiver to process the hello, so that playback starts on time."""
 _SWITCH_S = 0.0005
-"""After which a thread that computes lets those run that read: by default they wait ten times as long."""
+"""Thread switch interval, a tenth of Python's default: how long receiving threads wait for a computing one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,9 +123,9 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     first_ns = min(recording.topics[t].first_ns for t in topics)
     span_ns = max(1, max(recording.topics[t].last_ns for t in topics) - first_ns)
     speed = arguments.speed
-    messages = _peeked(stored_messages(recording, topics))  # reads the file's index before time begins
+    messages = _peeked(stored_messages(recording, topics))  # reads the file's index before the clock starts
     start_ns = time.time_ns() + (_LEAD_NS if speed else 0)
-    epoch_ns = start_ns - first_ns if speed == 1.0 else None  # as of a device whose clock began then
+    epoch_ns = start_ns - first_ns if speed == 1.0 else None  # as of a device whose clock started then
     with Sender(
         rig,
         address,
@@ -149,7 +149,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
 
 
 def _peeked(messages: Iterator[Message]) -> Iterator[Message]:
-    """The same messages, the first of them made already."""
+    """The same messages, with the first one already prepared."""
     first = next(messages, None)
     return iter(()) if first is None else chain([first], messages)
 
@@ -185,7 +185,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     prints = asked is not None and asked.output is None and not arguments.json
     sys.setswitchinterval(_SWITCH_S)
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a service that is stopped writes its files, too
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped service writes its files, too
     done = run_live(session, _say, _print if prints else lambda _: None)
     code = _OVER_BUDGET if arguments.budget is not None and done.latency and not done.latency.within else 0
     data = {
@@ -201,7 +201,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
         told = ", ".join(f"{counts[n]} {words}" for n, words in FIGURES.items() if counts[n] or n == "received")
         lines.append(f"  {topic:<34} {told}")
     lines += done.latency.table() if done.latency else []
-    if prints:  # what was estimated has gone to stdout already
+    if prints:  # the estimates have already gone to stdout
         print("\n".join(lines), file=sys.stderr)
         lines = []
     return Outcome(data=data, lines=lines, code=code)

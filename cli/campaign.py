@@ -1,4 +1,4 @@
-"""`generate`: the recording of a walk, or the data set of a campaign."""
+"""`generate`: records the walk of a scenario, or the data set of a campaign."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
 
 
 def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
-    """`generate`; what a file holds says whether it is a scenario or a campaign."""
+    """`generate`; the contents of a file decide whether it is a scenario or a campaign."""
     from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign
     from stridetwin.scenarios.scenario_file import catalogue
     from stridetwin.streams.validation import suggest

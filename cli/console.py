@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 _LINE_EVERY_S = 30.0
-"""Between two lines of one stage, so that the log of a long run says how far it is and stays short."""
+"""Time between two lines of one stage, which keeps the log of a long run short."""
 
 
 class Console:
@@ -25,7 +25,7 @@ class Console:
         self._shown: _Bar | _Lines = _Bar(stream) if stream.isatty() else _Lines(stream)
 
     def __call__(self, stage: str, share: float) -> None:
-        """Shows how far a stage is.
+        """Shows the progress of a stage.
 
         Args:
             stage: Its name.
@@ -73,7 +73,7 @@ def _started(stream: TextIO) -> Progress:
 
 
 class _Lines:
-    """A line per stage, and where a stage takes long one every half minute with the time left."""
+    """One line per stage; long stages add a line with the time left every half minute."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

@@ -1,4 +1,4 @@
-"""`estimate`: one estimator on a recording."""
+"""`estimate`: runs one estimator on a recording."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from stridetwin.streams.trajectory import Trajectory
 
 Written = tuple[list[Path], int, list[str]]
-"""Files, rows, and what to say of them."""
+"""Files, rows, and messages about them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
 
 
 def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaration) -> Options:
-    """What the arguments of `estimate` or `live` choose.
+    """The request of the arguments of `estimate` or `live`.
 
     Raises:
         StrideTwinError: The estimator has no such option or method.
@@ -111,7 +111,7 @@ def options_of(arguments: EstimateOptions | LiveOptions, declaration: Declaratio
 
 
 def goes_with(choose: Callable[[Declaration], bool]) -> str:
-    """Names of the estimators that are chosen."""
+    """Names of the chosen estimators."""
     return ", ".join(name for name, found in registry.estimators().items() if choose(found.declaration))
 
 

@@ -1,4 +1,4 @@
-"""`experiment`: the table of a paper."""
+"""`experiment`: reproduces the table of a paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`list`: what there is to choose from."""
+"""`list`: lists the available choices."""
 
 from __future__ import annotations
 

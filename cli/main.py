@@ -1,4 +1,4 @@
-"""The command line `stridetwin`: arguments in; one line per result, or one JSON object, out."""
+"""The command line `stridetwin`: prints one line per result, or one JSON object."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _EXIT_CODES = "Exit codes: 0 done, 1 worse than the baseline or invalid, 2 usage
 
 @dataclass(frozen=True)
 class Call:
-    """A command line that has been parsed.
+    """A parsed command line.
 
     Attributes:
         command: Name of the command.
@@ -38,19 +38,19 @@ class Call:
     options: Options
 
     def run(self, progress: Progress) -> Outcome:
-        """Does what the command does.
+        """Runs the command.
 
         Raises:
-            StrideTwinError: What the command cannot do.
+            StrideTwinError: The command failed.
         """
         return COMMANDS[self.command].run(self.options, progress)
 
 
 def parse(argv: Sequence[str] | None = None) -> Call:
-    """Reads a command line, by default that of this process.
+    """Parses a command line, by default that of this process.
 
     Raises:
-        SystemExit: After help, with code 0; a usage error, with code 2 and one line on stderr.
+        SystemExit: With code 0 after help; with code 2 and one line on stderr after a usage error.
     """
     try:
         made = typer.main.get_command(_app())(argv, _NAME, standalone_mode=False)
@@ -88,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         print(result, flush=True)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter fails at its own flush
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise the interpreter's own flush fails
         return _PIPE_CLOSED
     return outcome.code
 
@@ -102,7 +102,7 @@ def _app() -> typer.Typer:
 
 
 def _callback(name: str, command: Command) -> Callable[..., Call]:
-    """A function whose signature is the fields of the command's options, and which makes them."""
+    """A function whose signature has the fields of the command's options, and which creates them."""
 
     def call(**given: Any) -> Call:
         return Call(name, command.options(**given))
@@ -112,7 +112,7 @@ def _callback(name: str, command: Command) -> Callable[..., Call]:
 
 
 def _parameters(options: type[Options]) -> list[Parameter]:
-    """A parameter per field: a command's own before those that it shares, as the order of arguments counts."""
+    """One parameter per field: a command's own before the shared ones, as the order of arguments matters."""
     hints = get_type_hints(options, include_extras=True)
     own = [name for base in options.__mro__ for name in get_annotations(base)]
     made = []

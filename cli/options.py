@@ -1,4 +1,4 @@
-"""Options that several commands share: each command's options are a dataclass, whose fields the parser reads.
+"""Shared options: each command's options are a dataclass, from whose fields the parser is built.
 
 A field's annotation is its type on the command line (`typer.Argument` or `typer.Option` with its help), its default the
 option's default. Fields without default are required.
@@ -19,7 +19,7 @@ _MOST = 1_000_000
 
 
 def one_of(names: Sequence[str]) -> dict[str, Any]:
-    """Arguments of `typer.Option` or `typer.Argument` for one of some names, which the shell completes."""
+    """Arguments of `typer.Option` or `typer.Argument` for a choice of names, which the shell completes."""
 
     def parser(text: str) -> str:
         if text not in names:
@@ -48,14 +48,14 @@ probability = _number(lambda value: 0.01 <= value <= 50, "0.01-50")
 
 
 def whole(text: str) -> int:
-    """A whole number from 0 on, such as a seed."""
+    """An integer of at least 0, such as a seed."""
     if not str(text).isdecimal():
         raise typer.BadParameter(f"{text!r}: expected a whole number from 0 on")
     return int(text)
 
 
 def count(text: str) -> int:
-    """A number of things: a whole number from 1 on."""
+    """A count: an integer of at least 1."""
     digits = str(text)
     if not digits.isdecimal() or len(digits) > len(str(_MOST)) or not 1 <= int(digits) <= _MOST:
         raise typer.BadParameter(f"{text!r}: expected a whole number from 1 to {_MOST}")

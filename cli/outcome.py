@@ -1,4 +1,4 @@
-"""What a command says, and whom it tells how far it is."""
+"""The outcome of a command, and its progress callback."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a command has to say.
+    """Outcome of a command.
 
     Attributes:
         data: For `--json`.
-        lines: For people.
+        lines: Text output.
         code: Exit code.
     """
 

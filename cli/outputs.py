@@ -1,4 +1,4 @@
-"""Files that a command is to write: none of them is one that it reads, or writes for something else."""
+"""Checks the output files of a command: none may be one of its inputs or be used twice."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _MAKE_FOLDERS = (("import", "output"), ("score", "history"))
 
 
 def check_outputs(command: str, arguments: Options) -> None:
-    """Refuses what would overwrite an input, or be lost at the end of a long run.
+    """Rejects outputs that would overwrite an input or fail at the end of a long run.
 
     Raises:
-        ConfigError: An output that is read, too, or given twice; one that no file can be.
+        ConfigError: An output is also an input, is given twice, or cannot be a file.
     """
     given = dict(vars(arguments))
     if command == "history":
-        given["file"] = given.pop("history")  # what it reads
+        given["file"] = given.pop("history")  # an input
     outputs = {name: given.pop(name) for name in _OPTIONS if isinstance(given.get(name), Path)}
     taken = list(_files(given.values()))
     for name, path in outputs.items():
@@ -40,7 +40,7 @@ def check_outputs(command: str, arguments: Options) -> None:
 
 
 def _files(values: Iterable[object]) -> Iterator[Path]:
-    """All that is named: paths, lists of them, names of files, `NAME=FILE`."""
+    """All names in a value: paths, lists of them, file names, `NAME=FILE`."""
     for value in values:
         if isinstance(value, list):
             yield from _files(value)
@@ -53,7 +53,7 @@ def _files(values: Iterable[object]) -> Iterator[Path]:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # what is no name of a file at all
+    except (OSError, ValueError):  # not a valid file name
         return False
 
 

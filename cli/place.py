@@ -1,4 +1,4 @@
-"""`place`: where sensors pay."""
+"""`place`: finds where sensors are most useful."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
 
 
 def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
-    """The problem with what the command line says in place of the file."""
+    """The problem, with the settings of the command line in place of the file's."""
     from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
     from stridetwin.scenarios.fields import Where
     from stridetwin.studies.placement.problem_file import check_budget
@@ -96,7 +96,7 @@ def _asked(problem: Problem, arguments: PlaceOptions) -> Problem:
 
 
 def _lines(result: dict[str, Any]) -> list[str]:
-    """The table, and what of it is more than chance."""
+    """The table, and which differences in it are significant."""
     from stridetwin.studies.placement.page import said, said_value
 
     scores = [score["name"] for score in result["scores"]]

@@ -1,9 +1,4 @@
-"""`check`, `import`, `export` and `view`: what one does with a recording.
-
-The recording that a command reads.
-
-A recording in another tool's format: a file, or a folder that appears whole or not at all.
-"""
+"""`check`, `import`, `export` and `view`: checks, converts and shows recordings."""
 
 from __future__ import annotations
 
@@ -36,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
-    """`opened`, as the arguments of a command tell how."""
+    """`opened`, with the options of a command."""
     from stridetwin.streams.formats.opening import ImportOptions
 
     options = ImportOptions(
@@ -70,24 +65,24 @@ def export(
     stereo_baseline_m: float | None = None,
     model: str = "rajagopal",
 ) -> dict[str, int]:
-    """Writes a recording in another format.
+    """Writes a recording in another format: a file, or a folder that appears complete or not at all.
 
     Args:
         recording: Any recording.
         form: euroc, tum, rosbag2, opensim or table.
-        output: File (a trajectory, a table) or folder to make; a folder must be new or empty.
+        output: File (a trajectory, a table) or folder to write; a folder must be new or empty.
         frame: For `tum`, the frame whose true path to write; for `table`, the IMU. With `tum`, a frame or a file
-            name that ends in .txt or .tum asks for a trajectory, anything else for an RGB-D folder.
+            name that ends in .txt or .tum selects a trajectory, anything else an RGB-D folder.
         camera: For `euroc` and `tum`, the topic of the camera; the first with depth by default.
         storage: For `rosbag2`, `mcap` or `sqlite3`.
-        stereo_baseline_m: For `euroc`, makes a right camera at this distance from depth.
+        stereo_baseline_m: For `euroc`, synthesises a right camera at this distance from depth.
         model: For `opensim`, `rajagopal` or `gait2392`.
 
     Returns:
-        Rows written, by what they are.
+        Rows written, by kind.
 
     Raises:
-        StrideTwinError: The recording lacks what the format needs, or the place is taken.
+        StrideTwinError: The recording lacks what the format needs, or the output exists.
     """
     if form == "table":
         return _table(recording, output, frame or DEFAULT_FRAME)

@@ -37,12 +37,12 @@ def file_schema(kind: str) -> dict[str, Any]:
 
 
 def as_text(schema: dict[str, Any]) -> str:
-    """A schema as its file holds it."""
+    """A schema as text of its file."""
     return json.dumps(schema, indent=1, ensure_ascii=False)
 
 
 def shipped(kind: str) -> Path:
-    """The file of a schema that comes with the project."""
+    """The built-in file of a schema."""
     return Path(str(resources.files("stridetwin.scenarios"))) / "schema" / f"{kind}.json"
 
 

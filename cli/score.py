@@ -1,4 +1,4 @@
-"""`score`: estimators against the truth, and against a baseline; `history`: how scores went."""
+"""`score`: compares estimators with the truth and with a baseline; `history`: shows scores over time."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _KINDS = (
     ("elevation_rmse_mm", _SHOWN_STEPS), ("completeness_pct", _SHOWN_MAP), ("strict_accuracy_pct", _SHOWN_MODES),
     ("", _SHOWN),
 )  # fmt: skip
-"""A score that tells an estimator's kind, and what is shown of it."""
+"""A score that identifies an estimator's kind, and what is shown of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +184,7 @@ def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
 
 
 def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
-    """Estimators in the place of the built-in ones; what is wrong with one is told before anything is scored."""
+    """Estimators that replace the built-in ones; an invalid one is reported before anything is scored."""
     from stridetwin.evaluation.gate.own_estimators import Program, PythonClass, TumFile
 
     frame = arguments.frame
@@ -209,7 +209,7 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
 
 
 def score_table(scores: dict[str, Scores]) -> list[str]:
-    """The main scores as lines of text, one an estimator: those of paths, then of steps, of the map, of modes."""
+    """The main scores as text, one line per estimator: paths, then steps, map and modes."""
     parts: dict[str, dict[str, Scores]] = {key: {} for key in ("", *(key for key, _ in _KINDS))}
     for name, values in scores.items():
         parts[next(key for key, _ in _KINDS if not key or key in values)][name] = values

@@ -1,1 +1,1 @@
-"""Estimators on whole recordings and on live samples, and the files of their estimates."""
+"""Runs estimators on whole recordings and on live samples, and writes the files of their estimates."""

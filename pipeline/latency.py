@@ -1,4 +1,4 @@
-"""How long samples take on their way, in constant memory: counts by logarithm of the time."""
+"""Latency statistics in constant memory: a histogram over the logarithm of the time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ QUANTILES = {"p50_ms": 0.5, "p95_ms": 0.95, "p99_ms": 0.99}
 
 
 class Times:
-    """Times of one kind; quantiles are exact to 1 %, mean, least and largest exactly."""
+    """Times of one kind; quantiles are accurate to 1 %; mean, minimum and maximum are exact."""
 
     def __init__(self) -> None:
         self._counts = np.zeros(_BINS, np.int64)
@@ -22,7 +22,7 @@ class Times:
         self.least_s, self.most_s = math.inf, -math.inf
 
     def add(self, seconds: float) -> None:
-        """Takes a time; below a microsecond they are all one to the quantiles."""
+        """Adds a time; the quantiles do not resolve times below one microsecond."""
         place = int(math.log(seconds / _SHORTEST_S) / math.log(_GROWTH)) if seconds > _SHORTEST_S else 0
         self._counts[min(place, _BINS - 1)] += 1
         self.count += 1
@@ -31,27 +31,27 @@ class Times:
 
     @property
     def mean_s(self) -> float:
-        """Mean; 0 where there is none."""
+        """Mean; 0 without any times."""
         return self._sum / self.count if self.count else 0.0
 
     def quantile_s(self, share: float) -> float:
-        """Time that a share of all does not exceed; 0 where there is none."""
+        """The time that the given share of all times does not exceed; 0 without any times."""
         if not self.count:
             return 0.0
         place = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
         return min(_SHORTEST_S * _GROWTH ** (place + 1), self.most_s)
 
     def figures(self) -> dict[str, float]:
-        """Mean, quantiles and largest in ms."""
+        """Mean, quantiles and maximum in ms."""
         told = {"mean_ms": self.mean_s, **{n: self.quantile_s(q) for n, q in QUANTILES.items()}}
         return {n: 1e3 * s for n, s in (told | {"max_ms": max(self.most_s, 0.0) if self.count else 0.0}).items()}
 
 
 class Latency:
-    """From the arrival of samples until an estimator has taken them.
+    """Latency from the arrival of a sample until an estimator has processed it.
 
     Args:
-        budget_s: Within which 99 % shall be.
+        budget_s: Limit that 99 % of the samples must meet.
     """
 
     def __init__(self, budget_s: float) -> None:
@@ -62,14 +62,14 @@ class Latency:
         self._travel: dict[str, Times] = {}
 
     def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, told: bool) -> None:
-        """Takes a sample's times.
+        """Adds the times of one sample.
 
         Args:
-            estimator: What has taken it.
+            estimator: Estimator that processed it.
             topic: Its stream.
             whole_s: From its arrival until the estimator was done with it.
             work_s: The estimator's own part of that.
-            told: Whether an estimate came of it.
+            told: Whether it produced an estimate.
         """
         key = estimator, topic
         if key not in self._whole:
@@ -79,21 +79,21 @@ class Latency:
         self._told[key] += told
 
     def travelled(self, topic: str, seconds: float) -> None:
-        """Takes the time from a sample's stamp until its arrival."""
+        """Adds the time from a sample's stamp until its arrival."""
         self._travel.setdefault(topic, Times()).add(seconds)
 
     @property
     def took_any(self) -> bool:
-        """Whether an estimator has taken a sample."""
+        """Whether any estimator has processed a sample."""
         return bool(self._whole)
 
     @property
     def within(self) -> bool:
-        """Whether 99 % of each stream's samples were within the budget."""
+        """Whether 99 % of each stream's samples met the budget."""
         return all(times.quantile_s(0.99) <= self.budget_s for times in self._whole.values())
 
     def data(self) -> dict[str, Any]:
-        """For JSON: times by estimator and topic, and those from stamp to arrival by topic."""
+        """For JSON: times by estimator and topic, and times from stamp to arrival by topic."""
         estimators: dict[str, dict[str, Any]] = {}
         for (estimator, topic), whole in self._whole.items():
             work = self._work[estimator, topic]
@@ -109,7 +109,7 @@ class Latency:
         return {"budget_ms": 1e3 * self.budget_s, "arrival_to_estimate": estimators, "stamp_to_arrival": travel}
 
     def table(self) -> list[str]:
-        """The same for people."""
+        """The same as text."""
         heads = ("samples", "estimates", "mean ms", "p50", "p95", "p99", "max", "work mean", "work p99")
         lines = []
         if self._whole:

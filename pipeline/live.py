@@ -1,4 +1,4 @@
-"""An estimator on samples as they come over the bridge: one thread, in order of stamps, its latency measured."""
+"""Runs an estimator on samples that arrive over the bridge: one thread, in order of stamps, with measured latency."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image
 
 WINDOW_S = 0.01
-"""How long a sample waits for older ones of other streams, where nothing is estimated."""
+"""How long a sample waits for older samples of other streams if no estimator runs."""
 _IDLE_S = 0.1
 
 Say = Callable[[str], None]
@@ -32,16 +32,16 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Session:
-    """What to do with what comes.
+    """Options of a live session.
 
     Attributes:
         asked: The estimator; None only records.
-        address: Where to listen.
-        rig: Kalibr YAML that goes before what senders tell.
-        record: Recording to make; None makes none.
-        budget_s: Of latency; None takes the estimator's.
-        window_s: Of the order; None takes the estimator's.
-        skip_pictures_s: Pictures that have waited longer are left out; None leaves out none.
+        address: Address to listen on.
+        rig: Kalibr YAML that takes precedence over the senders' rigs.
+        record: Recording to write; None writes none.
+        budget_s: Latency budget; None uses the estimator's.
+        window_s: Reordering window; None uses the estimator's.
+        skip_pictures_s: Images that have waited longer are skipped; None skips none.
     """
 
     asked: Request | None
@@ -55,16 +55,16 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What came of it.
+    """Result of a live session.
 
     Attributes:
-        latency: None where nothing was estimated.
+        latency: None without an estimator.
         files: Rows by file.
-        streams: What came, by topic.
-        refused: Who was refused and why.
-        refusals: How many were.
+        streams: Received traffic by topic.
+        refused: Refused senders, with reasons.
+        refusals: Number of refusals.
         recorded: Messages in the recording.
-        window_s: Of the order.
+        window_s: Reordering window.
         duration_s: From the first sample's arrival to the last one's.
     """
 
@@ -79,15 +79,15 @@ class Outcome:
 
 
 def run_live(session: Session, say: Say, tell: Say) -> Outcome:
-    """Takes samples until every sender has said that it is done, or the user interrupts.
+    """Processes samples until every sender has finished or the user interrupts.
 
     Args:
-        session: What to do.
-        say: Is told what goes on.
-        tell: Is told each estimate as a row of its file.
+        session: Options.
+        say: Receives status messages.
+        tell: Receives each estimate as a row of its file.
 
     Raises:
-        StrideTwinError: The address or a file cannot be had, nothing came, or the estimator refuses what comes.
+        StrideTwinError: The address or a file is unavailable, nothing arrived, or the estimator rejects the input.
     """
     files = (session.asked.output if session.asked else None, session.record)
     for file in files:
@@ -182,7 +182,7 @@ class _Live:
         self._try_chain()
 
     def _try_chain(self) -> None:
-        """Begins where the rig feeds the estimator; else says what is missing."""
+        """Starts the estimator once the rig is sufficient; otherwise reports what is missing."""
         asked = self._session.asked
         if asked is None or self._chain is not None:
             return
@@ -198,7 +198,7 @@ class _Live:
         self._say(f"{asked.estimator} takes {', '.join(self._chain.takes)}")
 
     def _compile(self) -> None:
-        """Shows a chain made-up samples, once; without the geometry of an exoskeleton there may be none yet."""
+        """Feeds synthetic samples to a trial chain once; an exoskeleton estimator without geometry has no chain yet."""
         asked = self._session.asked
         if asked is None or self._compiled:
             return
@@ -245,12 +245,12 @@ class _Live:
                 before = time.perf_counter_ns()
 
     def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
-        """Whether a picture has waited for longer than is asked; what is not a picture is never left out."""
+        """Whether an image has waited longer than allowed; other samples are never skipped."""
         most_s, is_image = self._session.skip_pictures_s, isinstance(arrival.sample, Image | Depth)
         return most_s is not None and is_image and now_ns - arrival.since_ns > most_s * 1e9
 
     def _warn(self, receiver: Receiver) -> None:
-        """Says once of each stream what is wrong with it, and who was refused."""
+        """Reports each problem of a stream and each refused sender once."""
         for topic, traffic in list(receiver.traffic.items()):
             for count, what in (
                 (traffic.lost, "the sender drops samples: they come faster than they are taken"),
@@ -264,14 +264,14 @@ class _Live:
             self._say(f"warning: refused {words}")
 
     def _warn_once(self, topic: str, what: str, first: str = "") -> None:
-        """Says what is wrong with a topic, with the first case of it."""
+        """Reports a problem of a topic once, with its first case."""
         if (topic, what) not in self._warned:
             self._warned.add((topic, what))
             self._say(f"warning: {topic}: {what}{first and f' ({first})'}")
 
 
 def _joined(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
-    """Both rigs, the first before the second; and the names that they tell differently."""
+    """Both rigs merged, where the first takes precedence, and the names whose entries differ."""
     parts: dict[str, dict[str, Any]] = {}
     differing: set[str] = set()
     for kind in ("imus", "cameras", "boards", "others"):

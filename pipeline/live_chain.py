@@ -1,4 +1,4 @@
-"""The estimators as they run live: samples in, what each makes of them out, and at the end the files of `estimate`."""
+"""Estimators in live operation: samples in, estimates out, and the files of `estimate` at the end."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
 Done = tuple[str, str | None]
-"""Which estimator has just taken the sample, and its estimate as a row, None where nothing new is known."""
+"""The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
 _KIND = "of another kind than the estimator takes: such samples are left out"
 _SIZE = "of another size than the rig tells: such pictures are left out"
 _COLOUR = "in colour where the estimator takes grey: such pictures are left out"
@@ -34,11 +34,11 @@ _COLOUR = "in colour where the estimator takes grey: such pictures are left out"
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is to run.
+    """The estimator to run.
 
     Attributes:
         estimator: Its name.
-        options: See `Options`; the metadata is that of the senders.
+        options: See `Options`; the metadata comes from the senders.
         output: File to write; None writes none.
     """
 
@@ -48,31 +48,31 @@ class Request:
 
 
 class Chain(Protocol):
-    """One or more estimators, one feeding the next.
+    """One or more estimators, each feeding the next.
 
     Attributes:
-        takes: The kind of sample that it takes of each topic.
+        takes: The accepted kind of sample by topic.
     """
 
     takes: dict[str, type[Sample]]
 
     def update(self, sample: Sample) -> Iterator[Done]:
-        """Takes a sample that `takes` allows; yields each time an estimator is done with it."""
+        """Processes a sample that `takes` allows; yields each time an estimator has finished with it."""
 
     def finish(self) -> dict[Path, int]:
-        """Writes what is to be written; returns rows by file."""
+        """Writes the files; returns rows by file."""
 
     def abandon(self) -> None:
-        """Leaves the files as they were."""
+        """Leaves existing files unchanged."""
 
 
 def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
     """The chain of an estimator.
 
     Args:
-        request: Which.
-        rig: What is known of the hardware.
-        metadata: Texts that the senders told.
+        request: The estimator to run.
+        rig: Known rig.
+        metadata: Texts from the senders.
 
     Raises:
         StrideTwinError: The rig lacks what the estimator needs; the message names it.
@@ -87,7 +87,7 @@ def chain_of(request: Request, rig: Rig, metadata: Mapping[str, str]) -> Chain:
 
 
 def _at_work(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, type[Sample]]]:
-    """An estimator, and what it takes."""
+    """An estimator, and the kind of sample that it takes by topic."""
     streams = [s for s in found.streams(rig, options) if s.live]
     for stream in streams:
         if stream.required and stream.kind is Imu:
@@ -96,7 +96,7 @@ def _at_work(found: Found, rig: Rig, options: Options) -> tuple[Any, dict[str, t
 
 
 class _Paths:
-    """An estimator of paths: a row a pose, behind the part's name where it estimates several."""
+    """An estimator of paths: one row per pose, prefixed with the part's name if it estimates several parts."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._name, self._parts = found.declaration.name, found.declaration.parts
@@ -127,7 +127,7 @@ def part_file(file: Path, part: str) -> Path:
 
 
 class _Steps:
-    """An estimator of steps: a row an estimate."""
+    """An estimator of steps: one row per estimate."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._name, self._output = found.declaration.name, output
@@ -152,7 +152,7 @@ class _Steps:
 
 
 class _Ahead:
-    """An estimator of the ground ahead, led by the poses of an odometry: a row a coming step, or a map as JSON."""
+    """An estimator of the ground ahead, on the poses of an odometry: one row per predicted step, or a map as JSON."""
 
     def __init__(self, found: Found, rig: Rig, options: Options, output: Path | None) -> None:
         self._led = Led(rig, found, options)
@@ -190,13 +190,13 @@ class _Ahead:
 
 
 class _LivePath:
-    """One trajectory as of `write_tum`, row by row; the file takes its place when it is finished.
+    """One trajectory in the format of `write_tum`, row by row; the file appears when it is finished.
 
     Args:
-        file: File to make; None only makes the rows.
+        file: File to write; None only formats the rows.
 
     Attributes:
-        rows: Rows made.
+        rows: Number of rows so far.
     """
 
     def __init__(self, file: Path | None) -> None:
@@ -213,28 +213,28 @@ class _LivePath:
         return row
 
     def finish(self) -> None:
-        """Puts the file in its place."""
+        """Moves the file to its final place."""
         if self._out is not None and self.file is not None:
             self._out.close()
             os.replace(partial_path(self.file), self.file)
 
     def abandon(self) -> None:
-        """Leaves the place as it was."""
+        """Leaves an existing file unchanged."""
         if self._out is not None and self.file is not None:
             self._out.close()
             partial_path(self.file).unlink(missing_ok=True)
 
 
 class Fit:
-    """Holds samples against what is told of their topics; counts those that do not fit.
+    """Checks samples against what is known of their topics; counts those that do not match.
 
     Args:
-        takes: The kind of sample that the estimator takes of each topic.
-        rig: Tells the sizes of pictures. Cameras on feet look at boards in grey.
+        takes: The accepted kind of sample by topic.
+        rig: Provides the image sizes. Foot cameras observe boards in grey.
 
     Attributes:
         other_kind: Samples of another kind, by topic.
-        other_size: Pictures of another size or form, by topic.
+        other_size: Images of another size or format, by topic.
     """
 
     def __init__(self, takes: Mapping[str, type[Sample]], rig: Rig) -> None:
@@ -246,7 +246,7 @@ class Fit:
         self.other_size: Counter[str] = Counter()
 
     def wrong(self, sample: Sample) -> tuple[str, str] | None:
-        """What is wrong with a sample of one of the topics, in general and in this case; None where it fits."""
+        """The problem of a sample of an accepted topic, in general and in this case; None if it matches."""
         topic, kind = sample.topic, self._takes[sample.topic]
         if not isinstance(sample, kind):
             self.other_kind[topic] += 1

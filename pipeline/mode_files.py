@@ -22,12 +22,12 @@ COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictedStep:
-    """A step as it was last told before its foot touched down.
+    """The last prediction of a step before its foot touched down.
 
     Attributes:
-        estimate: What was told.
-        step: Of it, the step.
-        steady_s: For how long its mode had been told.
+        estimate: The last estimate before touch-down.
+        step: The step in that estimate.
+        steady_s: How long its predicted mode had not changed.
     """
 
     estimate: ModeEstimate
@@ -36,15 +36,15 @@ class PredictedStep:
 
 
 class MadeSteps:
-    """Each step that is made, as it was last told before, while estimates come."""
+    """Collects, from consecutive estimates, the last prediction of each completed step."""
 
     def __init__(self) -> None:
         self._since: dict[int, tuple[str, int]] = {}
         self._before: ModeEstimate | None = None
 
     def add(self, estimate: ModeEstimate) -> PredictedStep | None:
-        """Takes what is told; returns the step that has been made since it was last told, if one has."""
-        if self._before is not None and estimate.step < self._before.step:  # poses jumped: counted anew
+        """Adds an estimate; returns the last prediction of a step completed since the previous estimate, if any."""
+        if self._before is not None and estimate.step < self._before.step:  # the poses jumped: start again
             self._since, self._before = {}, None
         since, before, made = self._since, self._before, None
         if before is not None and estimate.step > before.step:
@@ -58,18 +58,18 @@ class MadeSteps:
         return made
 
     def steady_s(self, estimate: ModeEstimate) -> float:
-        """For how long the next step's mode had been told in the estimate that was added last."""
+        """How long the mode of the next step has not changed, at the last added estimate."""
         return (estimate.t_ns - self._since[estimate.steps[0].step][1]) * 1e-9
 
 
 def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
-    """Each step that was made, as it was last told before."""
+    """The last prediction of each completed step."""
     steps = MadeSteps()
     return [made for estimate in estimates if (made := steps.add(estimate)) is not None]
 
 
 def write_modes(rows: Iterable[PredictedStep], path: Path) -> None:
-    """Writes a table with one row a step, columns `COLUMNS`; what is not known is empty."""
+    """Writes a table with one row per step, columns `COLUMNS`; unknown values are empty."""
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

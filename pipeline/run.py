@@ -1,7 +1,7 @@
-"""Estimators at work: which ones a recording feeds, one of them on a recording, and how one leads another live.
+"""Runs estimators: selects those that a recording can feed, runs one on a recording, or one live behind an odometry.
 
-An odometry leads the estimators of the ground ahead: its poses go to the map, and through the map to the prediction of
-modes. What is specific to an estimator stands in its declaration (`estimators.base`), nothing of it here.
+The odometry's poses feed the terrain map and, through it, the prediction of modes. Everything specific to an
+estimator is in its declaration (`estimators.base`).
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ Found = type[Estimator]
 
 
 def with_metadata(found: Found, options: Options | None, recording: Recording) -> Options:
-    """The options, by default those of the estimator's first method, with the metadata of a recording."""
+    """The options with the metadata of a recording; by default those of the estimator's first method."""
     options = options or Options(method=found.declaration.methods[0])
     return replace(options, metadata=recording.metadata, source=str(recording.path))
 
 
 def fed(found: Found, recording: Recording) -> list[Options]:
-    """Options of each instance of an estimator that a recording feeds: one a foot, one of a camera; else none or one.
+    """Options of each estimator instance that a recording can feed: one per foot or one of a camera; else at most one.
 
     Raises:
-        ConfigError: What the recording says of the estimator is invalid.
+        ConfigError: The recording's metadata for the estimator is invalid.
     """
     told, declaration = with_metadata(found, None, recording), found.declaration
     variants = [told]
@@ -61,7 +61,7 @@ def fed(found: Found, recording: Recording) -> list[Options]:
 
 
 def missing(streams: Iterable[Stream], recording: Recording) -> list[str]:
-    """The first topic of each required role of which the recording has none; poses come from elsewhere."""
+    """The first topic of each required role that the recording lacks entirely; poses come from elsewhere."""
     roles: dict[str, list[str]] = {}
     for stream in streams:
         if stream.required and stream.topic != POSES:
@@ -104,7 +104,7 @@ def paths(
 
 
 def all_paths(recording: Recording, leads: bool | None = None) -> list[PathEstimate]:
-    """Every path that the recording feeds, or those of the estimators that lead others, or that do not."""
+    """All paths that can be estimated from the recording; `leads` selects estimators by whether they feed others."""
     return [
         estimate
         for found in registry.estimators("path").values()
@@ -115,7 +115,7 @@ def all_paths(recording: Recording, leads: bool | None = None) -> list[PathEstim
 
 
 def pose_of(estimate: Any, source: str = "estimator") -> Pose | None:
-    """The pose of what an estimator of kind `path` returns; None where there is none.
+    """The pose in the return value of an estimator of kind `path`; None without a pose.
 
     Raises:
         StrideTwinError: It is neither a `Pose` nor has one.
@@ -134,7 +134,7 @@ def pose_of(estimate: Any, source: str = "estimator") -> Pose | None:
 
 
 def steps(found: Found, recording: Recording, options: Options | None = None) -> list[StepEstimate]:
-    """The last estimate of each step, in order, by an estimator of kind `steps`; step 0 left out.
+    """The last estimate of each step, in order, by an estimator of kind `steps`; step 0 is omitted.
 
     Raises:
         StrideTwinError: A topic or the geometry is missing.
@@ -149,7 +149,7 @@ def steps(found: Found, recording: Recording, options: Options | None = None) ->
 
 
 def _started(found: Found, recording: Recording, options: Options) -> tuple[Estimator, Iterator[Sample]]:
-    """An estimator and what it takes of a recording."""
+    """An estimator and its samples from a recording."""
     rig = recording.rig if recording.has_rig else Rig()
     streams = found.streams(rig, options)
     _check(found, streams, recording)
@@ -165,16 +165,16 @@ def _check(found: Found, streams: Sequence[Stream], recording: Recording) -> Non
 def posed(
     found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None
 ) -> tuple[Estimator, Iterator[Sample]]:
-    """An estimator of kind `map` or `modes`, and the poses and samples of a recording that it takes.
+    """An estimator of kind `map` or `modes`, and the poses and samples from a recording that it takes.
 
     Args:
         found: Its class.
         recording: With depth and its calibration.
         options: See `Options`; `poses_of` is that of the poses.
-        path: Poses of the frame `options.poses_of`; None: those that came with the recording.
+        path: Poses of the frame `options.poses_of`; None uses those in the recording.
 
     Returns:
-        The estimator; and samples in order of time, a pose before the image of its instant.
+        The estimator, and samples in time order; each pose comes before the image of the same instant.
 
     Raises:
         StrideTwinError: A topic or calibration is missing, or there are no poses of the camera or its body.
@@ -201,19 +201,19 @@ def mapped(found: Found, recording: Recording, options: Options | None = None, p
 def predicted(
     found: Found, recording: Recording, options: Options | None = None, path: Trajectory | None = None
 ) -> list[ModeEstimate]:
-    """All that an estimator of kind `modes` predicts on a recording; see `posed`."""
+    """All predictions of an estimator of kind `modes` on a recording; see `posed`."""
     estimator, samples = posed(found, recording, options, path)
     return [estimate for sample in samples if (estimate := estimator.update(sample)) is not None]
 
 
 def merged(path: Trajectory, recording: Recording, topics: Sequence[str]) -> Iterator[Sample]:
-    """Poses and samples of a recording in order of time, a pose before the sample of its instant."""
+    """Poses and samples of a recording in time order; each pose comes before the sample of the same instant."""
     poses: Iterator[Sample] = map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame)
     return heapq.merge(poses, recording.samples(topics), key=lambda s: s.t_ns)
 
 
 def leader() -> Found:
-    """The odometry that leads the estimators of the ground ahead.
+    """The odometry whose poses feed the estimators of the ground ahead.
 
     Raises:
         StrideTwinError: None is installed.
@@ -225,7 +225,7 @@ def leader() -> Found:
 
 
 class Led:
-    """An estimator of kind `map` or `modes` on samples as they come, led by the poses of an odometry.
+    """An estimator of kind `map` or `modes` on live samples, with the poses of an odometry.
 
     Args:
         rig: Calibration.
@@ -234,8 +234,8 @@ class Led:
 
     Attributes:
         odometry: Name of the odometry.
-        estimator: At work.
-        takes: The kind of sample that odometry and estimator take of each topic.
+        estimator: The running estimator.
+        takes: The kind of sample that odometry and estimator take, by topic.
 
     Raises:
         StrideTwinError: The rig lacks a sensor; the message names it.
@@ -258,7 +258,7 @@ class Led:
         return sample.topic in self._poses_from
 
     def lead(self, sample: Sample) -> Pose | None:
-        """The odometry takes a sample and leads the estimator to its pose; call it before `update`."""
+        """Passes the sample to the odometry and its pose to the estimator; call it before `update`."""
         pose = pose_of(self._odometry.update(sample)) if self.feeds_odometry(sample) else None
         if pose is not None and pose.valid:
             self.estimator.update(pose_sample(pose.t_ns, pose.p_frame_in_world, pose.q_world_frame))
@@ -269,5 +269,5 @@ class Led:
         return sample.topic in self._own
 
     def update(self, sample: Sample) -> Any:
-        """The estimator takes a sample; returns its estimate, None where nothing new is known."""
+        """Passes the sample to the estimator; returns its estimate, None without a new one."""
         return self.estimator.update(sample) if self.feeds_estimator(sample) else None

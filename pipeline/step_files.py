@@ -25,7 +25,7 @@ def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
 
 
 def write_steps(estimates: Iterable[StepEstimate], path: Path) -> None:
-    """Writes a table with one row a step, columns `COLUMNS`."""
+    """Writes a table with one row per step, columns `COLUMNS`; unknown values are empty."""
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

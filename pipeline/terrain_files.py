@@ -1,7 +1,4 @@
-"""The poses that lead a terrain map, and its planes and terrains as files.
-
-The ground of a terrain map as a grid of heights and classes: to look up, to draw, to make a mesh of.
-"""
+"""The poses that a terrain map uses, its ground as a grid of heights and classes, and its files: JSON, PLY and glTF."""
 
 from __future__ import annotations
 
@@ -24,7 +21,7 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Odometry
 
 KINDS = (*MODES, "none")
-"""What ground is to someone who walks a way: of which mode steps on it are; `none` where no class is known."""
+"""Class of the ground for a walker in a given direction: the mode of steps on it; `none` without a class."""
 KIND_COLORS = (
     (70, 170, 90), (50, 110, 220), (130, 80, 205), (230, 140, 30), (185, 70, 45), (150, 150, 150),
 )  # fmt: skip
@@ -33,12 +30,12 @@ KIND_COLORS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GroundGrid:
-    """Columns of the map in the map's own, turned grid.
+    """Columns of the map in the map's own, rotated grid.
 
     Attributes:
         first: (2,) int64, column of the first cell.
-        height: (I, J) m, NaN where nothing is known.
-        plane: (I, J) int64, id of the plane, -1 where there is none.
+        height: (I, J) m, NaN where unknown.
+        plane: (I, J) int64, id of the plane, -1 without a plane.
         rotation: (2, 2), grid to world.
         cell_m: Edge of a column.
     """
@@ -51,7 +48,7 @@ class GroundGrid:
 
     @classmethod
     def of(cls, terrain_map: TerrainMap) -> GroundGrid:
-        """What a map knows now."""
+        """The current ground of a map."""
         p = terrain_map.parameters
         c, s = math.cos(p.grid_turn_rad), math.sin(p.grid_turn_rad)
         rotation = np.array([[c, -s], [s, c]])
@@ -65,7 +62,7 @@ class GroundGrid:
         return cls(first=first, height=height, plane=ids, rotation=rotation, cell_m=p.voxel_size_m)
 
     def at(self, xy: Array) -> tuple[Array, NDArray[np.int64]]:
-        """(...) m and (...) ids at (..., 2) places of the map's world; NaN and -1 where nothing is known."""
+        """Heights (...) m and plane ids (...) at places (..., 2) in the map's world; NaN and -1 where unknown."""
         cell = np.floor(xy @ self.rotation / self.cell_m).astype(np.int64) - self.first
         inside = np.asarray(((cell >= 0) & (cell < self.height.shape)).all(axis=-1), bool)
         if not self.height.size:
@@ -81,7 +78,7 @@ class GroundGrid:
 
 
 def kind_of(estimate: TerrainEstimate, plane: int, heading: float) -> str:
-    """Of `KINDS`, a plane's for someone who walks in a direction, rad from x in the map's world."""
+    """One of `KINDS`: the class of a plane for a walker whose direction is given in rad from x in the map's world."""
     terrain = estimate.terrain_of(plane)
     if terrain is None:
         return "none"
@@ -94,14 +91,14 @@ def kind_of(estimate: TerrainEstimate, plane: int, heading: float) -> str:
 
 
 def kinds_at(estimate: TerrainEstimate, plane: NDArray[np.int64], heading: float) -> NDArray[np.uint8]:
-    """(...) numbers of `KINDS`, of (...) ids of planes."""
+    """Indices (...) into `KINDS` for plane ids (...)."""
     ids, where = np.unique(plane, return_inverse=True)
     known = [kind_of(estimate, int(i), heading) if i >= 0 else "none" for i in ids]
     return np.array([KINDS.index(kind) for kind in known], np.uint8)[where].reshape(np.shape(plane))
 
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
-"""RGB of a point of the `.ply` by what it belongs to."""
+"""RGB of a point of the `.ply` by its class."""
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -118,10 +115,10 @@ def depth_camera(rig: Rig) -> CameraCalibration:
 
 
 def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
-    """The poses that came with a recording, and whose they are.
+    """The poses in a recording, and the frame that they belong to.
 
     Returns:
-        Topic of the camera's own path, or of that of another sensor of its body; and that frame, "" for a folder of
+        Topic of the camera's own path, or of that of another sensor on its body; and that frame, "" for a folder of
         depth alone.
 
     Raises:
@@ -134,7 +131,7 @@ def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, s
         if topic in recording.topics and frame.mount.body == camera.mount.body:
             return topic, frame.topic.removeprefix("/")
     paths = [topic for topic, info in recording.topics.items() if info.kind is Odometry]
-    if len(paths) == 1 and not recording.is_mcap:  # a folder of depth alone: its poses are the depth camera's
+    if len(paths) == 1 and not recording.is_mcap:  # in a folder of depth alone, the poses are the depth camera's
         return paths[0], ""
     raise RecordingError(
         f"{recording.path}: no poses (/truth{camera.topic}/odometry); terrain_map needs them, or a file with --poses"
@@ -142,7 +139,7 @@ def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, s
 
 
 def pose_sample(t_ns: int, p: Array, q: Array) -> Odometry:
-    """A pose alone, position (3,) m and quaternion (4,), as a sample; its velocities are not known."""
+    """A pose, position (3,) m and quaternion (4,), as a sample; its velocities are unknown."""
     unknown = np.full(3, np.nan)
     return Odometry(
         topic=POSES, t_ns=t_ns, p_frame_in_world=p, q_world_frame=q, v_frame_in_world=unknown, angular_rate=unknown
@@ -150,7 +147,7 @@ def pose_sample(t_ns: int, p: Array, q: Array) -> Odometry:
 
 
 def document(estimate: TerrainEstimate) -> dict[str, Any]:
-    """Planes and terrains for a JSON file: m, degrees, world axes; what is not known is null."""
+    """Planes and terrains for a JSON file: m, degrees, world axes; unknown values are null."""
     return {
         "t_s": estimate.t_ns * 1e-9,
         "p_camera_in_world_m": _plain(estimate.p_camera_in_world),
@@ -165,11 +162,11 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     Args:
         terrain_map: The map.
         file: The JSON.
-        mesh: Writes a `.glb` as well, the ground as a surface.
+        mesh: Also writes a `.glb`, the ground as a surface.
 
     Raises:
-        RecordingError: The map has seen nothing.
-        StrideTwinError: A mesh is asked for, and what writes it is not installed.
+        RecordingError: The map is empty.
+        StrideTwinError: A mesh is requested, and the library that writes it is not installed.
     """
     estimate = terrain_map.estimate
     if estimate is None:
@@ -188,9 +185,9 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
 
 
 def ground_glb(terrain_map: TerrainMap, estimate: TerrainEstimate) -> bytes:
-    """The ground as a mesh, binary glTF: a vertex a column of the map, coloured by class; m.
+    """The ground as a mesh, binary glTF: one vertex per column of the map, coloured by class; m.
 
-    Its vertices are in the map's world, z up; the scene's node turns them so that y is up, as glTF wants it.
+    Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
 
     Raises:
         StrideTwinError: trimesh is not installed.

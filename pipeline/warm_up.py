@@ -1,4 +1,4 @@
-"""Samples that nobody measured, on which an estimator compiles what it will need before the first true one comes."""
+"""Synthetic samples on which an estimator compiles its functions before the first real sample arrives."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mou
 from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole, Range, Sample
 
 _SECONDS, _HZ, _PICTURES_HZ = 6.0, 100.0, 4.0
-"""So that an odometry's window fills: of one who rests it keeps a picture every 0.4 s, ten in all."""
-_TREMBLES_S, _TREMOR = 0.6, np.array([0.0, 0.0, 0.3])  # rad/s; at first, as who does not rest starts otherwise
+"""Long enough to fill an odometry's window: at rest it keeps one image every 0.4 s, ten in all."""
+_TREMBLES_S, _TREMOR = 0.6, np.array([0.0, 0.0, 0.3])  # rad/s, at first: an odometry starts differently at rest
 _WIDTH, _HEIGHT, _FOCAL = 640, 480, 380.0
 _SQUARES = 6, 9
-_EYES_M, _WALL_M = 1.6, 4.0  # eyes above the floor, and what ends the view
+_EYES_M, _WALL_M = 1.6, 4.0  # eyes above the floor; distance of the wall that ends the view
 _STAIR_M, _RISER_M, _TREAD_M, _RISERS = 1.5, 0.17, 0.3, 5
 _AXES = {
     "head": ((0.0, -1.0, 0.0), (-0.6, 0.0, -0.8), (0.8, 0.0, -0.6)),
     "foot_l": ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)),
     "foot_r": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
 }
-"""Right, down and forward of each camera, in the body's frame; the boards beside those of the shoes have the same."""
+"""Right, down and forward axes of each camera in the body's frame; the boards beside the shoe cameras have the same."""
 
 
 def made_up_rig() -> Rig:
-    """IMU and camera on the head and on each shoe, which looks at the other one's board, and its sonar."""
+    """An IMU and a camera on the head; an IMU, a sonar and a camera that faces the other shoe's board on each shoe."""
     imus, cameras, boards, others = {}, {}, {}, {}
     for body, axes in _AXES.items():
         looks = np.eye(4)
@@ -56,14 +56,14 @@ def made_up_rig() -> Rig:
 
 
 def made_up_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
-    """Six seconds of someone who stands before a stair, in order of time, as messages tell them.
+    """Six seconds of a person who stands in front of a stair, in time order, as decoded from messages.
 
     Args:
-        takes: The kind of sample of each topic; of those of an IMU or a camera, as `made_up_rig` has them.
+        takes: The kind of sample by topic; IMU and camera topics are those of `made_up_rig`.
     """
     encoder, decoders = messages.Encoder(made_up_rig()), dict[str, messages.Decoder]()
     for made in _samples(takes):
-        # Kernels are compiled for one layout of an array each, and messages have their own.
+        # Kernels are compiled for the memory layout of each array, and arrays from messages have their own layout.
         message = encoder.message(made)
         decoder = decoders.setdefault(message.topic, messages.Decoder(message.topic, message.typename))
         if (sample := decoder.sample(message)) is not None:
@@ -96,7 +96,7 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
 
 
 def _board() -> NDArray[np.uint8]:
-    """The other shoe's board as either camera sees it from 0.2 m; its columns run against the picture's."""
+    """The other shoe's board as seen by either camera from 0.2 m; its columns run against the image's."""
     columns, rows = _SQUARES
     dark = np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0
     squares = np.pad(np.where(dark, 30, 220).astype(np.uint8)[:, ::-1], 1, constant_values=220)
@@ -108,13 +108,13 @@ def _board() -> NDArray[np.uint8]:
 
 
 def _colours() -> NDArray[np.uint8]:
-    """Blobs everywhere; smooth, as among equal pixels a corner detector finds none that is more of a corner."""
+    """Smooth blobs everywhere: among equal pixels, a corner detector finds no maximum."""
     blobs = np.random.default_rng(0).integers(40, 215, (_HEIGHT // 8, _WIDTH // 8), np.uint8)
     return np.repeat(cv2.resize(blobs, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC)[..., None], 3, axis=2)
 
 
 def _depths() -> NDArray[np.float32]:
-    """(H, W) m of a floor and a stair, seen by the head's camera."""
+    """Depth (H, W) m of a floor and a stair, seen by the head's camera."""
     _, down, forward = _AXES["head"]
     rows = (np.arange(_HEIGHT) - (_HEIGHT - 1) / 2) / _FOCAL
     ahead, rise = rows * down[0] + forward[0], rows * down[2] + forward[2]

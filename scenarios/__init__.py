@@ -1,1 +1,1 @@
-"""Scenarios: the catalogue, the runner, the scores, the report and the command line."""
+"""Scenarios and campaigns: their files, the walks recorded from them, and checks of recordings."""

@@ -1,7 +1,7 @@
-"""Offset between a camera's clock and its IMU's: the turn seen in the pictures, laid over the turn that the gyro felt.
+"""Offset between a camera's clock and its IMU's: the rotation rate seen in the images is aligned with the gyro's.
 
-The turn from picture to picture comes from tracked features: with depth by perspective from n points, without by the
-essential matrix (Nistér, PAMI 26(6), 2004). The offset is the one that leaves the least squares between the two rates
+The rotation between images comes from tracked features: with depth by perspective from n points, without by the
+essential matrix (Nistér, PAMI 26(6), 2004). The offset minimises the squared difference between the two rates
 (as Kelly and Sukhatme, IJRR 33(2), 2014, align sensors by their rotations alone).
 """
 
@@ -40,7 +40,7 @@ _ROUNDS, _TOLD = 3, 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class _Fit:
-    """The shift at which the felt rate lies best over the seen one; s, and the rates' correlation."""
+    """The shift that best aligns the gyro's rate with the visual one, s, and the correlation of the rates."""
 
     shift_s: float
     sd_s: float
@@ -49,17 +49,17 @@ class _Fit:
 
 
 def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, Any] | None:
-    """The offset of one camera, and how far its mount is off.
+    """The time offset of one camera, and the rotation error of its mount.
 
     Args:
-        recording: Holds the camera's pictures and its IMU.
-        camera: Its calibration; the mounts of both turn the gyro's rate into the camera's frame.
+        recording: Holds the camera's images and its IMU.
+        camera: Its calibration; both mounts rotate the gyro's rate into the camera's frame.
 
     Returns:
-        `shift_s` (t_imu = t_cam + shift), its standard deviation `sd_s`, `told_s` by the calibration, the
-        difference `unexplained_s`, `correlation` of the two rates, `imu`; `mount_off_deg`, by how much the mount
-        has to be turned for them to correlate so, 0 where it is as told; None where the pictures do not show
-        the turn well enough (little texture, or a scene that moves along).
+        `shift_s` (t_imu = t_cam + shift), its standard deviation `sd_s`, the calibrated value `told_s`, the
+        difference `unexplained_s`, `correlation` of the two rates, `imu`; `mount_off_deg`, the rotation of the mount
+        that gives this correlation, 0 for the nominal mount; None where the images do not show the rotation well
+        enough (little texture, or a scene that moves along).
     """
     imu = recording.rig.imu(camera.imu_topic)
     gyro = recording.block(camera.imu_topic)
@@ -83,7 +83,7 @@ def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, A
         return _felt(spans + shift_s, t, angle)
 
     fit, off_deg = _fit(shifts, felt_at, seen), 0.0
-    # two rates may have little to do with each other as the mounts are told, and much when one of them is turned
+    # with wrong nominal mounts the two rates may correlate only after a rotation of one of them
     turn = min((_turn_between(felt_at(s), seen) for s in shifts.tolist()), key=lambda found: found[1])[0]
     if (off := math.degrees(turn.magnitude())) > MOUNT_OFF_DEG:
         turned = _fit(shifts, lambda s: np.asarray(turn.apply(felt_at(s)), float), seen)
@@ -105,7 +105,7 @@ def camera_clock(recording: Recording, camera: CameraCalibration) -> dict[str, A
 
 
 def _fit(shifts: Array, felt_at: Callable[[float], Array], seen: Array) -> _Fit | None:
-    """The best of the shifts; None where it is the first or the last, or no least cost at all."""
+    """The best of the shifts; None if it is the first or the last, or the cost has no minimum."""
     cost = np.array([_cost(felt_at(float(s)), seen) for s in shifts])
     best = int(np.argmin(cost))
     if best in (0, len(shifts) - 1):
@@ -124,9 +124,9 @@ def _fit(shifts: Array, felt_at: Callable[[float], Array], seen: Array) -> _Fit 
 
 
 def _turn_between(felt: Array, seen: Array) -> tuple[Rotation, float]:
-    """The rotation that takes felt rates best into seen ones (Kabsch), without the gyro's bias; and what `_cost` is so.
+    """The rotation that best maps gyro rates to visual rates (Kabsch), without the gyro's bias; and its `_cost`.
 
-    About axes of which the rates tell nothing it stays with the mount that is told: that weighs a little, too.
+    A small weight keeps it at the nominal mount about axes that the rates do not observe.
     """
     a, b = felt - np.median(felt, axis=0), seen - np.median(seen, axis=0)
     kept = np.ones(len(a), bool)
@@ -140,7 +140,7 @@ def _turn_between(felt: Array, seen: Array) -> tuple[Rotation, float]:
 
 
 def _liveliest(pictures: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
-    """First pictures of the stretches in which the camera turns most unevenly."""
+    """First images of the segments in which the camera's rotation rate varies most."""
     starts = range(0, max(1, len(pictures) - IMAGES), IMAGES)
     spread: list[float] = []
     for start in starts:
@@ -151,13 +151,13 @@ def _liveliest(pictures: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -
 
 
 def _turns(recording: Recording, camera: CameraCalibration, first: int) -> list[tuple[int, int, Array]]:
-    """(start and end in ns, mean rate (3,) in the camera's frame) between the pictures of a stretch."""
+    """(start and end in ns, mean rate (3,) in the camera's frame) between the images of a segment."""
     times = recording.image_times(camera.topic)[first : first + IMAGES]
     try:
         pictures = recording.images(camera.topic, range(first, first + len(times)))
         depths = _depths(recording, camera, times)
     except StrideTwinError:
-        return []  # a damaged picture is told as a problem of its own
+        return []  # a damaged image is reported as a problem of its own
     views = [(p.t_ns, _grey(p)) for p in pictures if isinstance(p, Image)]
     found = []
     for (t0, a), (t1, b) in pairwise(views):
@@ -168,7 +168,7 @@ def _turns(recording: Recording, camera: CameraCalibration, first: int) -> list[
 
 
 def _depths(recording: Recording, camera: CameraCalibration, t_ns: NDArray[np.int64]) -> dict[int, Any]:
-    """Depth pictures by the stamps of the colour pictures that they are registered to."""
+    """Depth images by the stamps of the colour images that they are registered to."""
     if camera.depth_topic not in recording.topics:
         return {}
     times = recording.image_times(camera.depth_topic)
@@ -183,7 +183,7 @@ def _grey(picture: Image) -> Any:
 
 
 def _turn(a: Any, b: Any, depth: Any, camera: CameraCalibration) -> Array | None:
-    """(3,) rotation vector of the camera from picture a to picture b, in its own frame."""
+    """Rotation vector (3,) of the camera from image a to image b, in its own frame."""
     corners = cv2.goodFeaturesToTrack(a, _FEATURES, 0.01, 8)
     if corners is None or len(corners) < _FEWEST_TRACKS:
         return None
@@ -199,12 +199,12 @@ def _turn(a: Any, b: Any, depth: Any, camera: CameraCalibration) -> Array | None
     R = _by_depth(x, y, _z_at(depth, corners[kept], scale), pixel) if depth is not None else None
     R = _by_turn(x, y, pixel) if R is None else R
     R = _by_epipoles(x, y, pixel) if R is None else R
-    # R takes points of a into b: the camera itself turned the other way
+    # R maps points of a into b: the inverse of the camera's own rotation
     return None if R is None else -Rotation.from_matrix(R).as_rotvec()
 
 
 def _by_turn(x: Array, y: Array, pixel: float) -> Array | None:
-    """The turn between rays, where a turn alone explains them: then there are no epipoles (Kabsch's algorithm)."""
+    """The rotation between rays if rotation alone explains them (Kabsch's algorithm): then there are no epipoles."""
     a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
     R = Rotation.align_vectors(b, a)[0].as_matrix()
@@ -221,7 +221,7 @@ def _by_epipoles(x: Array, y: Array, pixel: float) -> Array | None:
 
 
 def _by_depth(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
-    """The same with depth, which tells a turn from a step aside far better (perspective from n points)."""
+    """The same with depth, which separates rotation from sideways motion far better (perspective from n points)."""
     known = z > 0
     if known.sum() < _FEWEST_TRACKS:
         return None
@@ -253,7 +253,7 @@ def _felt(spans: Array, t: Array, angle: Array) -> Array:
 
 
 def _cost(felt: Array, seen: Array) -> float:
-    """Mean squared difference without the gyro's bias; beyond its median fivefold a pair counts no more."""
+    """Mean squared difference without the gyro's bias; the cost of a pair is limited to five times the median."""
     off = felt - seen
     squared = np.sum((off - np.median(off, axis=0)) ** 2, axis=1)
     return float(np.mean(np.minimum(squared, 5 * np.median(squared))))

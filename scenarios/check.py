@@ -1,7 +1,4 @@
-"""Is a recording fit for use? Rates, gaps, ranges, clocks and units of every stream, in a table.
-
-How often a sensor was at the end of its range: known from its part, or seen as a value that many samples share.
-"""
+"""Checks whether a recording is valid: rates, gaps, ranges, clocks and units of every stream, in a table."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
 
 _G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180
-# Data sheets: full scales of parts of public recordings that the library does not have, rad/s and m/s².
+# Data sheets: full scales of parts of public recordings that are not in the library, rad/s and m/s².
 _FURTHER = {
     "ADIS16448": {"angular_rate": 1000 * _DEG, "specific_force": 18 * _G},
     "BMI160": {"angular_rate": 2000 * _DEG, "specific_force": 16 * _G},
@@ -32,12 +29,12 @@ _PLATEAU = 5
 
 
 def range_hits(block: Block[Any], rig: Rig | None) -> float | None:
-    """Share of an IMU's samples, %, with an axis at the end of its range; None for other streams.
+    """Share of an IMU's saturated samples, %, with an axis at the end of its range; None for other streams.
 
     Args:
         block: The stream.
-        rig: Names the part; its full scale is looked up in the library of parts. A part that is not known counts as
-            at its limit where the largest magnitude of an axis is met by `_PLATEAU` samples or more.
+        rig: Names the part, whose full scale comes from the library of parts. An unknown part counts as saturated
+            where at least `_PLATEAU` samples share the largest magnitude of an axis.
     """
     if block.kind is not Imu or not len(block):
         return None
@@ -65,12 +62,12 @@ _FEWEST = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Something worth telling.
+    """A finding.
 
     Attributes:
-        topic: Where, or "" for the whole.
-        what: In words.
-        spoils: Whether it would spoil an estimate.
+        topic: The stream, or "" for the whole recording.
+        what: Its text.
+        spoils: Whether it is an error, which invalidates estimates, rather than a warning.
     """
 
     topic: str
@@ -80,11 +77,11 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """What a check found.
+    """Result of a check.
 
     Attributes:
         data: Figures of every topic, and the findings, for `--json`.
-        findings: What is worth telling.
+        findings: Errors and warnings.
     """
 
     data: dict[str, Any]
@@ -92,7 +89,7 @@ class Check:
 
     @property
     def spoilt(self) -> bool:
-        """Whether something would spoil an estimate."""
+        """Whether any finding is an error."""
         return any(f.spoils for f in self.findings)
 
 
@@ -100,8 +97,8 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
     """Checks a recording that was opened leniently.
 
     Args:
-        recording: The recording; its `problems` count as what would spoil an estimate.
-        progress: Told how far it is (0-1).
+        recording: The recording; its `problems` count as errors.
+        progress: Receives the progress (0-1).
     """
     _read_pictures(recording)
     findings = [Finding(topic=p.topic, what=str(p), spoils=True) for p in recording.problems]
@@ -184,14 +181,14 @@ def _named(finding: Finding) -> str:
 
 
 def _read_pictures(recording: Recording) -> None:
-    """Lets every damaged picture become a problem; those of an MCAP file are vouched for by its CRCs."""
+    """Decodes the images so that damaged ones become problems; those of an MCAP file are protected by its CRCs."""
     if not recording.is_mcap:
         for _ in recording.samples([t for t, i in recording.topics.items() if i.kind in (Image, Depth)]):
             pass
 
 
 def _clocks(recording: Recording) -> tuple[dict[str, dict[str, Any]], list[CameraCalibration]]:
-    """What can be said of clock and mount of each camera that has an IMU beside it; and those where nothing can be."""
+    """Clock and mount of each camera with an IMU on its body; and the cameras for which they cannot be estimated."""
     cameras = recording.rig.cameras.values() if recording.has_rig else ()
     with_imu = [c for c in cameras if c.topic in recording.topics and c.imu_topic in recording.topics]
     found = {c.topic: camera_clock(recording, c) for c in with_imu}
@@ -237,7 +234,7 @@ def _units(block: Block[Any]) -> Any:
 
 
 def _told(recording: Recording, finding: Finding) -> bool:
-    """Whether the recording's own problems say it already."""
+    """Whether the recording's own problems already include it."""
     return any(p.topic == finding.topic and finding.what in p.what for p in recording.problems)
 
 
@@ -257,7 +254,7 @@ def _timing(t_ns: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _declared(recording: Recording, topic: str) -> tuple[float, bool | None]:
-    """Rate that the rig declares (0: none), and whether it knows the sensor (None: it need not)."""
+    """Rate that the rig declares (0: none), and whether the rig has the sensor (None: not required)."""
     if topic.startswith("/truth/"):
         return 0.0, None
     if not recording.has_rig:

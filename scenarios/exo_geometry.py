@@ -1,4 +1,4 @@
-"""The exoskeleton that a twin wears, as the estimator of contact terrain is told of it."""
+"""The geometry of the simulated exoskeleton, as the contact terrain estimator receives it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from stridetwin.sim.wearer.dimensions import Wearer
 
 LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
-"""How well a laboratory knows the lengths of thigh and shank, and how its AHRS sit after a calibration in standing."""
+"""Accuracy of the segment lengths and of the AHRS mounts after a laboratory calibration while standing."""
 _THIGH, _KNEE, _FOOT = 5, 6, 8
 _SENSORS = {"ahrs", "encoder", "insole"}
 
@@ -42,7 +42,7 @@ def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
 
     Args:
         size: Dimensions.
-        rig: Where AHRS and insole cells sit.
+        rig: Places of AHRS and insole cells.
 
     Raises:
         StrideTwinError: There is no exoskeleton.
@@ -97,17 +97,17 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
 
 
 def metadata(twin: Twin) -> dict[str, str]:
-    """Geometry for a recording's metadata; nothing where a walk lacks the exoskeleton or its sensors."""
+    """Geometry for a recording's metadata; empty for a walk without the exoskeleton or its sensors."""
     kinds = {sensor.kind for sensor in twin.rig.others.values()}
     is_known = kinds >= _SENSORS and isinstance(twin.size.exo, ExoLinks)
     return {METADATA_KEY: to_text(geometry(twin.size, twin.rig))} if is_known else {}
 
 
 def of_recording(recording: Recording) -> Exoskeleton:
-    """Geometry that a recording's metadata tells.
+    """Geometry from a recording's metadata.
 
     Raises:
-        StrideTwinError: It tells none.
+        StrideTwinError: The metadata has none.
     """
     if METADATA_KEY not in recording.metadata:
         raise StrideTwinError(f"{recording.path}: no exoskeleton geometry; pass --exoskeleton FILE")
@@ -115,11 +115,11 @@ def of_recording(recording: Recording) -> Exoskeleton:
 
 
 def measured(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
-    """The exoskeleton as a laboratory would measure it: lengths of thigh and shank, and mounts of AHRS, a little off.
+    """The exoskeleton as a laboratory would measure it: small errors in segment lengths and AHRS mounts.
 
     Args:
-        exo: As it is.
-        rng: What the errors are drawn from.
+        exo: True geometry.
+        rng: Source of the errors.
     """
 
     def turned(attitude: Attitude) -> Attitude:

@@ -1,4 +1,4 @@
-"""Output files that appear whole or not at all."""
+"""Output files and folders that appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PREFIX = ".unfinished-"
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """Yields an empty folder; what it holds at the end moves into `folder`, after an error nothing does.
+    """Yields an empty folder, whose contents move into `folder` at the end; after an error nothing moves.
 
     Raises:
         StrideTwinError: The place cannot be written.
@@ -36,7 +36,7 @@ def staged(folder: Path) -> Iterator[Path]:
 
 
 def _sweep(folder: Path) -> None:
-    """Removes what killed processes have left; what a living one works on is locked."""
+    """Removes what killed processes have left; the folders of running processes are locked."""
     for left in folder.glob(f"{_PREFIX}*"):
         try:
             with _held(left):
@@ -47,7 +47,7 @@ def _sweep(folder: Path) -> None:
 
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
-    """Locks a folder; the lock goes with the process, however that ends."""
+    """Locks a folder; the lock ends with the process in every case."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -57,10 +57,10 @@ def _held(folder: Path) -> Iterator[None]:
 
 
 def json_text(value: object) -> str:
-    """JSON for a file: sorted keys, so that equal results are equal bytes.
+    """JSON for a file: sorted keys, so that equal results give equal bytes.
 
     Raises:
-        ValueError: A number that is not finite.
+        ValueError: A number is not finite.
     """
     return json.dumps(value, indent=2, sort_keys=True, allow_nan=False) + "\n"
 

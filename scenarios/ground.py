@@ -1,4 +1,4 @@
-"""A route laid out in the world, as a recording's metadata carries it for reports and viewers."""
+"""The layout of a route in the world, which a recording's metadata holds for reports and viewers."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def to_text(layout: Layout) -> str:
 
 
 def from_metadata(metadata: Mapping[str, str]) -> Layout | None:
-    """The layout of a recording's metadata; None where it has none.
+    """The layout in a recording's metadata; None without one.
 
     Raises:
-        RecordingError: It is none.
+        RecordingError: It is not a layout.
     """
     if KEY not in metadata:
         return None

@@ -1,4 +1,4 @@
-"""The faults that were injected into a walk, as a recording tells them beside its truth."""
+"""The faults injected into a walk, which a recording lists beside its truth."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class Injected:
     """One fault on one stream.
 
     Attributes:
-        kind: What went wrong.
-        topic: Where.
-        from_s: From when on, s of the walk.
-        until_s: Until when; a strap that slipped does not come back, so that is the end of the walk.
+        kind: Kind of fault.
+        topic: The stream.
+        from_s: Start, s of the walk.
+        until_s: End; the end of the walk for a mount slip, which is permanent.
     """
 
     kind: str
@@ -30,7 +30,7 @@ class Injected:
 
 
 def to_text(planned: Iterable[tuple[Fault, Events]]) -> str:
-    """The events of planned faults as JSON, in order of time."""
+    """The events of planned faults as JSON, in time order."""
     events = [event for _, by_topic in planned for own in by_topic.values() for event in own]
     events.sort(key=lambda e: (e.from_ns, e.topic, e.kind))
     return json.dumps(
@@ -39,10 +39,10 @@ def to_text(planned: Iterable[tuple[Fault, Events]]) -> str:
 
 
 def from_metadata(metadata: Mapping[str, str]) -> list[Injected]:
-    """What a recording tells of its faults, in order of time; nothing where none were injected.
+    """The faults that a recording lists, in time order; empty if none were injected.
 
     Raises:
-        RecordingError: It is no list of them.
+        RecordingError: It is not a list of faults.
     """
     try:
         return [Injected(**entry) for entry in json.loads(metadata.get(KEY, "[]"))]

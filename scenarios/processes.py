@@ -1,4 +1,4 @@
-"""Processes beside this one: each computes with one thread, and none outlives this one."""
+"""Worker processes: each computes with one thread, and none outlives this process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of processes; what has not begun at its end is never done."""
+    """A pool of processes; jobs that have not started when it closes are dropped."""
     with _one_thread_each():
         pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_end_with_parent)
         try:
@@ -31,10 +31,10 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def mapped(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[B]:
-    """Results in the order of the jobs, here or in processes beside this one.
+    """Results in the order of the jobs, computed here or in worker processes.
 
     Raises:
-        StrideTwinError: One of the processes died.
+        StrideTwinError: A worker died.
     """
     if workers == 1 or len(jobs) < 2:
         yield from map(act, jobs)
@@ -44,7 +44,7 @@ def mapped(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[B
 
 
 def as_done(act: Callable[[A], B], jobs: Sequence[A], workers: int) -> Iterator[tuple[A, B]]:
-    """Jobs and their results, the first that is done first; otherwise as `mapped`."""
+    """Jobs and their results in order of completion; otherwise as `mapped`."""
     if workers == 1 or len(jobs) < 2:
         yield from ((job, act(job)) for job in jobs)
         return
@@ -67,7 +67,7 @@ def _told_if_one_dies(workers: int) -> Iterator[None]:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Processes that are started here compute with one thread, unless the user says otherwise."""
+    """Worker processes compute with one thread unless the user sets otherwise."""
     missing = [name for name in _THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(missing, "1"))
     try:
@@ -78,7 +78,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """A worker ends when the process that started it does, however that ends, and says nothing when it is stopped."""
+    """A worker ends with the process that started it in every case, and prints nothing when it is stopped."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = parent_process()
     if parent is None:

@@ -1,4 +1,4 @@
-"""A walk becomes a recording."""
+"""Records the walk of a scenario."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ def make_twin(scenario: Scenario, seed: int) -> Twin:
 
 
 def without_cameras(scenario: Scenario) -> Scenario:
-    """The scenario with every camera off."""
+    """The scenario with all cameras off."""
     sensors = tuple(s for s in scenario.config.sensors if s not in CAMERAS)
     return replace(scenario, config=replace(scenario.config, sensors=sensors))
 
 
 def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: None) -> None:
-    """Lets the twin walk and writes what arrives of what its sensors say, and the truth, as one recording.
+    """Runs the twin and writes the truth and the sensor samples that arrive as one recording.
 
     Raises:
-        ConfigError: A fault that begins after the walk's end.
+        ConfigError: A fault begins after the walk's end.
     """
     config = twin.config
     metadata = {

@@ -1,4 +1,4 @@
-"""Scenarios: YAML files that say who walks where, with which sensors; `scenario_model` has their fields."""
+"""Scenarios: YAML files that define the walker, the walk and the sensors; `scenario_model` has their fields."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Scenario:
     """A named walk.
 
     Attributes:
-        description: One line that says what the walk is for.
-        config: What the twin is made of.
-        notes: What its user should know of it.
+        description: Its purpose in one line.
+        config: Configuration of the twin.
+        notes: Notes for the user.
     """
 
     description: str
@@ -42,7 +42,7 @@ class Scenario:
 
 
 def catalogue() -> dict[str, Path]:
-    """The scenarios that come with the project, name to file, sorted by name."""
+    """The built-in scenarios, name to file, sorted by name."""
     folder = Path(str(resources.files("stridetwin.scenarios"))) / "catalogue"
     return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
 
@@ -54,7 +54,7 @@ def load_scenario(name: str) -> Scenario:
         name: Name of the catalogue, or path of a file (with a suffix or a separator in it).
 
     Raises:
-        StrideTwinError: No such scenario (the message lists those there are).
+        StrideTwinError: No such scenario (the message lists the existing ones).
         ConfigError: A bad file; the message names the file, the key, the value and what is valid.
     """
     known = catalogue()
@@ -80,8 +80,8 @@ def scenario_of(node: object, path: Path) -> Scenario:
     """The scenario that plain data describe.
 
     Args:
-        node: What a scenario file holds.
-        path: Whose the data are: it names the scenario, and parts of the user's own are looked for beside it.
+        node: Contents of a scenario file.
+        path: Origin of the data: it names the scenario, and the user's own parts are searched in its folder.
 
     Raises:
         ConfigError: As `load_scenario`.
@@ -107,7 +107,7 @@ def scenario_of(node: object, path: Path) -> Scenario:
 
 
 def _every(*checks: Callable[[], None]) -> None:
-    """Runs all checks and raises what they raise together."""
+    """Runs all checks and raises their errors together."""
     errors: list[StrideTwinError] = []
     for check in checks:
         try:

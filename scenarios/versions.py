@@ -1,7 +1,7 @@
-"""Which version of the code makes a figure: a digest of the sources that it comes from, and of the libraries.
+"""Version of the code behind a figure: a digest of the relevant sources and of the library versions.
 
-Of streams, twin, bodies, catalogue and reference figures that is everything, data too; of estimators and scenarios the
-module that makes the figure and all that it imports. What only lays out tables and pages is none of it.
+Streams, twin, bodies, catalogue and reference figures count entirely, data included. Of estimators and scenarios, the
+module that computes the figure and all its imports count. Code that only formats tables and pages does not.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
 
 
 def digest(module: str, *, estimators: bool = True) -> str:
-    """Digest of the sources of what a module makes.
+    """Digest of the sources behind a module's results.
 
     Args:
         module: Its name.
-        estimators: False: of all but the estimators, which no walk has seen when it is recorded.
+        estimators: False excludes the estimators, which do not affect a recorded walk.
     """
     files = _data() | {
         name: file for name, file in _imported(module).items() if estimators or not name.startswith(_ESTIMATORS)
@@ -48,7 +48,7 @@ def digest(module: str, *, estimators: bool = True) -> str:
 
 @cache
 def _libraries() -> str:
-    """Versions of what computes: Python's and those of `_COMPUTING` that are installed."""
+    """Versions of Python and of the installed libraries in `_COMPUTING`."""
     versions = [f"python {sys.version_info.major}.{sys.version_info.minor}"]
     for name in _COMPUTING:
         with suppress(metadata.PackageNotFoundError):
@@ -57,7 +57,7 @@ def _libraries() -> str:
 
 
 def _data() -> dict[str, Path]:
-    """All that counts as a whole, by name."""
+    """All files that count entirely, by name."""
     return {
         f"{package}/{file.relative_to(_root(package)).as_posix()}": file
         for package, folder in _WHOLE
@@ -67,9 +67,9 @@ def _data() -> dict[str, Path]:
 
 
 def _imported(module: str) -> dict[str, Path]:
-    """A module and all that it imports in turn of estimators and scenarios, by name.
+    """A module and all its direct and indirect imports from estimators and scenarios, by name.
 
-    A package counts where something is imported from it, not where it is but on the way to a module in it.
+    A package counts if something is imported from it, not if it is only part of the path to a module.
     """
     found: dict[str, Path] = {}
     left = [module]
@@ -83,7 +83,7 @@ def _imported(module: str) -> dict[str, Path]:
 
 
 def _file(name: str) -> Path | None:
-    """The source of a module of estimators or scenarios; None where the name is that of anything else."""
+    """The source of a module of estimators or scenarios; None for any other name."""
     package = ".".join(name.split(".")[:2])
     if package not in _FOLLOWED:
         return None
@@ -98,7 +98,7 @@ def _root(package: str) -> Path:
 
 @cache
 def _imports(source: bytes) -> list[str]:
-    """Names of what a source imports, wherever in it: modules, and what may be modules."""
+    """Names that a source imports anywhere: modules, and names that may be modules."""
     names = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):

@@ -1,7 +1,7 @@
-"""Renders the contact sheets of the documentation: the walker at equal steps through each walk, a row a walk.
+"""Renders the contact sheets of the documentation: the walker at equal steps through each walk, one row per walk.
 
 Run as `python tools/contact_sheet.py [--physics kinematic] [SHEET ...]`; writes docs/images/walks_<sheet>.jpg. Walks
-are simulated, with the soft assist, or with `--physics kinematic` as planned.
+are simulated with the soft assist, or played as planned with `--physics kinematic`.
 """
 
 from __future__ import annotations

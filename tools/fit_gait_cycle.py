@@ -1,10 +1,10 @@
-"""Solves the styles of level walking, speed by speed, and writes sim/gait/level_style.csv.
+"""Fits the styles of level walking, one speed after the other, and writes sim/gait/level_style.csv.
 
-Run as `python -m tools.fit_gait_cycle [--rounds N]` (about ten minutes). Least squares on one steady
-stride of two bodies: deviations from the joint angles of Schwartz, Rozumalski & Trost 2008 in standard deviations, from
-a smooth two-peaked ground reaction in body weights, hinges on knee margin, clearance, foot speed and moments, and weak
-priors that keep neighbouring speeds alike. Each speed is drawn towards the line through its neighbours, in sweeps that
-begin with `START`; no table is read, so that a run gives the same one whatever stands there.
+Run as `python -m tools.fit_gait_cycle [--rounds N]` (about ten minutes). Least squares on one steady stride of two
+bodies: differences from the joint angles of Schwartz, Rozumalski & Trost 2008 in standard deviations and from a smooth
+two-peaked ground reaction in body weights, hinges on knee margin, clearance, foot speed and moments, and weak priors
+that keep neighbouring speeds similar. Each speed is drawn towards the line through its neighbours, in sweeps that begin
+with `START`. No existing table is read, so that every run gives the same one.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ BODIES = (
     Person(height_m=1.55, mass_kg=50, sex="female"), Person(height_m=1.83, mass_kg=85),
 )  # fmt: skip
 _HEIGHT = LABELS.index("height_0")
-_STEP_SIGMAS = 1.5  # a step of the fit goes no farther in any coordinate
-_SETTLED = 2e-3  # share of the cost below which a step gains too little to go on
+_STEP_SIGMAS = 1.5  # largest step of the fit in any coordinate, in sigmas
+_SETTLED = 2e-3  # share of the cost: a step that gains less ends the fit
 # Rounded from earlier runs, by speed; the fit begins on the line through them.
 START = {
     0.26: Style(
@@ -56,8 +56,8 @@ START = {
 }  # fmt: skip
 _TABLE = Path(__file__).parents[1] / "sim" / "gait" / "level_style.csv"
 _CLASS_CENTRES = {"VerySlow": 0.17, "Slow": 0.295, "Free": 0.43, "Fast": 0.57, "VeryFast": 0.70}  # of the groups
-_PASSING = 2.0  # from one group's norm to the next in the middle half of the way between their centres
-_PACE_OF_WHOLE_NORM = 0.2  # people who creep use a part of the slowest group's range
+_PASSING = 2.0  # the norm changes from one group's to the next in the middle half between their centres
+_PACE_OF_WHOLE_NORM = 0.2  # people who walk more slowly use part of the slowest group's range
 _SIGMA = {
     "double_support": 0.006, "transfer": 0.06, "flat_after": 0.03, "heel_off_before": 0.08, "rise": 0.10, "pitch": 0.15,
     "travel": 0.08, "height": 0.003, "forward": 0.08, "lift": 0.08, "tilt": 0.08, "turn": 0.03, "list_": 0.02,
@@ -74,7 +74,7 @@ def double_support(pace: float) -> float:
 
 
 def ground_reaction(pace: float, share: float) -> Array:
-    """(SAMPLES,) vertical reaction of one foot, body weights: two peaks that grow, a valley that sinks with speed."""
+    """(SAMPLES,) vertical reaction of one foot, body weights; with speed, its two peaks rise and its valley sinks."""
     peak1 = np.interp(pace, [0.1, 0.27, 0.43, 0.6], [1.0, 1.04, 1.12, 1.20])
     peak2 = np.interp(pace, [0.1, 0.27, 0.43, 0.6], [1.0, 1.04, 1.12, 1.16])
     valley = np.interp(pace, [0.1, 0.27, 0.37, 0.43, 0.6], [0.97, 0.88, 0.79, 0.75, 0.66])
@@ -86,7 +86,7 @@ def ground_reaction(pace: float, share: float) -> Array:
 
 
 def norm(pace: float, quantity: str) -> tuple[Array, Array]:
-    """(SAMPLES,) mean and SD of a level norm at the cycle's samples: the group's own, passing over between groups."""
+    """(SAMPLES,) mean and SD of a level norm at the cycle's samples: the group's own, interpolated between groups."""
     own = pace / np.sqrt(NORM_LEG)
     at = np.arange(SAMPLES) * 100.0 / SAMPLES
     tables = [level_norm(group, quantity) for group in _CLASS_CENTRES]
@@ -112,7 +112,7 @@ _PELVIS = {
 
 
 def residuals(cycle: Cycle, style: Style, pace: float) -> Array:
-    """What a stride costs, in about standard deviations a sample."""
+    """Residuals of a stride in approximate standard deviations per sample."""
     loose = max(1.0, _PACE_OF_WHOLE_NORM / pace) ** 1.5
     parts = []
     for joint, quantity in _ANGLES.items():
@@ -152,7 +152,7 @@ def residuals(cycle: Cycle, style: Style, pace: float) -> Array:
 
 
 def fit(pace: float, start: Array, prior: Array, bodies: list[Walker], rounds: int) -> Array:
-    """Style at a dimensionless speed as a vector: damped Gauss-Newton from a start, drawn to a prior."""
+    """Style at a dimensionless speed as a vector: damped Gauss-Newton from a start, drawn towards a prior."""
     sigma = np.concatenate([np.full(n, _SIGMA[name]) for name, n in SIZES.items()])
     x, prior = _bounded(start), prior.copy()
     prior[0] = x[0] = double_support(pace)
@@ -172,14 +172,14 @@ def fit(pace: float, start: Array, prior: Array, bodies: list[Walker], rounds: i
         return np.concatenate([*rows, 0.9 * (y - prior) / sigma]), [cycle.over_ground for cycle in cycles]
 
     unknown: list[Array | None] = [None] * len(bodies)
-    # the legs reach from the start: what they lack outweighs all else
+    # start within the legs' reach: a violation outweighs all other residuals
     x[_HEIGHT] -= max(cycle.excess.max() / body.leg_m for cycle, body in zip(strides(x, unknown, 4), bodies))
     r, paths = cost(x, unknown, 4)
     damping = 20.0
     for _ in range(rounds):
         base, _ = cost(x, paths, 1)
         J = np.zeros((len(r), len(x)))
-        for i in range(1, len(x)):  # double support is given
+        for i in range(1, len(x)):  # double support is fixed
             h = 0.02 * sigma[i]
             moved = x.copy()
             moved[i] += h
@@ -189,7 +189,7 @@ def fit(pace: float, start: Array, prior: Array, bodies: list[Walker], rounds: i
         for _ in range(6):
             step = np.linalg.solve(scale.T @ scale + damping * np.eye(len(x)), -scale.T @ r)
             trial = _bounded(x + sigma * step / max(np.abs(step).max() / _STEP_SIGMAS, 1.0))
-            held = trial == x  # at its bound: the others step as if it were not there
+            held = trial == x  # at its bound: the other coordinates are solved without it
             scale[:, held] = 0.0
             r_trial, paths_trial = cost(trial, paths, 3)
             if r_trial @ r_trial < r @ r:
@@ -206,7 +206,7 @@ def fit(pace: float, start: Array, prior: Array, bodies: list[Walker], rounds: i
 
 
 def _bounded(x: Array) -> Array:
-    """Style vector within what the planner takes: shares between 0 and 1, the centre of pressure under the sole."""
+    """Style vector within the planner's limits: shares between 0 and 1, the centre of pressure under the sole."""
     style = Style.of_vector(x)
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     for label, (a, b) in {"transfer": (0.75, 1.0), "flat_after": (0.06, 0.3), "heel_off_before": (0.25, 0.65)}.items():
@@ -229,7 +229,7 @@ def write(styles: Array) -> None:
 
 
 def main() -> None:
-    """Fits speed after speed, each drawn to the line through its neighbours, in several sweeps."""
+    """Fits all speeds in turn, each drawn towards the line through its neighbours, in several sweeps."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=8, help="Gauss-Newton steps a speed and sweep")
     parser.add_argument("--sweeps", type=int, default=2)

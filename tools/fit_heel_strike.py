@@ -1,14 +1,13 @@
-"""Fits how a shoe's upper rings and rocks (`sim/gait/heel_strike.py`) to recorded walks.
+"""Fits the heel-strike vibration and rocking of a shoe's upper (`sim/gait/heel_strike.py`) to recorded walks.
 
 `python -m tools.fit_heel_strike` prints the arrays of `shock.SHOE`. Recordings: `dual_foot_walk` (gaitmap's example
-data, MIT), both feet at 204.8 Hz with accelerometers of 16 g; it is looked for as in `benchmarks.real_walks`. The
-other set, `foot_imu_vicon`, is filtered in the sensor and holds no sharp strike.
+data, MIT), both feet at 204.8 Hz with accelerometers of 16 g, found by `benchmarks.real_walks`. The other set,
+`foot_imu_vicon`, is filtered in the sensor and holds no sharp strike.
 
-Ringing: strikes are aligned where the force above 20 Hz sets in; the mean power of force and angular rate in three
-bands and bins of 20 ms is a sum of what modes of unit strength leave there, with non-negative weights. Nothing above
-the recording's 102 Hz is known, and nothing is made up. What the twin's foot does by itself (its plan at the same
-speed) is taken off first. Rocking: cosine coefficients of the angular rate over the still part of each stance,
-likewise.
+Vibration: strikes are aligned at the onset of the force above 20 Hz. The mean power of force and angular rate in three
+bands and bins of 20 ms is a sum of the power of unit modes with non-negative weights. Nothing above the recording's
+102 Hz is known, and nothing is added there. The twin's own foot motion (its plan at the same speed) is subtracted
+first. Rocking: cosine coefficients of the angular rate over the stationary part of each stance, likewise.
 """
 
 from __future__ import annotations
@@ -52,8 +51,8 @@ class Strikes:
 
     Attributes:
         signal: (N, 6) force, m/s², and angular rate, rad/s.
-        at: (S,) sample at which each strike sets in.
-        still: (S, 2) the still span of each stance.
+        at: (S,) sample at the onset of each strike.
+        still: (S, 2) the stationary interval of each stance.
     """
 
     signal: Array
@@ -62,12 +61,12 @@ class Strikes:
 
 
 def band(signal: Array, low: float, high: float) -> Array:
-    """The signal between two frequencies, not delayed."""
+    """The signal between two frequencies, without delay."""
     return np.asarray(sosfiltfilt(butter(2, [low, high], "band", fs=REAL_HZ, output="sos"), signal, axis=0))
 
 
 def recorded_strikes(foot: MarkerWalk) -> Strikes:
-    """Strikes of a recorded walk; forward is where the foot goes, up is where it feels gravity when still."""
+    """Strikes of a recorded walk; forward is the foot's direction of travel, up that of the specific force at rest."""
     walk = recorded(foot.imu, foot.t, foot.heel)
     path = FootIns().run(foot.imu).trajectory
     R = matrix_from_quat(path.q_world_frame)
@@ -94,7 +93,7 @@ def recorded_strikes(foot: MarkerWalk) -> Strikes:
 
 
 def twin_strikes(walk: FootWalk, touch: Array) -> Strikes:
-    """The same of a walk of the twin, whose sensor lies in the foot's axes."""
+    """The same of a walk of the twin, whose sensor axes are the foot's."""
     spans = stances(walk)
     at = np.searchsorted(walk.t, touch)
     still = [spans[np.searchsorted(spans[:, 1], k)] for k in at]
@@ -109,7 +108,7 @@ def power(strikes: Strikes) -> Array:
 
 
 def left_by_mode(hz: float, decay_s: float, delay_s: float = 0.0) -> tuple[Array, Array]:
-    """(B, T) power of force and of rate that a mode of unit amplitude leaves, at random phase."""
+    """(B, T) power of force and of rate of a mode of unit amplitude at random phase."""
     n, fine = 200, 40
     t = (np.arange(n * fine + 1) / fine - n / 2 + 0.5) / REAL_HZ
     tau, omega = np.maximum(t - delay_s, 0.0), 2 * np.pi * hz
@@ -126,7 +125,7 @@ def left_by_mode(hz: float, decay_s: float, delay_s: float = 0.0) -> tuple[Array
 
 
 def fit_ringing(target: Array) -> tuple[Array, Array, float, float]:
-    """Decay times (K,), amplitudes (K, 6), the slap's share and the part of the power that is left over."""
+    """Decay times (K,), amplitudes (K, 6), the slap's share and the unexplained share of the power."""
     weight = 1.0 / np.sqrt(target * target.max((1, 2), keepdims=True) + (0.05 * target.max((1, 2), keepdims=True)) ** 2)
     best = None
     every = product(SHOE.mode_hz, DECAYS_S, (0.0, SLAP_DELAY_S))
@@ -169,7 +168,7 @@ def spread_of_strikes(strikes: Sequence[Strikes]) -> float:
 
 
 def main() -> None:
-    """Prints what belongs into `shock.SHOE`."""
+    """Prints the values for `shock.SHOE`."""
     folder = data_folder()
     if folder is None:
         raise StrideTwinError("no recordings: set STRIDETWIN_DATA to the folder that holds dual_foot_walk")

@@ -1,6 +1,6 @@
-"""Writes the small recording that stands for a release: what the next releases must go on reading and scoring alike.
+"""Writes the small recording of a release, which later releases must read and score alike.
 
-python tools/release_recording.py tests/streams/releases/0.1.mcap, once when a release is made, never again for it.
+Run `python tools/release_recording.py tests/streams/releases/0.1.mcap` once when a release is made, never again for it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LEFT_OUT = ("/foot_r/imu", "/truth/foot_r/imu/odometry")  # one foot is scored
 
 
 def main() -> None:
-    """Writes it."""
+    """Writes the recording."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("output", type=Path)
     output: Path = parser.parse_args().output

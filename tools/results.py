@@ -1,10 +1,10 @@
-"""Lays the result of an experiment down under docs/results: its table, a line a case, and the rows, packed.
+"""Writes the result of an experiment to docs/results: its table, one line per case, and the packed rows.
 
     python tools/results.py NAME DIR [--as STEM] [--options "OPTIONS OF THE RUN"] [--at COMMIT] [-o FOLDER]
 
-DIR is where `stridetwin experiment NAME -o DIR` left its rows. Nothing is run. Rows of another version of the code are
-refused unless `--at` says which commit made them. Packed rows are gone on with where they are unpacked:
-`tar xJf docs/results/NAME.tar.xz -C DIR`, then the experiment with `--resume`.
+DIR holds the rows of `stridetwin experiment NAME -o DIR`. Nothing is run. Rows of another version of the code are
+rejected unless `--at` names the commit that made them. To continue from packed rows, unpack them with
+`tar xJf docs/results/NAME.tar.xz -C DIR` and run the experiment with `--resume`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ EXPLAINED = {
     "stairs_16": "foot_to_foot.md#how-accurate-it-is",
     "zhao_closed_loop": "dvio.md#how-accurate-it-is",
 }
-"""Pages that say what the lines of an experiment's table mean, by how its name begins."""
+"""Pages that explain the lines of an experiment's table, by the prefix of its name."""
 OF_MODES = "locomotion_mode.md#scores"
 
 
@@ -79,7 +79,7 @@ def _key(name: str, case: dict[str, Any], folder: Path) -> str:
 
 
 def _pack(files: list[Path], archive: Path) -> None:
-    """The same bytes for the same rows."""
+    """Packs the rows; equal rows give equal bytes."""
     with tarfile.open(archive, "w:xz", preset=9) as packed:
         for file in files:
             content = file.read_bytes()
@@ -89,7 +89,7 @@ def _pack(files: list[Path], archive: Path) -> None:
 
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:
-    """The values of a case, and of walks with told steps how many were right."""
+    """The values of a case, and for walks with predicted steps the number of correct ones."""
     stepped = {name: told for name, told in case.get("methods", {}).items() if "steps" in told}
     row = _values(case if not stepped else {k: v for k, v in case.items() if not isinstance(v, dict)})
     for method, told in stepped.items():
@@ -107,7 +107,7 @@ def _row(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def _values(case: dict[str, Any]) -> dict[str, Any]:
-    """Single values of a mapping, those of mappings in it under joined names; lists stay in the packed rows."""
+    """Scalars of a mapping, those of nested mappings under joined names; lists are only in the packed rows."""
     row: dict[str, Any] = {}
     for name, value in case.items():
         if isinstance(value, dict):

@@ -1,8 +1,8 @@
-"""Makes pages of the site out of what lies outside docs/, as a hook of mkdocs (see mkdocs.yml).
+"""Makes pages of the site from files outside docs/, as a hook of mkdocs (see mkdocs.yml).
 
-Links in the pages are those of the tree, so that they lead on a code host, too. The site begins with the README, and
-ends with the changelog; a file or folder elsewhere that a page links becomes a page under `source/`. Pages of
-docs/results stand in the navigation by themselves.
+Links in the pages are those of the tree, so that they also work on a code host. The site begins with the README, and
+ends with the changelog; any other file or folder that a page links becomes a page under `source/`. Pages of
+docs/results enter the navigation automatically.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 TOP = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
-"""Pages of the site that lie at the top of the tree."""
+"""Pages of the site whose files are at the top of the tree."""
 
 _FENCE = re.compile(r"^( *)(`{3,})[^\n]*\n.*?^\1\2`* *$", re.M | re.S)
 _CODE = re.compile(r"(?<!`)(`+)(?!`)(?:.(?!\n\n))+?(?<!`)\1(?!`)", re.S)
@@ -31,12 +31,12 @@ _LANGUAGES = {".py": "python", ".yml": "yaml", ".yaml": "yaml", ".cff": "yaml", 
 
 
 def on_config(config: MkDocsConfig) -> None:
-    """Puts the pages of docs/results into the navigation, and leaves out those that are not there."""
+    """Adds the pages of docs/results to the navigation, and removes missing pages."""
     config.nav = navigation(config.nav or [])
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
-    """Adds the pages that lie outside docs/."""
+    """Adds the pages from outside docs/."""
     from mkdocs.structure.files import File
 
     for name, page in TOP.items():
@@ -46,7 +46,7 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links as they are on the site; pipes of code in tables, which code hosts want escaped, without a backslash."""
+    """Rewrites links for the site, and removes the backslashes that code hosts need before pipes in tables."""
     uri = page.file.src_uri
     at_top = {page: name for name, page in TOP.items()}
     place = at_top.get(uri, f"docs/{uri}")
@@ -56,13 +56,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def navigation(nav: Any) -> Any:
-    """A navigation with the pages of docs/results in the section `Results`, and without pages that are not there.
+    """A navigation with the pages of docs/results in the section `Results`, and without missing pages.
 
     Args:
         nav: As in mkdocs.yml: pages, and sections of pages by their titles.
 
     Returns:
-        The same form; None where nothing is left.
+        The same form; None if it is empty.
     """
     if isinstance(nav, str):
         return nav if nav in TOP.values() or (DOCS / nav).is_file() else None
@@ -73,12 +73,12 @@ def navigation(nav: Any) -> Any:
 
 
 def results() -> list[str]:
-    """Pages of docs/results, from the docs folder on."""
+    """Pages of docs/results, relative to the docs folder."""
     return sorted(f"results/{file.name}" for file in (DOCS / "results").glob("*.md"))
 
 
 def parts(markdown: str) -> Iterator[tuple[bool, str]]:
-    """A page cut into fenced code (True) and what lies between."""
+    """A page split into fenced code (True) and other text."""
     end = 0
     for fence in _FENCE.finditer(markdown):
         yield False, markdown[end : fence.start()]
@@ -88,7 +88,7 @@ def parts(markdown: str) -> Iterator[tuple[bool, str]]:
 
 
 def links(markdown: str) -> list[str]:
-    """Targets of all links and pictures of a page, in order."""
+    """Targets of all links and images of a page, in order."""
     found: list[str] = []
     for fenced, text in parts(markdown):
         if not fenced:
@@ -129,14 +129,14 @@ def outside() -> set[str]:
 
 
 def page_of(place: str) -> str:
-    """Where a file of the tree is on the site, from its top."""
+    """Path of a file of the tree on the site, from its top."""
     if place.startswith("docs/"):
         return place.removeprefix("docs/")
     return TOP.get(place) or f"source/{place}.md"
 
 
 def source_page(path: Path) -> str:
-    """A page that shows a file, or what lies in a folder."""
+    """A page that shows a file, or the contents of a folder."""
     name = path.relative_to(ROOT).as_posix()
     if not path.is_dir():
         language = _LANGUAGES.get(path.suffix, "text")

@@ -1,6 +1,6 @@
-"""One periodic stride of a person who walks steadily on the level in a given style, solved quickly for a fit.
+"""One periodic stride of steady level walking in a given style, solved quickly for a fit.
 
-It goes the planner's way (foot paths, load, posture, zero-moment point) with periodic ends.
+It follows the planner's steps (foot paths, load, posture, zero-moment point) with periodic ends.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from stridetwin.sim.world.route import Strip
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
-SAMPLES = 100  # a stride
+SAMPLES = 100  # per stride
 _COM_ABOVE_PELVIS_M = 0.03
-_FIRST = 2  # the step whose foot's stride is looked at
+_FIRST = 2  # first step of the evaluated stride
 _GROUND = (Strip(s0=-100.0, s1=100.0, z0=0.0, z1=0.0, terrain="level"),)
 _BENT_RAD = np.radians(7.5)
 
 
 class Walker:
-    """A person without an exoskeleton, and the model to weigh a motion with."""
+    """A person without an exoskeleton, and the model for inverse dynamics."""
 
     def __init__(self, person: Person) -> None:
         spec = mujoco.MjSpec()
@@ -62,7 +62,7 @@ class Cycle:
         stretch: How far the foot is out of the leg's reach, m.
         excess: How much longer the leg is than with `_BENT_RAD` in the knee, m.
         over_ground: (N, 2) pelvis path relative to steady motion, m, to start the next solution from.
-        zmp_error: Largest distance of the zero-moment point from the wanted one, m.
+        zmp_error: Largest distance of the zero-moment point from the desired one, m.
     """
 
     angles_deg: dict[str, Array]
@@ -82,7 +82,7 @@ class Cycle:
 def steady_cycle(
     walker: Walker, style: Style, step_m: float, step_s: float, start: Array | None = None, rounds: int = 2
 ) -> Cycle:
-    """Solves a stride; `start` is the `over_ground` of a similar one, `rounds` the corrections."""
+    """Solves a stride; `start` is the `over_ground` of a similar one, `rounds` the number of corrections."""
     size, layout = walker.size, walker.layout
     steps = _footsteps(style, step_m, step_s)
     wide = np.arange(-SAMPLES, 2 * SAMPLES + 1) * (2 * step_s / SAMPLES) + _FIRST * step_s
@@ -181,7 +181,7 @@ def _periodic_derivatives(x: Array, dt: float) -> tuple[Array, Array, Array]:
 
 
 def _periodic_cart_table(wanted: Array, kappa: Array, dt: float) -> Array:
-    """Periodic path c whose zero-moment point c - kappa c'' is the wanted one (spectral second derivative)."""
+    """Periodic path c whose zero-moment point c - kappa c'' is the desired one (spectral second derivative)."""
     n = len(wanted)
     omega = 2 * np.pi * np.fft.fftfreq(n, dt)
     second = np.real(np.fft.ifft(-(omega**2)[:, None] * np.fft.fft(np.eye(n), axis=0), axis=0))
@@ -217,7 +217,7 @@ def _inverse_dynamics(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> tu
 
 
 def _moments(walker: Walker, q: Array, needed: Array, force: Array, cop: Array) -> dict[str, Array]:
-    """Extension moments of the left leg: inverse dynamics less what the ground does about each joint."""
+    """Extension moments of the left leg: inverse dynamics minus the moments of the ground reaction about each joint."""
     model, data = walker.model, mujoco.MjData(walker.model)
     foot = model.body("foot_l").id
     dofs = {joint: model.joint(f"{name}_l").dofadr[0] for joint, name in _JOINTS.items()}

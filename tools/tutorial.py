@@ -1,11 +1,10 @@
-"""Does what docs/tutorial.md says, word for word, in a folder of its own, and says what comes of it.
+"""Runs docs/tutorial.md literally in a folder of its own, and reports the results.
 
     python tools/tutorial.py [--wheel] [--folder DIR]
 
-The folder also holds packages named `sim` and `estimators`, as anyone's may: they must do no harm. With `--wheel` the
-package is built and installed as users get it, into an environment of its own, and each command is a process; what the
-package depends on comes from the environment that this runs in, so that nothing is downloaded. Without, the working
-tree does it all in this process.
+The folder also holds packages named `sim` and `estimators`, as a user's may: they must do no harm. With `--wheel` the
+package is built and installed as for users, in its own environment, and each command is a process; dependencies come
+from the current environment, so that nothing is downloaded. Without it, the working tree runs in this process.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ class Block:
     """A block of code of the page.
 
     Attributes:
-        language: As the page says.
-        file: What the page calls it; None where it is not for a file.
+        language: Language on the page.
+        file: File name on the page; None for a block that is not a file.
         text: Its lines.
     """
 
@@ -49,13 +48,13 @@ class Block:
 
     @property
     def commands(self) -> list[str]:
-        """Lines of a console after `$ `, without their comments."""
+        """Console lines after `$ `, without their comments."""
         return [line[2:].split("  #")[0].strip() for line in self.text.splitlines() if line.startswith("$ ")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
-    """A command of the page, and what it did."""
+    """A command of the page, and its result."""
 
     command: str
     code: int
@@ -68,15 +67,15 @@ def blocks(page: str) -> list[Block]:
 
 
 def follow(page: str, folder: Path, do: Callable[[str], Said]) -> Iterator[Said]:
-    """Writes the page's files and runs its commands, in order; all but the installation.
+    """Writes the page's files and runs its commands, in order, except the installation.
 
     Args:
         page: Its text.
-        folder: Where, the working folder.
+        folder: Working folder.
         do: Runs a command.
 
     Yields:
-        What each command did. One that fails is the last.
+        Result of each command. One that fails is the last.
     """
     strangers(folder)
     for block in blocks(page):
@@ -114,20 +113,20 @@ def here(command: str) -> Said:
 
 
 def in_a_shell(command: str, environment: dict[str, str]) -> Said:
-    """Runs a command as a process of its own."""
+    """Runs a command in a separate process."""
     done = subprocess.run(["bash", "-c", command], env=environment, capture_output=True, text=True, timeout=1800)
     return Said(command=command, code=done.returncode, output=done.stdout + done.stderr)
 
 
 def strangers(folder: Path) -> None:
-    """Lays packages with the names of ours into a folder; they raise an error when they are imported."""
+    """Writes packages with the project's package names into a folder; they raise an error when they are imported."""
     for name in ("sim", "estimators", "streams", "scenarios"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text(_HARM, encoding="utf-8")
 
 
 def of_the_wheel(folder: Path) -> dict[str, str]:
-    """An environment with the wheel in it, as `pip install` makes it."""
+    """An environment with the wheel, as `pip install` makes it."""
     source, home = folder / "source", folder / "venv"
     source.mkdir(parents=True)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -143,7 +142,7 @@ def of_the_wheel(folder: Path) -> dict[str, str]:
     (packages,) = home.glob("lib/python*/site-packages")
     into = [sys.executable, "-m", "pip", "--python", home / "bin" / "python", "install", "--quiet", "--no-deps"]
     subprocess.run([*into, "--no-index", "--no-compile", wheel], check=True)
-    # After its own packages; an editable installation there is none here, as its .pth files are not read.
+    # Searched after its own packages. Its .pth files are not read, so an editable installation there has no effect.
     (packages / "others.pth").write_text(sysconfig.get_paths()["purelib"] + "\n", encoding="utf-8")
     script = home / "bin" / "pytest"
     script.write_text(f"#!{home}/bin/python\nimport sys, pytest\nsys.exit(pytest.main())\n", encoding="utf-8")
@@ -154,7 +153,7 @@ def of_the_wheel(folder: Path) -> dict[str, str]:
 
 
 def main() -> int:
-    """Follows the tutorial; 1 where a command of it fails."""
+    """Runs the tutorial; 1 if one of its commands fails."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheel", action="store_true", help="with the wheel, as users get it")
     parser.add_argument("--folder", type=Path, help="where, a new folder (default: one that goes afterwards)")
@@ -172,7 +171,7 @@ def main() -> int:
         place = folder / "work"
         place.mkdir(parents=True)
         os.chdir(place)
-        sys.path.insert(0, str(place))  # as where one types `python`
+        sys.path.insert(0, str(place))  # as with `python` on the command line
         for said in follow(PAGE.read_text(encoding="utf-8"), place, do):
             print(f"$ {said.command}\n{said.output}", flush=True)
             if said.code:

@@ -1,8 +1,8 @@
-"""Runs `stridetwin` as a bare installation does; without arguments it imports all that a robot takes.
+"""Runs `stridetwin` as a bare installation does; without arguments it imports everything that a robot needs.
 
     python tools/without_extras.py [ARGUMENT ...]
 
-What an extra would bring cannot be imported here, whether it is installed or not.
+Packages of the extras cannot be imported here, whether they are installed or not.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from types import ModuleType
 EXTRAS = frozenset(
     ["mujoco", "dm_control", "dm_env", "trimesh", "rerun", "rerun_sdk", "dask", "distributed", "cma", "sklearn"]
 )  # fmt: skip
-"""Import names of what the extras bring."""
+"""Import names of the extras' packages."""
 
 
 class Nothing(MetaPathFinder):
-    """Finds no extra."""
+    """Import finder that blocks the extras."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Refuses an extra, and leaves all else to others."""
+        """Blocks an extra; leaves all other imports to the other finders."""
         if name.partition(".")[0] in EXTRAS:
             raise ModuleNotFoundError(f"No module named {name!r}: a bare installation", name=name)
         return None

@@ -1,6 +1,6 @@
-"""What a peer reads and writes: an RGB-D folder in the TUM layout, and a text file of camera poses.
+"""Input and output of a peer: an RGB-D folder in the TUM layout, and a text file of camera poses.
 
-Knows numpy and OpenCV alone: it runs where nothing of this project is installed.
+Needs only numpy and OpenCV, as it runs in environments without this project.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Frame:
     Attributes:
         stamp: s, as written.
         rgb: (H, W, 3) uint8.
-        depth: (H, W) float32 m, 0 where none.
+        depth: (H, W) float32 m, 0 where invalid.
     """
 
     stamp: str
@@ -32,7 +32,7 @@ class Frame:
 
 
 def frames(folder: Path) -> Iterator[Frame]:
-    """Frames that have a depth picture of the same stamp."""
+    """Frames that have a depth image of the same stamp."""
     depths = dict(_rows(folder / "depth.txt"))
     for stamp, name in _rows(folder / "rgb.txt"):
         if stamp in depths:
@@ -53,7 +53,7 @@ def imu(folder: Path) -> Any:
 
 
 def row(stamp: str, sure: bool, ms: float, T_world_camera: Any) -> str:
-    """A line of what a peer tells: stamp, whether it believes it, ms of work, and 3 × 4 numbers of the pose."""
+    """A line of a peer's output: stamp, whether the pose is valid, ms of work, and 3 × 4 numbers of the pose."""
     pose = " ".join(f"{value:.9g}" for value in np.asarray(T_world_camera)[:3].ravel())
     return f"{stamp} {int(sure)} {ms:.3f} {pose}\n"
 

@@ -14,7 +14,7 @@ DEPTH_M = (0.3, 6.0)
 
 
 def main(folder: Path, out: Path) -> None:
-    """Writes a row a frame; a frame that cannot be laid over the one before stays where that is."""
+    """Writes one row per frame; a frame that cannot be aligned with the previous one keeps its pose."""
     cv2.setNumThreads(2)
     odometry = cv2.rgbd.RgbdICPOdometry_create(intrinsics(folder), *DEPTH_M)
     T_world_camera, before = np.eye(4), None

@@ -1,6 +1,6 @@
 """ORB-SLAM3 on RGB-D, with or without IMU: `orbslam3.py FOLDER OUT VOCABULARY SETTINGS rgbd|inertial`.
 
-What counts is where it says the camera is when the frame comes, not what its map makes of it later.
+Poses are those estimated when the frame arrives; later corrections of its map do not count.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pyorbslam3 import Sensor, Slam
 
 
 def main(folder: Path, out: Path, vocabulary: str, settings: str, mode: str) -> None:
-    """Writes a row a frame; unsure where it is not tracking, or where the IMU is not initialised yet."""
+    """Writes one row per frame; invalid while it is not tracking or the IMU is not initialised."""
     inertial = mode == "inertial"
     slam = Slam(vocabulary, settings, Sensor.IMU_RGBD if inertial else Sensor.RGBD, use_viewer=False)
     samples, after = imu(folder) if inertial else None, 0.0

@@ -1,7 +1,7 @@
-"""A small vocabulary of ORB descriptors for ORB-SLAM3 (DBoW2's text format), learnt from pictures of the twin.
+"""A small vocabulary of ORB descriptors for ORB-SLAM3 (DBoW2's text format), learnt from images of the twin.
 
-Its own comes apart from the wheel. A tree of means of bits (Gálvez-López & Tardós 2012): 10 branches, 4 levels, words
-weighted by the logarithm of how few pictures have them.
+ORB-SLAM3's own is not part of the wheel. The tree (Gálvez-López & Tardós 2012) has 10 branches, 4 levels and bitwise
+means as nodes; words are weighted by inverse document frequency.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def write_vocabulary(pictures: Iterable[NDArray[np.uint8]], file: Path, rng: np.
 
     Args:
         pictures: (H, W) grey.
-        file: To write.
+        file: Output file.
         rng: Draws the first centres.
 
     Returns:
@@ -67,12 +67,12 @@ def _grow(
 
 
 def _nearest(bits: Bits, centres: Bits) -> NDArray[np.intp]:
-    """(N,) which centre has the fewest other bits."""
+    """(N,) index of the centre at the least Hamming distance."""
     return np.asarray(np.argmin(centres.sum(axis=1) - 2.0 * bits @ centres.T, axis=1))
 
 
 def _lines(root: _Node) -> Iterator[str]:
-    """A line a node, level by level: parent, whether it is a word, its 32 bytes, its weight."""
+    """One line per node, level by level: parent, whether it is a word, its 32 bytes, its weight."""
     level, number = [(0, root)], 0
     while level:
         below = []

@@ -160,9 +160,9 @@ def _terrain_figures(exo: Exoskeleton, method: str, samples: Sequence[Sample], r
 def dvio(walks: int, seed: int, scenario: str) -> Summary:
     """Visual-inertial odometry per frame, without decoding, on a kinematic closed loop with the camera on the chest.
 
-    `ms_per_frame` is wall-clock time on as many cores as OpenCV takes. `max_latency_ms` is the longest delay from the
-    arrival of a sample to its answer when samples arrive in real time. `dropped` counts the frames that would find more
-    frames waiting than the odometry holds.
+    `ms_per_frame` is wall-clock time on as many cores as OpenCV uses. `max_latency_ms` is the longest delay from the
+    arrival of a sample to its result when samples arrive in real time. `dropped` counts the frames that would find more
+    frames waiting than the odometry buffers.
     """
     config = replace(
         load_scenario(scenario).config, sensors=odometry_walks.SENSORS, rig_mount=MOUNT, physics="kinematic"
@@ -210,7 +210,7 @@ def _frame_figures(walk: Recording, repetitions: int) -> dict[str, float]:
 
 
 def latency(arrived_s: Array, spent_s: Array) -> Array:
-    """Delay from the arrival of each sample to its answer.
+    """Delay from the arrival of each sample to its result.
 
     Args:
         arrived_s: (N,) when each sample arrives, s.

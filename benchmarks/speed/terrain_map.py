@@ -1,4 +1,4 @@
-"""Speed and memory of terrain map, planes and mode prediction, with given poses and behind the odometry."""
+"""Speed and memory of terrain map, planes and mode prediction, with given poses and with those of the odometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the speed benchmarks share: a stopwatch, the peak of the memory, and walks replayed back to back."""
+"""Shared tools of the speed benchmarks: a stopwatch, the peak memory, and walks replayed back to back."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Campaigns: many varied walks from one file, recorded, checked, listed in a manifest and told of in a card."""
+"""Campaigns: many varied walks from one file, recorded, checked, listed in a manifest and described in a card."""

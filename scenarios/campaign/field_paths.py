@@ -1,4 +1,4 @@
-"""Paths of keys into a scenario, such as `terrain[1].stairs.riser_mm`, and how a value is put there."""
+"""Paths of keys into a scenario, such as `terrain[1].stairs.riser_mm`, and the assignment of values to them."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class FieldPath:
 
 
 def field_path(text: str, where: Where) -> FieldPath:
-    """A path from its text.
+    """Parses a path.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: The text is not a path.
     """
     keys: list[str | int] = []
     for step in text.split("."):
@@ -43,12 +43,12 @@ def field_path(text: str, where: Where) -> FieldPath:
 
 
 def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> None:
-    """Puts a value at a place of a scenario, and makes the keys on the way to it.
+    """Sets a value in a scenario and creates missing keys on the way.
 
     Below `sensors`, a list of groups and the short forms of a group become keys first.
 
     Raises:
-        ConfigError: There is something on the way that has no such place.
+        ConfigError: A node on the way has no such place.
     """
     node: Any = scenario
     for depth, key in enumerate(path.keys[:-1]):
@@ -75,7 +75,7 @@ def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
 
 
 def _opened(node: Any, *, of_group: bool) -> Any:
-    """`sensors` as keys for groups, and a group as keys for options, where they stand in a short form."""
+    """`sensors` with groups as keys, and a group with options as keys, if they have a short form."""
     if of_group:
         return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node
     if isinstance(node, list):

@@ -1,11 +1,8 @@
-"""The manifest of a campaign: configuration, checksum, verdict and part of each split of every walk.
+"""The manifest of a campaign: configuration, checksum, verdict and split parts of every walk.
 
-It holds no time, machine or number of workers, so that these change no byte of it.
-
-Splits of a campaign's walks: no person and no terrain is in two parts of one split.
-
-People and terrains are assigned in order of their first walk, by the fractional parts of multiples of the golden ratio
-(a Weyl sequence). The shares hold for any number of them, and additional walks move no one to another part.
+It holds no time, machine or number of workers, so it has the same bytes wherever it is made. No person and no terrain
+is in two parts of one split. They are assigned in order of their first walk, by the fractional parts of multiples of
+the golden ratio (a Weyl sequence): shares hold for any number of them, and more walks move no one to another part.
 """
 
 from __future__ import annotations
@@ -99,7 +96,7 @@ def manifest(
 
 
 def ranges(campaign: Campaign) -> dict[str, str]:
-    """Each value that varies, with its distribution in words; those of one scenario begin with its name."""
+    """Each varying value, with its distribution as text; values of one scenario begin with its name."""
     found = {v.name: v.distribution.words for v in campaign.variables if v.varies}
     for base in campaign.bases:
         found |= {f"{base.name}: {v.name}": v.distribution.words for v in base.variables if v.varies}

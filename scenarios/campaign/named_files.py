@@ -118,7 +118,7 @@ class NamedFiles:
         self.own: dict[str, Path] = {}
 
     def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
-        """The list `scenarios`, with what the file says of each."""
+        """The list `scenarios`, with the settings of each."""
         short = [isinstance(node, str) for node in nodes]
         return tuple(self.base(item, where.item(i), short=short[i]) for i, item in enumerate(items))
 

@@ -73,11 +73,11 @@ class Walk:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """Overrides of the command line for every walk.
+    """Command-line overrides for every walk.
 
     Attributes:
-        physics: How the body moves; None as the scenarios say.
-        cameras: False: every camera is off.
+        physics: How the body moves; None uses the scenario's.
+        cameras: False turns every camera off.
     """
 
     physics: str | None = None

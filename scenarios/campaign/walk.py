@@ -1,7 +1,4 @@
-"""One walk of a campaign: recorded under a hidden name, checked, then moved to its place atomically.
-
-An MCAP file whose streams without images are read in one pass, as `check` reads all of them.
-"""
+"""Generates one walk of a campaign: recorded under a hidden name, checked, then moved to its place atomically."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ from stridetwin.streams.samples import Block
 
 
 class _ReadOnce(McapContents):
-    """Holds the blocks of all topics without images in memory."""
+    """Holds the blocks of all topics without images in memory, read in one pass: the check needs all of them."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, lenient=True)
