@@ -35,7 +35,7 @@ _LEAST_CLEAR = 0.3  # of the cells across the route
 
 
 def ground_from_above(ahead: Ahead) -> str:
-    """The ground along the route by class, with edges, the walker's path, true and predicted footprints (one step ahead).
+    """The ground along the route by class, with edges, the true path, true and predicted footprints (one step ahead).
 
     The route is unrolled and cut into rows, true to scale.
     """

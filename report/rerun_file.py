@@ -148,7 +148,7 @@ def _ellipse(sole: Array, covariance: Array) -> Array:
 
 
 def _known_height(step: StepPrediction, laid: Laying) -> Array:
-    """(3,) m in the true world; if the ground under the step is unknown, at the floor's height in the estimator's world."""
+    """(3,) m in the true world; unknown ground has the floor's height in the estimator's world."""
     return laid.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
 
 

@@ -29,7 +29,7 @@ class Options:
         workers: Number of cases that run at a time.
         first: First seed; None takes the experiment's.
         subset: Number of cases; None takes all.
-        physics: How the body moves, where a body walks.
+        physics: How the body moves, if a body walks.
         resume: Reuses the rows and recordings in the folder that this version of the code made with this
             configuration.
         keep: Recordings of walks are kept.
@@ -135,7 +135,7 @@ def _read(case: Case) -> dict[str, Any]:
 
 
 def read_row(file: Path) -> dict[str, Any]:
-    """A case's row from its file, with the methods' names of today."""
+    """A case's row from its file, with the current names of the methods."""
     row: dict[str, Any] = with_current_names(json.loads(file.read_text(encoding="utf-8")))
     return row
 
