@@ -107,9 +107,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     }
     seen = [s for r in results for w in r["told"]["light"]["camera"] for s in ModeScores.of(w).steps]
     felt = [told for r in results for _, _, told in r["legs"]]
-    right = [
-        (told in s.allowed, s.transition) for s, told in zip(seen, felt, strict=True)
-    ]  # by the same rule as for the camera
+    right = [(told in s.allowed, s.transition) for s, told in zip(seen, felt, strict=True)]  # as for the camera
     summary["legs"] = {
         "steps": len(felt),
         "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),
