@@ -97,7 +97,7 @@ def score_approaches(
     Args:
         landed: True footprints, in order.
         places: (F,) m, their positions along the route.
-        told: Estimates in order of time.
+        told: Estimates in time order.
         laid: Alignment of the estimator's world with the true one.
         layout: The true terrain.
     """

@@ -72,7 +72,7 @@ class ScoredMode:
 
     @property
     def straddles(self) -> bool:
-        """Whether the sole lies across a ramp's edge."""
+        """Whether the sole overlaps a ramp's edge."""
         return len(self.allowed) > 1
 
 
@@ -205,7 +205,7 @@ def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> l
 
 
 def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
-    """Other modes that a footprint at an arc length may count as, because it lies across a ramp's edge."""
+    """Other modes that a footprint at an arc length may count as, because it overlaps a ramp's edge."""
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     found = []
     for before, after in pairwise(layout.profile):

@@ -195,7 +195,7 @@ class _Watch:
 
 
 def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
-    """Mode estimators, then maps that none of these contains, fed by an odometry; and all maps, by name."""
+    """Mode estimators, then maps that none of these contains, with poses from an odometry; and all maps, by name."""
 
     def at_work(kind: str, but: Container[type[Any]] = ()) -> dict[str, Any]:
         return {

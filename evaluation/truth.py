@@ -121,7 +121,7 @@ def asked_ns(s: float, t_ns: Array, places: Array) -> float:
     Args:
         s: Its arc length, m.
         t_ns: (F,) touch-downs, in order.
-        places: (F,) m along the way.
+        places: (F,) m along the route.
 
     Returns:
         ns; infinite if no foot lands beyond it.

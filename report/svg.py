@@ -131,7 +131,7 @@ class Plot:
             self._legend.append((label, color, "dot"))
 
     def ellipse(self, middle: Array, covariance: Array, within: float, fill: str) -> None:
-        """The ellipse of a (2, 2) covariance about a (2,) point, at `within` deviations; axes have equal scales."""
+        """The ellipse of a (2, 2) covariance about a (2,) point, at `within` standard deviations; equal scales."""
         variances, axes = np.linalg.eigh(covariance)
         scale = abs(float(self._px(1.0) - self._px(0.0)))
         short, long = within * scale * np.sqrt(np.maximum(variances, 0.0))

@@ -121,7 +121,7 @@ def key_of(name: str, case: Case) -> str:
 
 
 def _row_key(case: Case) -> str | None:
-    """Key of the existing row; "" where it has none or is damaged, None where there is no row."""
+    """Key of the existing row; "" if it has none or is damaged, None if there is no row."""
     if not case.file(".json").exists():
         return None
     try:

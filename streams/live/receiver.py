@@ -193,7 +193,7 @@ class Receiver:
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             _keep_alive(peer)
             self._listen_to(peer, name)
-        except StalledError as error:  # an honest sender reconnects
+        except StalledError as error:  # a regular sender reconnects
             self._note(name, str(error))
         except (WireError, ValueError) as error:
             self._refuse(peer, name, str(error))

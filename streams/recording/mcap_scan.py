@@ -35,7 +35,7 @@ LARGEST_CHUNK = 64 << 20
 _LARGEST_RECORD = LARGEST_CHUNK + (1 << 16)
 _MOST_CHANNELS = 2000
 # Limits of the unpacked size, absolute and relative to the file; sensors give 4-20 times the bytes, a camera that sees
-# nothing 90 times, and no less than 50 bytes a message.
+# nothing 90 times, and no less than 50 bytes per message.
 _FREE_BYTES, _BYTES_PER_BYTE = 256 << 20, 500
 _FREE_MESSAGES, _BYTES_PER_MESSAGE = 20_000, 4
 _LARGEST_WINDOW = 128 << 20  # of zstd, above that of its highest level

@@ -368,7 +368,7 @@ def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _summary(found: dict[str, Array]) -> dict[str, Any]:
-    """Of (runs, foot, axis) errors: horizontal mean (left, right), components, deviations in the order of the paper."""
+    """Of (runs, foot, axis) errors: horizontal mean (left, right), components, SDs in the order of the paper."""
     return {
         "mean_end_error_m": {m: np.linalg.norm(e[:, :, :2], axis=2).mean(axis=0).tolist() for m, e in found.items()},
         "end_position_sd_m": {

@@ -106,7 +106,7 @@ def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Our figures and the paper's, as lines of text; pairs are left and right, ± is the deviation over walks."""
+    """Our figures and the paper's, as lines of text; pairs are left and right, ± is the SD over walks."""
     summary, theirs = result["summary"], result["paper"].get("mean_end_error_m", {})
     lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall", ""]
     lines += [

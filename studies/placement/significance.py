@@ -23,7 +23,7 @@ class Interval:
 
     Attributes:
         mean: NaN if missing.
-        low, high: 95 % interval by bootstrap-t over walks; None where there are too few walks.
+        low, high: 95 % interval by bootstrap-t over walks; None if there are too few walks.
     """
 
     mean: float

@@ -1,4 +1,4 @@
-"""Figures 22 to 24 of Shim et al. 2019 on the simulated walkers, as a page beside the table."""
+"""Figures 22 to 24 of Shim et al. 2019 on the simulated walkers, as an HTML page with the table."""
 
 from __future__ import annotations
 
