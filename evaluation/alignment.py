@@ -1,6 +1,6 @@
-"""Rigid transforms that lay an estimated path over the true one.
+"""Rigid transforms from an estimator's world to the true one: fixed for a whole path, or per instant.
 
-How an estimator's world lies over the true one at an instant: a drift that was made is no error of what is seen.
+The alignment at an instant removes the drift of the poses, so that it does not count as an error of the terrain.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Rigid:
     t: Array
 
     def apply(self, path: Trajectory) -> Trajectory:
-        """The path as seen in the truth's world; the covariance of the position turns with it."""
+        """The path in the truth's world; the covariance of the position is rotated with it."""
         turned = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
         covariance = path.covariance
         if covariance is not None:
@@ -50,9 +50,9 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
     Args:
         estimate: N poses.
         truth: The N true poses at the same stamps.
-        how: `start`: position and yaw agree at the first pose (which inertia cannot tell); `yaw`: the
-            least-squares shift and turn about the vertical; `se3`: the least-squares shift and rotation
-            (Umeyama 1991, IEEE TPAMI 13(4):376-380, without scale).
+        how: `start`: position and yaw agree at the first pose (they are unobservable from inertia); `yaw`: the
+            least-squares translation and rotation about the vertical; `se3`: the least-squares translation and
+            rotation (Umeyama 1991, IEEE TPAMI 13(4):376-380, without scale).
     """
     if how == "start":
         R = vertical_turn(_rotation(truth.q_world_frame[0]) @ _rotation(estimate.q_world_frame[0]).T)
@@ -81,12 +81,12 @@ def _rotation(q: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Laying:
-    """A shift, and a turn about the vertical, between two worlds.
+    """A translation and a rotation about the vertical between two worlds.
 
     Attributes:
-        told: (3,) m, where the estimator believes its frame.
-        true: (3,) m, where that is.
-        turn: rad, of the true world against the estimator's.
+        told: (3,) m, estimated position of the frame.
+        true: (3,) m, its true position.
+        turn: rad, rotation from the estimator's world to the true one.
     """
 
     told: Array
@@ -95,16 +95,16 @@ class Laying:
 
     @property
     def rotation(self) -> Array:
-        """(2, 2) in plan, from the estimator's world to the true one."""
+        """(2, 2) in the horizontal plane, from the estimator's world to the true one."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         return np.array([[c, -s], [s, c]])
 
     def to_true(self, points: Array) -> Array:
-        """(..., 2 or 3) m in the true world, of as many in the estimator's."""
+        """Points in the true world from points in the estimator's; both (..., 2 or 3) m."""
         return self._moved(points, self.told, self.true, self.rotation)
 
     def to_told(self, points: Array) -> Array:
-        """(..., 2 or 3) m in the estimator's world, of as many in the true one."""
+        """Points in the estimator's world from points in the true one; both (..., 2 or 3) m."""
         return self._moved(points, self.true, self.told, self.rotation.T)
 
     @staticmethod
@@ -115,10 +115,10 @@ class Laying:
 
 
 class Laid:
-    """Lays an estimator's world over the true one as it was at each instant: a drift that was made is no error here.
+    """Aligns an estimator's world with the true one at each instant, which removes the drift.
 
     Args:
-        told: Poses as the estimator was given them.
+        told: Poses that the estimator received.
         truth: True poses of the same frame at the same stamps.
     """
 
@@ -128,12 +128,12 @@ class Laid:
         self._turn = _yaw(truth.q_world_frame) - _yaw(told.q_world_frame)
 
     def at(self, t_ns: int) -> Laying:
-        """As it is laid at a time."""
+        """The alignment at a time."""
         i = max(0, int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1)
         return Laying(told=self._told[i], true=self._true[i], turn=float(self._turn[i]))
 
     def point(self, t_ns: int, p: Array) -> Array:
-        """(2,) or (3,) m in the true world, of as many in the estimator's at a time."""
+        """A point in the true world from one in the estimator's world at a time; (2,) or (3,) m."""
         return self.at(t_ns).to_true(p)
 
 

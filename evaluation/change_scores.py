@@ -1,7 +1,7 @@
-"""Told changes of the ground beside the true ones: found or not, how far off their places and sizes.
+"""Scores of detected terrain changes: detection rate, errors of position and size.
 
-A change is where the steps of a way become of another mode. It is asked for 1.5 s before the first foot lands beyond it
-(`asked_ns`).
+A terrain change is a place on the route where the mode of the steps changes. It is scored 1.5 s before the first foot
+lands beyond it (`asked_ns`).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _MATCH_M = 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class ModeChange:
-    """Where steps along a way become of another mode.
+    """A place on the route where the mode of the steps changes.
 
     Attributes:
-        s: m along the way.
-        mode: Of steps beyond it.
-        riser: m, down negative; 0 where no stair begins.
+        s: m along the route.
+        mode: Mode of the steps beyond it.
+        riser: m, down negative; 0 if no stair begins.
         tread: m; 0 likewise.
-        slope: rad; 0 where no ramp begins.
+        slope: rad; 0 if no ramp begins.
     """
 
     s: float
@@ -44,19 +44,19 @@ class ModeChange:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredApproach:
-    """A true change of the ground, and how it was known when it was asked for.
+    """A true terrain change, and its estimate when it was scored.
 
     Attributes:
         mode: Of the steps beyond it.
-        found: Whether the next change was told with this mode within 0.4 m.
-        distance_m: Told less true place along the way, NaN where it was not found; likewise below.
-        distance_sd_m: As told.
-        riser_m: Told less true.
-        riser_sd_m: As told.
-        tread_m: Told less true.
-        tread_sd_m: As told.
-        slope_rad: Told less true.
-        slope_sd_rad: As told.
+        found: Whether the next predicted change had this mode and lay within 0.4 m.
+        distance_m: Estimated minus true position along the route, NaN if it was not found; likewise below.
+        distance_sd_m: Reported by the estimator.
+        riser_m: Estimated minus true.
+        riser_sd_m: Reported by the estimator.
+        tread_m: Estimated minus true.
+        tread_sd_m: Reported by the estimator.
+        slope_rad: Estimated minus true.
+        slope_sd_rad: Reported by the estimator.
     """
 
     mode: str
@@ -72,7 +72,7 @@ class ScoredApproach:
 
 
 def mode_changes(layout: Layout) -> list[ModeChange]:
-    """Where the steps of a way become of another mode, in order: stairs from the first edge to the last, ramps."""
+    """The terrain changes of a route, in order: stairs from the first edge to the last, ramps."""
     found = []
     for flight in flights(layout.profile, _STAIR_M):
         mode = "SA" if flight.riser > 0 else "SD"
@@ -85,21 +85,21 @@ def mode_changes(layout: Layout) -> list[ModeChange]:
 
 
 def mode_of(strip: Strip) -> str:
-    """Of steps along a strip without edges."""
+    """Mode of the steps along a strip without edges."""
     return "LG" if strip.slope == 0 else "RA" if strip.slope > 0 else "RD"
 
 
 def score_approaches(
     landed: Sequence[Footprint], places: Array, told: Sequence[ModeEstimate], laid: Laid, layout: Layout
 ) -> list[ScoredApproach]:
-    """Every change of a walk that a foot landed beyond, with what was told of it.
+    """Every terrain change of a walk that a foot landed beyond, with its estimate.
 
     Args:
-        landed: Footprints of the truth, in order.
-        places: (F,) m, theirs along the way.
-        told: Estimates in order of time.
-        laid: Lays the estimator's world over the true one.
-        layout: Of the ground.
+        landed: True footprints, in order.
+        places: (F,) m, their positions along the route.
+        told: Estimates in time order.
+        laid: Alignment of the estimator's world with the true one.
+        layout: The true terrain.
     """
     t_ns = np.array([e.t_ns for e in told])
     landed_ns = np.array([f.t_ns for f in landed])

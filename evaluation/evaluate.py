@@ -18,14 +18,14 @@ from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Odometry
 
 LARGEST_SCORE = 1e100
-"""Beyond it, and of metres too, squares and sums are no numbers any more."""
+"""Larger values, also in metres, would overflow in squares and sums."""
 _NOT_UNIT = 1e-3
 __all__ = ["Estimate", "Result", "evaluate", "summary", "true_frames", "true_path"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """An estimate, laid over the truth and scored."""
+    """An estimate, aligned with the truth and scored."""
 
     estimate: Estimate
     comparison: Comparison
@@ -33,10 +33,10 @@ class Result:
 
 
 def true_path(recording: Recording, frame: str) -> TruePath:
-    """The true path of a frame: told, or that of another sensor of its body, carried over by their mounts.
+    """The true path of a frame: as recorded, or derived from another sensor on the same body through their mounts.
 
     Raises:
-        RecordingError: The recording has no truth of it; the message lists the frames it has.
+        RecordingError: The recording has no truth for the frame; the message lists the available frames.
     """
     frames = true_frames(recording.topics)
     if frame in frames:
@@ -50,17 +50,17 @@ def true_path(recording: Recording, frame: str) -> TruePath:
 
 
 def _mounts(rig: Rig) -> dict[str, Mount]:
-    """Where IMUs and cameras sit, by their frames."""
+    """Mounts of IMUs and cameras, by their frames."""
     mounts = {topic: imu.mount for topic, imu in rig.imus.items()}
     mounts |= {topic: camera.mount for topic, camera in rig.cameras.items()}
     return {topic.removeprefix("/"): mount for topic, mount in mounts.items()}
 
 
 def _carried(told: Block[Odometry], T_told_frame: Array) -> TruePath:
-    """The path of a frame that sits rigidly in the one whose path is told, (4, 4) m."""
+    """The path of a frame that is rigidly mounted in the recorded one, (4, 4) m."""
     path, arm = TruePath.of(told), T_told_frame[:3, 3]
     attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
-    turning = np.cross(told.columns["angular_rate"], arm)  # m/s in the axes of the told frame
+    turning = np.cross(told.columns["angular_rate"], arm)  # m/s in the axes of the recorded frame
     return TruePath(
         t_ns=path.t_ns,
         p_frame_in_world=path.p_frame_in_world + attitude.apply(arm),
@@ -79,8 +79,8 @@ def evaluate(recording: Recording, made: Iterable[Estimate], alignment: str = "s
     """Scores estimates against the truth of the recording.
 
     Raises:
-        ConfigError: A pose or a score that is none; names the estimator and the time.
-        RecordingError: There is no truth, or too little of it, see `true_path` and `compare`.
+        ConfigError: An invalid pose or score; the message names the estimator and the time.
+        RecordingError: Truth is missing or too short, see `true_path` and `compare`.
     """
     results = []
     worlds: dict[str, Rigid] = {}

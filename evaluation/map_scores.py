@@ -1,4 +1,4 @@
-"""The terrain map beside the true terrain: how far off its surface lies, what is missing, and the changes ahead."""
+"""Scores of the terrain map: accuracy and completeness of its surface, and errors of the terrain changes ahead."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from stridetwin.streams.samples import Array
 
 _HALF_WIDTH_M = 0.5
 NEAR_M, FAR_M = 0.5, 2.5
-"""Between which ground ahead is looked at."""
+"""The range of the ground ahead that is scored."""
 _COMPLETE_M = 0.03
 _CELL_M = 0.05
 _MATCH_M = 0.35
 _KNOWN_M = 0.03
 _SAME_EDGE_M = 0.14
-"""Half of the shortest tread that is walked on: beyond it another edge would be nearer, or there is none."""
-"""An edge whose standard deviation is larger is told as not seen."""
+"""Half of the shortest tread in the scenarios; an edge farther away is no match."""
+"""An edge with a larger standard deviation counts as not seen."""
 _TICK_S = 0.5
 _LATE_NS = 200_000_000
 _FLOOR_BELOW_M = 0.1
 _STRAIGHT_M = 0.05
 _EVERY = 5
-"""One point in so many is measured."""
+"""Every n-th point is measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrueChange:
-    """Where the ground along the way changes from level to something else.
+    """A place on the route where the ground changes from level to stairs or a ramp.
 
     Attributes:
         kind: `stairs` or `ramp`.
-        s: Arc length of its first edge or knee, m.
+        s: Arc length of its first edge or slope break, m.
         riser: m, down negative; 0 for a ramp.
         tread: m; 0 for a ramp.
-        risers: How many.
+        risers: Number of risers.
         slope: rad, down negative; 0 for stairs.
     """
 
@@ -56,16 +56,16 @@ class TrueChange:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredChange:
-    """A change as it was known when it was asked for (`asked_ns`).
+    """A terrain change and its estimate when it was scored (`asked_ns`).
 
     Attributes:
-        true: What there is.
-        found: Whether it was known; stairs are known with two edges.
-        edge_error: Estimate less truth of where it begins, m, NaN where not found; likewise below.
+        true: The true change.
+        found: Whether it was detected; stairs are detected with two edges.
+        edge_error: Estimated minus true position of its beginning, m, NaN if not found; likewise below.
         riser_error: m.
         tread_error: m.
         slope_error: rad.
-        riser_sd: As the map told it, m; likewise below.
+        riser_sd: Reported by the map, m; likewise below.
         tread_sd: m.
         slope_sd: rad.
     """
@@ -83,15 +83,15 @@ class ScoredChange:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapScores:
-    """One walk's map.
+    """Scores of one walk's map.
 
     Attributes:
-        changes: In order of the way.
-        accuracy_m: RMS distance of the map's ground on the way ahead from the true mesh.
+        changes: In order along the route.
+        accuracy_m: RMS distance of the map's ground ahead on the route from the true mesh.
         accuracy_p95_m: 95th percentile of it.
         completeness: Share of the ground between 0.5 and 2.5 m ahead that is known within 3 cm.
-        edge_errors: (E,) m, every edge told to 3 cm on the way ahead, each half second, estimate less truth along it
-            to the true edge next to it, however far; inf where the way has none.
+        edge_errors: (E,) m, of every edge ahead with a standard deviation below 3 cm, each half second: estimated minus
+            true position along the route, to the nearest true edge at any distance; inf if the route has none.
     """
 
     changes: tuple[ScoredChange, ...]
@@ -115,9 +115,9 @@ def mesh_of(slabs: Sequence[Slab]) -> Array:
 
 
 def distance_to(triangles: Array, points: Array) -> Array:
-    """(N,) m, of (N, 3) points from the surface of (T, 3, 3) triangles.
+    """(N,) m, distances of (N, 3) points from the surface of (T, 3, 3) triangles.
 
-    A triangle is looked at by those points alone that are nearer to the box around it than to what they have seen.
+    A triangle is tested only with the points that are nearer to its bounding box than their smallest distance so far.
     """
     nearest = np.full(len(points), np.inf)
     low, high = triangles.min(axis=1), triangles.max(axis=1)
@@ -131,7 +131,7 @@ def distance_to(triangles: Array, points: Array) -> Array:
 
 
 def _from_triangle(triangle: Array, points: Array) -> Array:
-    """(N,) m, of (N, 3) points from one triangle: its plane where they lie over it, else the nearest of its sides."""
+    """(N,) m, distances of (N, 3) points from one triangle: from its plane if above or below it, else from a side."""
     a, b, c = triangle
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
@@ -146,7 +146,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
 
 
 def true_changes(profile: Sequence[Strip]) -> list[TrueChange]:
-    """Stairs and ramps of a way, in order."""
+    """Stairs and ramps of a route, in order."""
     found = [
         TrueChange(kind="stairs", s=flight.s, riser=flight.riser, tread=flight.tread, risers=flight.risers)
         for flight in flights(profile)
@@ -156,10 +156,10 @@ def true_changes(profile: Sequence[Strip]) -> list[TrueChange]:
 
 
 class MapScorer:
-    """Looks at a map as it arises, and tells its scores.
+    """Samples a map while it is built, and computes its scores.
 
     Args:
-        layout: What is walked on.
+        layout: The true terrain.
         path: (F, 2) times (ns) and arc lengths (m) of the true footprints.
     """
 
@@ -173,21 +173,21 @@ class MapScorer:
         self._tick_ns = 0
 
     def look(self, t_ns: int, mapper: TerrainMap, laid: Laying, here: float) -> bool:
-        """Looks at a map after a picture.
+        """Samples a map after a depth image.
 
         Args:
-            t_ns: Time of the picture.
+            t_ns: Time of the image.
             mapper: The map.
-            laid: Its world over the true one.
-            here: Where the camera is along the way, m.
+            laid: Alignment of its world with the true one.
+            here: Position of the camera along the route, m.
 
         Returns:
-            Whether its whole ground was looked at, which is each half second.
+            Whether its whole ground was sampled, which happens each half second.
         """
         for change, at_ns in list(self._asked):
             if t_ns >= at_ns:
                 self._asked.remove((change, at_ns))
-                late = t_ns >= at_ns + _LATE_NS  # no picture then: what was not known was not found
+                late = t_ns >= at_ns + _LATE_NS  # no image at that time: the change counts as not found
                 self._changes.append(
                     ScoredChange(true=change, found=False)
                     if late
@@ -202,7 +202,7 @@ class MapScorer:
         return True
 
     def scores(self) -> MapScores:
-        """Of all that was looked at."""
+        """The scores of all samples."""
         points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
         far = distance_to(mesh_of(self._layout.slabs), points)
         return MapScores(
@@ -215,10 +215,10 @@ class MapScorer:
 
 
 def map_figures(scores: MapScores) -> Scores:
-    """The scores of one walk's map, in the units of a report; what there is nothing to tell of is left out.
+    """The scores of one walk's map, in the units of a report; undefined scores are left out.
 
     Returns:
-        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm` of edges told within
+        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm` of edges within
         14 cm of a true one, `edge_false_pct`, the share of the others; of the changes `found_pct`, and of those found
         `begin_rmse_mm`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`.
     """
@@ -241,13 +241,13 @@ def map_figures(scores: MapScores) -> Scores:
 
 
 def _rms(values: Array | Sequence[float]) -> float:
-    """Of those that are known; NaN of none."""
+    """RMS of the finite values; NaN if there are none."""
     known = np.asarray(values, float)[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
 def _ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Profile:
-    """The map's profile straight ahead of the way, as if the walker had not drifted."""
+    """The map's profile straight ahead on the route, corrected for drift."""
     heading = float(layout.way.heading(here))
     return mapper.profile(laid.to_told(layout.way.point(here)), heading - laid.turn)
 
@@ -284,18 +284,18 @@ def _score_change(change: TrueChange, mapper: TerrainMap, here: float, laid: Lay
 
 
 def _ground_ahead(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
-    """(N, 3) m, some of the map's points on the way ahead, in the true world."""
+    """(N, 3) m, a subset of the map's points ahead on the route, in the true world."""
     points, plane = mapper.surface_points()
     return on_the_way_ahead(laid.to_true(points[plane >= 0][::_EVERY]), here, layout)
 
 
 def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
-    """(K, 3) m, those of (N, 3) points that lie between 0.5 and 2.5 m ahead, and within 0.5 m of the way.
+    """(K, 3) m, those of (N, 3) points that lie between 0.5 and 2.5 m ahead, and within 0.5 m of the route.
 
     Args:
         points: In the true world.
-        here: Where the camera is along the way, m.
-        layout: What is walked on.
+        here: Position of the camera along the route, m.
+        layout: The true terrain.
     """
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < FAR_M]
     s = _places_ahead(here, layout)
@@ -311,12 +311,12 @@ def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
 
 
 def _places_ahead(here: float, layout: Layout) -> Array:
-    """(N,) m along the way, where the ground ahead is looked at."""
+    """(N,) m along the route, where the ground ahead is sampled."""
     return np.arange(here + NEAR_M, min(here + FAR_M, layout.profile[-1].s1), _CELL_M)
 
 
 def cells_ahead(here: float, layout: Layout) -> tuple[Array, Array]:
-    """(N,) m along the way and (N,) m to its left, every 5 cm of the ground ahead."""
+    """(N,) m along the route and (N,) m to its left, every 5 cm of the ground ahead."""
     across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
     s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(here, layout), across))
     return s, aside
@@ -333,7 +333,7 @@ def _completeness(mapper: TerrainMap, here: float, laid: Laying, layout: Layout)
 
 
 def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) -> Array:
-    """(N,) m, of the ground at (N,) arc lengths and m to the left of the way."""
+    """(N,) m, heights of the ground at (N,) arc lengths and m to the left of the route."""
     starts = np.array([strip.s0 for strip in profile])
     strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
     s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T
@@ -341,7 +341,7 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
 
 
 def _edge_errors(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) -> Array:
-    """Errors of the edges that the profile ahead tells, m, each against the true edge next to it; inf without one."""
+    """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
     jumps = np.array([s for s, _, _ in edges(layout.profile)])
     changes = _ahead(mapper, here, laid, layout).changes
     told = np.array([here + c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
@@ -349,7 +349,7 @@ def _edge_errors(mapper: TerrainMap, here: float, laid: Laying, layout: Layout) 
     ahead = layout.way.point(here) + (told - here)[:, None] * [math.cos(heading), math.sin(heading)]
     told = told[
         np.linalg.norm(layout.way.point(told) - ahead, axis=1) < _STRAIGHT_M
-    ]  # where the way does not turn away
+    ]  # where the route does not turn away
     if not len(jumps):
         return np.full(len(told), math.inf)
     return np.asarray(told - jumps[np.argmin(np.abs(told[:, None] - jumps), axis=1)])

@@ -1,11 +1,8 @@
-"""Predicted steps beside the true footprints: mode right or not, how long before, how far off.
+"""Scores of predicted steps and terrain changes: accuracy, lead time, errors, consistency of the standard deviations.
 
-The true mode of a step is that of the ground from the footprint before to its own (`Footprint.mode`). A prediction
-counts at the last update before its foot touches down; its lead is how long before that it became right and stayed so.
-A footprint whose sole lies across a ramp's edge may count as either of its two modes; the strict figure lets nothing
-pass.
-
-What scored steps and changes of walks come to: accuracy, lead, errors, and whether deviations are honest.
+The true mode of a step is that of the ground from the previous footprint to its own (`Footprint.mode`). A prediction
+is scored at the last update before touch-down; its lead time is how long before that it became right and stayed so.
+A footprint across a ramp's edge may count as either of its two modes, except in the strict accuracy.
 """
 
 from __future__ import annotations
@@ -31,20 +28,20 @@ _HEEL_M = 0.045
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredMode:
-    """A true step and what was told of it before.
+    """A true step and its prediction.
 
     Attributes:
         t_s: Touch-down, s.
         mode: True mode.
-        before: True mode of the step before.
-        told: The last mode told before touch-down; "" where nothing was.
+        before: True mode of the previous step.
+        told: The last mode predicted before touch-down; "" if there was no prediction.
         allowed: Modes that count as right.
-        lead_s: How long before touch-down the told mode had become right for good, 0 where it was wrong.
-        probabilities: Of `MODES`, as last told.
-        forward_m: Predicted footprint less the true one along the way, when the foot before it had just landed; NaN
-            where none was told.
-        left_m: Likewise across.
-        length_m: How far the true footprint lies from the one before, ahead or aside.
+        lead_s: How long before touch-down the predicted mode had become right for good, 0 if it was wrong.
+        probabilities: Of `MODES`, at the last prediction.
+        forward_m: Predicted minus true footprint along the route, when the previous foot had just landed; NaN if there
+            was no prediction.
+        left_m: Likewise across the route.
+        length_m: Distance of the true footprint from the previous one, forward or sideways.
     """
 
     t_s: float
@@ -60,7 +57,7 @@ class ScoredMode:
 
     @property
     def right(self) -> bool:
-        """Whether the told mode counts as right."""
+        """Whether the predicted mode counts as right."""
         return self.told in self.allowed
 
     @property
@@ -70,22 +67,22 @@ class ScoredMode:
 
     @property
     def transition(self) -> bool:
-        """Whether the mode is another than that of the step before."""
+        """Whether the mode differs from that of the previous step."""
         return self.mode != self.before
 
     @property
     def straddles(self) -> bool:
-        """Whether the sole lies across a ramp's edge."""
+        """Whether the sole overlaps a ramp's edge."""
         return len(self.allowed) > 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeScores:
-    """One walk.
+    """Scores of one walk.
 
     Attributes:
         steps: In order.
-        approaches: The changes of the ground, in order of the way.
+        approaches: The terrain changes, in order along the route.
     """
 
     steps: list[ScoredMode] = field(default_factory=list)
@@ -93,7 +90,7 @@ class ModeScores:
 
     @classmethod
     def of(cls, rows: Mapping[str, Any]) -> ModeScores:
-        """From what `rows` gave, through JSON."""
+        """From the result of `rows`, after JSON."""
         steps = [_known(row) for row in rows["steps"]]
         for row in steps:
             row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
@@ -118,13 +115,13 @@ def _known(row: Mapping[str, Any]) -> dict[str, Any]:
 def score_modes(
     footprints: Sequence[Footprint], told: Sequence[ModeEstimate], laid: Laid, layout: Layout | None, sole_m: float
 ) -> ModeScores:
-    """Every true step and every change of a walk, with what was told of it.
+    """Every true step and terrain change of a walk, with its prediction.
 
     Args:
-        footprints: Of the truth, in order; those of the feet that stand at the start come first.
-        told: Estimates in order of time.
-        laid: Lays the estimator's world over the true one.
-        layout: Of the ground; None: nothing straddles and no change is scored.
+        footprints: True footprints, in order; the two initial ones come first.
+        told: Estimates in time order.
+        laid: Alignment of the estimator's world with the true one.
+        layout: The true terrain; None: nothing straddles and no change is scored.
         sole_m: Length of the soles.
     """
     landed = footprints[2:]
@@ -162,10 +159,10 @@ def score_modes(
 def first_steps(
     footprints: Sequence[Footprint], told: Sequence[ModeEstimate]
 ) -> list[tuple[ModeEstimate, StepPrediction] | None]:
-    """For each true step what was first told of it once the foot before it had landed; None where nothing was.
+    """For each true step the first prediction after the previous foot had landed; None if there was none.
 
     Args:
-        footprints: As of `score_modes`; those that stand at the start are no steps.
+        footprints: As in `score_modes`; the initial ones are no steps.
         told: Likewise.
     """
     landed = footprints[2:]
@@ -176,7 +173,7 @@ def first_steps(
 def _first_told(
     landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
 ) -> list[tuple[ModeEstimate, int] | None]:
-    """Of each step the first estimate that tells it as the next one."""
+    """For each step the first estimate that predicts it as the next one."""
     found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
     for i in range(1, len(landed)):
         asked = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
@@ -185,10 +182,10 @@ def _first_told(
 
 
 def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> list[list[tuple[ModeEstimate, int]]]:
-    """For each step the estimates before its touch-down that tell of it, and under which number.
+    """For each step the estimates before its touch-down that predict it, and its index in each.
 
-    An insole tells of a touch-down a little after it: an estimate in between still waits for the foot that is there. A
-    touch-down that was guessed may be told a little before it: an estimate in between waits for the other foot already.
+    An insole reports a touch-down with a delay: an estimate in between still predicts the step that has landed. A
+    touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
     """
     t_ns = np.array([f.t_ns for f in landed])
     found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
@@ -208,7 +205,7 @@ def told_by_step(landed: Sequence[Footprint], told: Sequence[ModeEstimate]) -> l
 
 
 def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str, ...]:
-    """Other modes that a footprint at an arc length, across a ramp's edge, may count as."""
+    """Other modes that a footprint at an arc length may count as, because it overlaps a ramp's edge."""
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     found = []
     for before, after in pairwise(layout.profile):
@@ -218,7 +215,7 @@ def _straddled(mode: str, s: float, layout: Layout, sole_m: float) -> tuple[str,
 
 
 def _miss(print_: Footprint, told: tuple[ModeEstimate, int] | None, laid: Laid) -> tuple[float, float]:
-    """Error of the footprint as it was first told as the next one, forward and left, m."""
+    """Error of the footprint when it was first predicted as the next one, forward and left, m."""
     if told is None:
         return math.nan, math.nan
     estimate, k = told
@@ -237,22 +234,22 @@ _SIZES = (
     ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
 )  # fmt: skip
 _SEEN = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
-"""A size that is told with a larger deviation is a guess at what is usual: behind a brink nothing is seen."""
+"""A size with a larger standard deviation is only a prior guess: nothing is visible behind a drop-off."""
 
 
 def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
-    """Figures over walks, ready for JSON; None where there is nothing to tell of.
+    """Figures over walks, ready for JSON; None for undefined ones.
 
     Returns:
         `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`,
-        `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {told: steps}}`, `lead_time_s: {median, p5}`,
+        `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {predicted: steps}}`, `lead_time_s: {median, p5}`,
         `transition_lead_time_s` likewise, `footprint_rmse_m: {forward, left}` one step ahead,
         `footprint_steady_rmse_m` likewise of steps in steady walking (`_steady`), `calibration_error`, `steps`,
         `transitions`; of the ground `changes` (their number), `changes_found_pct`, `begins_found_pct` (stairs and
         ramps, not their ends), `distance_median_mm: {stairs, ramps, ends}`, `riser_rmse_mm`, `tread_rmse_mm`,
-        `slope_rmse_deg` of sizes that were seen and not only guessed (`_SEEN`); `sizes: {riser_mm, tread_mm,
+        `slope_rmse_deg` of sizes that were observed, not guessed (`_SEEN`); `sizes: {riser_mm, tread_mm,
         slope_deg}`, of each `{up, down}`, `seen_pct` of all stairs or ramps, `rmse` of those, and `told_rmse` of all
-        that were told, guesses too; `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
+        estimates including guesses; `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
     """
     walks = list(walks)
     steps = [s for w in walks for s in w.steps]
@@ -285,9 +282,9 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
 
 
 def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
-    """Steps of the same mode as those beside them and nearly as long, without the first three and the last two.
+    """Steps of the same mode as their neighbours and nearly as long, without the first three and the last two.
 
-    Who pauses, or gathers speed, does not walk steadily.
+    This excludes pauses and changes of speed.
     """
     found = []
     for i in range(3, len(steps) - 2):
@@ -330,7 +327,7 @@ def _change_figures(approaches: Sequence[ScoredApproach]) -> dict[str, Any]:
 
 
 def _size_figures(name: str, factor: float, approaches: Sequence[ScoredApproach]) -> dict[str, float | None]:
-    """Of one size: the share of the changes of which it was seen, errors of those, errors of all that were told."""
+    """For one size: the share of the changes where it was observed, the errors of those, and of all estimates."""
     sd = name.replace("_", "_sd_")
     own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
@@ -341,12 +338,12 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredApproach]
 
 
 def _inside(told: Iterable[tuple[float, float]]) -> float | None:
-    """Share of errors within the told 95 % interval, of pairs of error and deviation, %."""
+    """Share of errors within the reported 95 % interval, %, from pairs of error and standard deviation."""
     return _percent(abs(e) < 1.96 * sd for e, sd in told if math.isfinite(e) and math.isfinite(sd))
 
 
 def _calibration(steps: Sequence[ScoredMode]) -> float | None:
-    """Expected calibration error of the told modes' probabilities, 0-1."""
+    """Expected calibration error of the predicted modes' probabilities, 0-1."""
     told = told_and_right(steps)
     if not told:
         return None
@@ -354,7 +351,7 @@ def _calibration(steps: Sequence[ScoredMode]) -> float | None:
 
 
 def told_and_right(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
-    """By tenths of the told mode's probability: its mean, the share of steps that were right, and their number."""
+    """By tenths of the predicted mode's probability: its mean, the share of steps that were right, and their number."""
     told = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
     p, right = np.array([t[0] for t in told]), np.array([t[1] for t in told], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)

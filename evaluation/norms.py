@@ -1,4 +1,4 @@
-"""Reference figures of the literature, as the folder `reference` holds them."""
+"""Reference values from the literature, read from the folder `reference`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def reference(name: str) -> Any:
 
 
 def reference_rows(name: str) -> list[dict[str, str]]:
-    """Rows of one table of the reference folder, such as `zhao2023_table2`; lines that begin with # are left out."""
+    """Rows of one table of the reference folder, such as `zhao2023_table2`; lines that begin with # are skipped."""
     file = resources.files("stridetwin.evaluation").joinpath("reference", f"{name}.csv")
     lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
     return list(csv.DictReader(lines))

@@ -1,8 +1,8 @@
-"""What a visual-inertial path is worth: drift of a loop, error after alignment, error over short ways, and failure.
+"""Scores of a visual-inertial path: loop drift, error after alignment, relative error, and failure.
 
-Gravity shows an odometry the vertical, so that position and heading are free: every alignment is a shift and a turn
+Only position and heading are unobservable to an odometry with gravity: every alignment is a translation and a rotation
 about the vertical (Zhang & Scaramuzza 2018). Absolute error: Sturm et al. 2012. A closed loop hides a wrong scale and
-wrong extrinsics; the error over 5 m of way shows both.
+wrong extrinsics; the error over 5 m of path reveals both.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _SPACING_M = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Odometry:
-    """What an odometry has told of a walk.
+    """The output of an odometry on a walk.
 
     Attributes:
         path: N poses of the IMU in a world of its own.
-        healthy: (N,) what it says of itself.
+        healthy: (N,) whether it reports itself healthy.
     """
 
     path: Trajectory
@@ -41,16 +41,16 @@ def drift_figures(told: Odometry, truth: TruePath) -> dict[str, Any]:
     """The figures of one walk, ready for JSON, from the first healthy pose on.
 
     Args:
-        told: Of the odometry.
+        told: Output of the odometry.
         truth: True path of the same frame.
 
     Returns:
         `failure`: "" or what went wrong: `silent` (no two healthy poses), `not finite`, `lost` (declared) or `off`
-        (more than 2 m away with start or path aligned). `unhealthy_s`: how long it called itself lost after its first
-        healthy pose, and `recovered` whether it was healthy in the end. But for the first two failures also
-        `loop_drift_m` and `loop_drift_xyz_m` (end's error with the start aligned), `ape_rmse_m` (path aligned),
-        `rpe_5m_pct` (None where the walk is shorter), `height_rmse_m` (start aligned), `climb_error_m`
-        (`climb_errors_m`, the largest; None where nothing climbs), `coverage_pct` of the walk, and with a covariance
+        (more than 2 m away with start or path aligned). `unhealthy_s`: how long it reported itself lost after its first
+        healthy pose, and `recovered` whether it was healthy at the end. Except after the first two failures also
+        `loop_drift_m` and `loop_drift_xyz_m` (error at the end with the start aligned), `ape_rmse_m` (path aligned),
+        `rpe_5m_pct` (None if the walk is shorter), `height_rmse_m` (start aligned), `climb_error_m`
+        (`climb_errors_m`, the largest; None without climbs), `coverage_pct` of the walk, and with a covariance
         `nees_mean` and `nees_within_95_pct` of the position.
     """
     first = int(told.healthy.argmax()) if told.healthy.any() else len(told.healthy)
@@ -82,10 +82,10 @@ def drift_figures(told: Odometry, truth: TruePath) -> dict[str, Any]:
 
 
 def climb_errors_m(comparison: Comparison) -> Array:
-    """Error of the height gained over every 5 m of way that climb or fall by more than 0.3 m.
+    """Error of the height gain over every 5 m of path that rise or fall by more than 0.3 m.
 
     Returns:
-        (K,) m, told less true; empty where the way has none.
+        (K,) m, estimated minus true; empty if there are none.
     """
     s = comparison.distance_m
     starts = np.searchsorted(s, np.arange(s[0], s[-1] - SPAN_M, _SPACING_M))

@@ -1,4 +1,4 @@
-"""Scores of an estimated path against the true one: vectorised, deterministic, units in the names.
+"""Scores of an estimated path relative to the true one: vectorised, deterministic, units in the names.
 
 Definitions follow Sturm et al. 2012 (IROS) and Zhang & Scaramuzza 2018 (IROS): absolute pose error (APE)
 after one alignment, relative pose error (RPE) over a distance travelled. NEES: Bar-Shalom et al. 2001, 5.4.
@@ -27,14 +27,14 @@ Scores = dict[str, float]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """An estimate laid over the truth, at the estimate's stamps.
+    """An estimate aligned with the truth, at the estimate's stamps.
 
     Attributes:
         estimate: N poses in the truth's world.
         truth: The N true poses.
         distance_m: (N,) m travelled by the true frame since the truth's first sample.
         coverage: Share of the truth's duration that the estimate spans, 0-1.
-        laid: From the estimate's own world to the truth's.
+        laid: Transform from the estimate's own world to the truth's.
     """
 
     estimate: Trajectory
@@ -50,13 +50,13 @@ class Comparison:
 
 
 def compare(estimate: Trajectory, path: TruePath, alignment: str = "start", laid: Rigid | None = None) -> Comparison:
-    """Lays an estimate over the truth.
+    """Aligns an estimate with the truth.
 
     Args:
-        estimate: Poses in any world that differs from the truth's by a shift and a turn (see `align`).
+        estimate: Poses in any world that differs from the truth's by a translation and a rotation (see `align`).
         path: The true path of the same frame.
         alignment: `start`, `yaw` or `se3`.
-        laid: In place of an alignment, where another frame in the same world has fixed it.
+        laid: Replaces the alignment, if another frame in the same world has fixed it.
 
     Raises:
         RecordingError: The estimate is not finite, or has fewer than two stamps within the truth's span.
@@ -87,14 +87,14 @@ def score(comparison: Comparison, alone: bool = True) -> Scores:
     """Every score of one estimate.
 
     Args:
-        comparison: The estimate laid over the truth.
-        alone: It has a world of its own, which the estimate of no other frame shares.
+        comparison: The aligned estimate.
+        alone: Its world is not shared with the estimate of another frame.
 
     Returns:
-        `ape_{rmse,mean,max}_m`; `rpe_1m_pct`, `rpe_5m_pct` (mean relative error, % of the distance; not where
+        `ape_{rmse,mean,max}_m`; `rpe_1m_pct`, `rpe_5m_pct` (mean relative error, % of the distance; left out if
         the walk is shorter); `end_error_m`, `end_error_pct` (% of the distance travelled by the frame);
-        `end_height_error_m` (signed); `armse_2d_m` of an estimate alone, as that turns each by itself;
-        `nees_position_mean` (3 for an honest filter) and `nees_position_within_95_pct` where the estimate carries
+        `end_height_error_m` (signed); `armse_2d_m` if `alone`, because it rotates each estimate by itself;
+        `nees_position_mean` (3 for a consistent filter) and `nees_position_within_95_pct` if the estimate has
         a covariance; `distance_m`, `duration_s`, `coverage_pct`.
     """
     error = comparison.error_m
@@ -129,12 +129,12 @@ def score(comparison: Comparison, alone: bool = True) -> Scores:
 def relative_errors_m(comparison: Comparison, span_m: float) -> Array:
     """Error of the relative translation over every stretch of `span_m` of the true path.
 
-    Stretches start each 0.1 m travelled, so that standing still does not count. Each is turned about the
-    vertical so that the headings agree where it starts (Zhang & Scaramuzza 2018: gravity shows tilt, nothing
-    shows heading), which makes the result independent of the alignment.
+    Stretches start each 0.1 m travelled, so that stationary phases do not count. Each is rotated about the vertical
+    so that the headings agree at its start (Zhang & Scaramuzza 2018: tilt is observable from gravity, heading is
+    not), which makes the result independent of the alignment.
 
     Returns:
-        (K,) m; empty where the path is shorter than the span.
+        (K,) m; empty if the path is shorter than the span.
     """
     s, estimate, truth = comparison.distance_m, comparison.estimate, comparison.truth
     starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
@@ -149,10 +149,10 @@ def relative_errors_m(comparison: Comparison, span_m: float) -> Array:
 
 
 def nees_position(comparison: Comparison) -> Array:
-    """Normalised estimation error squared of the position, eᵀ P⁻¹ e; χ² with 3 degrees of freedom if honest.
+    """Normalised estimation error squared of the position, eᵀ P⁻¹ e; χ² with 3 degrees of freedom if consistent.
 
     Returns:
-        (N,) values. The alignment hides the error of the first pose, so it is close to 0 there.
+        (N,) values. The alignment removes the error of the first pose, so the value is close to 0 there.
     """
     covariance = comparison.estimate.covariance
     if covariance is None:
@@ -165,8 +165,8 @@ def nees_position(comparison: Comparison) -> Array:
 def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
     """Horizontal error as the pyshoe benchmark defines its "2-D ARMSE".
 
-    Both paths start at 0, the estimate turns about z so that its bearing agrees with the truth's where it is
-    first `far_m` from its start; then the mean over all samples of sqrt((ex² + ey²) / 2).
+    Both paths start at 0; the estimate is rotated about z so that its bearing agrees with the truth's where it is
+    first `far_m` from its start; the result is the mean over all samples of sqrt((ex² + ey²) / 2).
 
     Args:
         estimate: (N, 2 or 3) m.

@@ -1,7 +1,4 @@
-"""What steps that were told come to beside the true ones: errors, honesty of the deviations, classes.
-
-Steps as an estimator tells them, beside the footprints of the truth.
-"""
+"""Scores of estimated steps against the true footprints: errors, consistency of the standard deviations, classes."""
 
 from __future__ import annotations
 
@@ -25,23 +22,23 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Footprint
 
 _EARLY_NS = 100_000_000
-_STANDING = 2  # the first footprints are those of the feet that stand at the start
+_STANDING = 2  # the first footprints are the initial ones of both feet
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredStep:
-    """A true step and what was told of it when its foot had been flat; of a step that was missed nothing is told.
+    """A true step and its estimate after its foot had been flat; a missed step has no estimate.
 
     Attributes:
         mode: True mode.
         slope: True slope of the ground in the foot's direction, rad.
-        elevation: True height over the other foot's footprint before, m.
-        place: True place of the footprint, m.
-        told_mode: As told; "" where the step was missed.
-        told_slope: rad.
-        told_elevation: m.
-        told_place: m, in the estimator's world.
-        slope_sd: rad; None where the method tells none.
+        elevation: True height above the other foot's previous footprint, m.
+        place: True position of the footprint, m.
+        told_mode: Estimated mode; "" if the step was missed.
+        told_slope: Estimate, rad.
+        told_elevation: Estimate, m.
+        told_place: Estimate, m, in the estimator's world.
+        slope_sd: rad; None if the method reports none.
         elevation_sd: m; likewise.
         probability: Of the mode.
     """
@@ -60,7 +57,7 @@ class ScoredStep:
 
     @property
     def seen(self) -> bool:
-        """Whether anything was told."""
+        """Whether there is an estimate."""
         return bool(self.told_place)
 
     @property
@@ -74,22 +71,22 @@ class ScoredStep:
         return self.told_elevation - self.elevation
 
     def row(self) -> dict[str, Any]:
-        """For JSON; `ScoredStep(**row)` makes it anew."""
+        """For JSON; `ScoredStep(**row)` restores it."""
         return asdict(self)
 
 
 def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> list[ScoredStep]:
-    """Every true step of a walk, with what was told of it; not those beside a footprint that the truth lacks.
+    """Every true step of a walk with its estimate, except steps next to a footprint that the truth lacks.
 
     Args:
-        footprints: In order; those of the feet that stand at the start come first and are no steps.
-        estimates: One a step (`ContactTerrain.run`), in order.
+        footprints: In order; the two initial ones come first and are no steps.
+        estimates: One per step (`ContactTerrain.run`), in order.
     """
     told = list(estimates)
     made = []
     for i in range(_STANDING, len(footprints)):
         print_ = footprints[i]
-        # whichever foot stands second in the list may be the first to step: that is no gap
+        # either foot may be second in the list and step first: that is no gap
         beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
         before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
         if before is None or any(p.foot == print_.foot for p in beside):
@@ -99,11 +96,11 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
 
 def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
-    """How many steps were told that are none: beyond the first of each footprint, or of no footprint at all.
+    """Number of false steps: repeated estimates of a footprint, or estimates without any footprint.
 
     Args:
-        footprints: As of `score_steps`; a footprint that the truth lacks between two of the other foot may be told of.
-        estimates: One a step, in order.
+        footprints: As in `score_steps`; one that the truth lacks between two of the other foot may have an estimate.
+        estimates: One per step, in order.
     """
     told, right = list(estimates), set[int]()
     for i, print_ in enumerate(footprints):
@@ -115,7 +112,7 @@ def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
 
 def _told_of(footprints: Sequence[Footprint], i: int, told: Iterable[StepEstimate]) -> list[StepEstimate]:
-    """What was told of a footprint's foot from shortly before it until the foot's next one."""
+    """The estimates of a footprint's foot from shortly before it until the foot's next one."""
     foot = footprints[i].foot
     since = footprints[i].t_ns - _EARLY_NS
     until = next((p.t_ns for p in footprints[i + 1 :] if p.foot == foot), np.inf)
@@ -126,7 +123,7 @@ def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None)
     w, x, y, z = print_.q_world_foot
     true: dict[str, Any] = {
         "mode": print_.mode,
-        "slope": float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis over the horizontal
+        "slope": float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis above the horizontal
         "elevation": float(print_.p_foot_in_world[2] - before.p_foot_in_world[2]),
         "place": tuple(print_.p_foot_in_world.tolist()),
     }
@@ -149,17 +146,17 @@ def _finite(sd: float) -> float | None:
 
 
 def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[float, float, float]]:
-    """Error of the displacement over the number of steps, of each run of steps of one mode, m.
+    """Error of the displacement divided by the number of steps, for each run of steps of one mode, m.
 
-    A run begins at the footprint before it (as the paper's walks do where the subject stands), and goes from the first
-    to the last footprint that was told.
+    A run begins at the footprint before it (as the paper's walks begin with a standing subject), and goes from the
+    first to the last estimated footprint.
 
     Args:
-        steps: Of a walk.
-        mode: Of the runs; "" takes the whole walk.
+        steps: Steps of a walk.
+        mode: Mode of the runs; "" takes the whole walk.
 
     Returns:
-        Forward, up and left of each run.
+        Forward, up and left, for each run.
     """
     errors, start = [], 0
     for end in range(1, len(steps) + 1):
@@ -178,9 +175,9 @@ def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[fl
 
 
 def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
-    """The steps of a walk, their told places turned about the vertical by the angle that fits the true ones best.
+    """The steps of a walk; estimated positions are rotated about the vertical to fit the true ones best.
 
-    Without a magnetometer nothing tells where a walk's heading begins (a gauge: Zhang & Scaramuzza 2018).
+    Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
     """
     seen = [s for s in steps if s.seen]
     if len(seen) < 2:
@@ -192,12 +189,12 @@ def turned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepResult:
-    """An estimator of steps on one recording.
+    """Result of a step estimator on one recording.
 
     Attributes:
-        estimates: What was told, one a step.
-        steps: Beside the truth.
-        scores: See `step_scores`; and `false_pct`, of all steps that were told, those that are none.
+        estimates: One per step.
+        steps: The true steps with their estimates.
+        scores: See `step_scores`; and `false_pct`, the share of false steps among all estimated ones.
     """
 
     estimates: list[StepEstimate]
@@ -206,7 +203,7 @@ class StepResult:
 
 
 def evaluate_every_step(recording: Recording) -> dict[str, StepResult]:
-    """Every estimator of steps that the recording feeds, by name; none without the truth of its footprints.
+    """Every step estimator that the recording feeds, by name; none without true footprints.
 
     Raises:
         RecordingError: As `evaluate_steps`.
@@ -218,10 +215,10 @@ def evaluate_every_step(recording: Recording) -> dict[str, StepResult]:
 
 
 def evaluate_steps(recording: Recording, found: Found) -> StepResult:
-    """Runs the default method of an estimator of steps on a recording that feeds it, and scores it.
+    """Runs the default method of a step estimator on a recording that feeds it, and scores it.
 
     Raises:
-        RecordingError: Not one of its steps is a step of the truth.
+        RecordingError: None of its steps matches a true step.
     """
     made = steps_of(found, recording)
     footprints = list(recording.block(FOOTPRINTS))
@@ -234,13 +231,13 @@ def evaluate_steps(recording: Recording, found: Found) -> StepResult:
 
 
 def step_scores(steps: Sequence[ScoredStep]) -> Scores:
-    """Every score of one walk, of whose steps one was seen at least.
+    """Every score of one walk with at least one estimated step.
 
     Returns:
-        `slope_rmse_deg`, `elevation_rmse_mm`, `slope_in_95_pct`, `elevation_in_95_pct`; of all steps, missed ones
-        too, `classification_accuracy_pct`, `unknown_pct`, `missed_pct`; `{d,h,y}_rmse_mm`, the error of the whole
-        displacement over the number of steps, along the world's x, z and y; `end_error_m`, `end_error_pct`, from the
-        first footprint seen to the last; `steps`.
+        `slope_rmse_deg`, `elevation_rmse_mm`, `slope_in_95_pct`, `elevation_in_95_pct`; of all steps including
+        missed ones `classification_accuracy_pct`, `unknown_pct`, `missed_pct`; `{d,h,y}_rmse_mm`, error of the whole
+        displacement divided by the number of steps, along the world's x, z and y; `end_error_m`, `end_error_pct`, from
+        the first estimated footprint to the last; `steps`.
     """
     figures = step_figures(steps, displacement_errors(steps, ""))
     seen = [s for s in steps if s.seen]
@@ -260,11 +257,11 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
 def step_figures(
     steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]
 ) -> dict[str, float]:  # fmt: skip
-    """RMS and mean errors of the steps that were seen, classes of all of them.
+    """RMS and mean errors of the steps with estimates; classes of all steps.
 
     Args:
         steps: Of any walks.
-        places: Errors of displacements a step, m; `displacement_errors`. Without any their RMS is left out.
+        places: Errors of the displacement per step, m; `displacement_errors`. Without any their RMS is left out.
     """
     seen = [s for s in steps if s.seen]
     slope = np.degrees([s.slope_error for s in seen])
@@ -286,7 +283,7 @@ def step_figures(
 
 
 def _inside(seen: Sequence[ScoredStep]) -> dict[str, float]:
-    """Share of errors inside the 95 % interval; nothing where the method tells none."""
+    """Share of errors inside the 95 % interval; empty if the method reports none."""
     slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in seen if s.slope_sd is not None]
     elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in seen if s.elevation_sd is not None]
     if not slope or not elevation:
@@ -299,6 +296,6 @@ def _rms(values: Any) -> float:
 
 
 def percent(right: Iterable[Any]) -> float:
-    """Share of what is true, %; 0 of nothing."""
+    """Share of true values, %; 0 for an empty input."""
     answers = list(right)
     return 100.0 * sum(map(bool, answers)) / len(answers) if answers else 0.0

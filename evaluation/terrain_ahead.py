@@ -1,8 +1,7 @@
-"""What was seen ahead of a walker on a whole recording: ground and coming steps, beside the truth.
+"""Evaluates terrain maps and mode prediction on a whole recording, with poses from an odometry.
 
-The odometry's poses lead a terrain map and, where there are insoles, the prediction of locomotion modes through the
-recording, as they would on the walker. What they tell is laid over the truth as it was at each instant, so that the
-drift of the poses is the odometry's error alone.
+The terrain map and, with insoles, the mode prediction receive the odometry's poses as they would on the walker. Their
+output is aligned with the truth at each instant, so that drift of the poses counts only as an error of the odometry.
 """
 
 from __future__ import annotations
@@ -38,14 +37,14 @@ from stridetwin.streams.samples import Array, Depth, Footprint, Image
 from stridetwin.streams.trajectory import Trajectory
 
 HALF_WIDTH_M, CELL_M = 1.0, 0.04
-"""How far to each side of the way the ground is kept, and how finely."""
+"""Half width of the stored ground along the route, and its cell size."""
 _SOLE_M = 0.27
 _BEHIND_M, _AHEAD_M = 0.2, 2.5
 _STEPPED_M = 1.2
-"""An edge is kept as it was told when it lay no farther ahead."""
+"""An edge is stored when it is at most this far ahead."""
 _SAME_EDGE_M = 0.1
 _BESIDE_M, _ACROSS = 0.3, 0.7
-"""An edge that begins farther beside the way, or lies more along it than across, is none of the way's."""
+"""An edge that begins farther beside the route, or lies more along than across it, does not belong to the route."""
 _WINDOW_M, _SHOWN_M = 3.0, 0.1
 _LEAST_PLANE_M2 = 0.05
 
@@ -55,7 +54,7 @@ class Snapshot:
     """The ground around the walker at one instant, in the true world.
 
     Attributes:
-        t_ns: When.
+        t_ns: Its time.
         points: (N, 3) m.
         kinds: (N,) numbers of `KINDS`.
         planes: Outline of each plane, (5, 3) m, and its number of `KINDS`.
@@ -71,14 +70,14 @@ class Snapshot:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeenWay:
-    """The ground along the way as it was last seen before the walker stood on it, unrolled.
+    """The ground along the unrolled route, as it was last mapped before the walker stood on it.
 
     Attributes:
-        s: (S,) m along the way, the cells' middles.
+        s: (S,) m along the route, centres of the cells.
         left: (L,) m to the left of it.
         height: (S, L) m in the true world, NaN where nothing was seen.
         kind: (S, L) numbers of `KINDS`.
-        edges: (E, 3) m: each edge's place along the way, and from where to where it reaches to the left.
+        edges: (E, 3) m: position along the route, and both ends to the left, of each edge.
     """
 
     s: Array
@@ -90,22 +89,22 @@ class SeenWay:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ahead:
-    """What was seen ahead on one recording.
+    """Maps and mode predictions on one recording.
 
     Attributes:
-        estimates: Of the coming steps, in order of time; none without insoles.
+        estimates: Predictions of the coming steps, in time order; empty without insoles.
         modes: Their scores; None without insoles.
         ground: Scores of the map.
-        terrain_map: As it was at the end.
-        seen: The ground along the way.
+        terrain_map: The map at the end.
+        seen: The ground along the route.
         snapshots: Each half second.
-        laid: The estimators' world over the true one.
-        layout: Of the true ground.
-        footprints: True ones.
+        laid: Alignment of the estimators' world with the true one.
+        layout: The true terrain.
+        footprints: The true footprints.
         path: (N, 3) m, true path of the camera.
         scores: By estimator.
-        predicted: Of every estimator of modes what it predicted; `estimates` are those of the first.
-        maps: Every map as it was at the end; `terrain_map` is the first.
+        predicted: Predictions of every mode estimator; `estimates` are those of the first.
+        maps: Every map at the end; `terrain_map` is the first.
     """
 
     estimates: list[ModeEstimate]
@@ -124,13 +123,13 @@ class Ahead:
 
 
 def all_estimates(recording: Recording, progress: Progress) -> tuple[list[Estimate], Ahead | None]:
-    """Every path that the recording feeds, and `look_ahead` where an odometry can lead it.
+    """The path of every estimator that the recording feeds, and the result of `look_ahead` if an odometry is available.
 
-    The paths of other estimators with cameras are made in a process beside this one: they take as long.
+    The paths of other estimators with cameras are computed in a parallel process, because they take as long.
 
     Args:
         recording: Any.
-        progress: Called with the stage, and the share of it that is done.
+        progress: Called with the stage and its completed share.
     """
     with ExitStack() as stack:
         others: Callable[[], list[Estimate]] = partial(all_paths, recording, leads=False)
@@ -148,7 +147,7 @@ def _others(path: Path, lenient: bool) -> list[Estimate]:
 
 
 def two_see(recording: Recording) -> bool:
-    """Whether the recording feeds images to an odometry that leads, and to another estimator of paths."""
+    """Whether the recording feeds images to the odometry and to another path estimator."""
     seeing = set()
     for found in registry.estimators(PATH).values():
         for options in fed(found, recording):
@@ -159,9 +158,9 @@ def two_see(recording: Recording) -> bool:
 
 
 def odometry_of(recording: Recording, made: Iterable[Estimate]) -> Estimate | None:
-    """The estimate that can lead map and prediction through the recording; None where none can.
+    """The path estimate that supplies poses for map and mode prediction; None if there is none.
 
-    They need depth on the body of the odometry's IMU; to be scored, true footprints, the IMU's true path and ground.
+    They need depth on the body of the odometry's IMU; scoring needs true footprints, ground and path of the IMU.
     """
     odometry = next((e for e in made if e.leads), None)
     if odometry is None or FOOTPRINTS not in recording.topics or from_metadata(recording.metadata) is None:
@@ -175,7 +174,7 @@ def odometry_of(recording: Recording, made: Iterable[Estimate]) -> Estimate | No
 
 
 class _Watch:
-    """Scores one map as the walker goes, and keeps what a report shows of it."""
+    """Scores one map during the walk, and stores what a report shows."""
 
     def __init__(self, ground: TerrainMap, layout: Layout, footprints: list[Footprint], here: Array) -> None:
         places = along_way([f.p_foot_in_world for f in footprints], layout)
@@ -185,7 +184,7 @@ class _Watch:
         self.snapshots: list[Snapshot] = []
 
     def look(self, t_ns: int, at: int, lying: Laying) -> None:
-        """What the map knows after the depth image of `t_ns`, the walker at the pose `at` of the path."""
+        """Samples the map after the depth image of `t_ns`; the walker is at the pose `at` of the path."""
         ground, here = self.ground, float(self._here[at])
         if ground.estimate is None or ground.estimate.t_ns != t_ns or not self.scorer.look(t_ns, ground, lying, here):
             return
@@ -196,7 +195,7 @@ class _Watch:
 
 
 def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], dict[str, TerrainMap]]:
-    """Estimators of modes, then maps that none of these builds itself, led by an odometry; and all maps, by name."""
+    """Mode estimators, then maps that none of these contains, with poses from an odometry; and all maps, by name."""
 
     def at_work(kind: str, but: Container[type[Any]] = ()) -> dict[str, Any]:
         return {
@@ -214,12 +213,12 @@ def _led_by(recording: Recording, odometry: Estimate) -> tuple[dict[str, Any], d
 
 
 def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | None = None) -> Ahead:
-    """Leads maps and predictions of modes through a recording, every installed one that it feeds.
+    """Runs every installed map and mode estimator that a recording feeds.
 
     Args:
         recording: One for which `odometry_of` has found an odometry.
-        odometry: That one.
-        progress: Called with the stage, and the share of it that is done.
+        odometry: Its path estimate.
+        progress: Called with the stage and its completed share.
     """
     layout = from_metadata(recording.metadata)
     assert layout is not None
@@ -262,7 +261,7 @@ def look_ahead(recording: Recording, odometry: Estimate, progress: Progress | No
 
 
 def mode_scores(modes: ModeScores) -> Scores:
-    """The scores of one walk's steps; what there is nothing to tell of is left out.
+    """The scores of one walk's steps; undefined scores are left out.
 
     Returns:
         `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`, `changes_found_pct`;
@@ -288,7 +287,7 @@ def mode_scores(modes: ModeScores) -> Scores:
 
 
 def _trusted(odometry: Estimate, truth: TruePath) -> Trajectory:
-    """The odometry's path where it trusts itself and the truth is known."""
+    """The odometry's path where it reports itself healthy and the truth is known."""
     path = odometry.path
     keep = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
     if odometry.healthy is not None:
@@ -297,7 +296,7 @@ def _trusted(odometry: Estimate, truth: TruePath) -> Trajectory:
 
 
 class _Unrolled:
-    """The ground along a way, filled as the walker goes."""
+    """The ground along a route, filled during the walk."""
 
     def __init__(self, layout: Layout, s0: float, s1: float) -> None:
         self._way, self._profile = layout.way, layout.profile
@@ -308,7 +307,7 @@ class _Unrolled:
         self._edges: list[tuple[float, float, float]] = []
 
     def look(self, grid: GroundGrid, estimate: TerrainEstimate, laid: Laying, here: float) -> None:
-        """Takes what is seen near the walker in the place of what was seen there before."""
+        """Replaces the stored ground near the walker by the current estimate."""
         some = np.flatnonzero((self._s > here - _BEHIND_M) & (self._s < here + _AHEAD_M))
         s, left = np.meshgrid(self._s[some], self._left, indexing="ij")
         height, plane = grid.at(laid.to_told(self._way.point(s, left)))
@@ -323,7 +322,7 @@ class _Unrolled:
                 self._keep_edge(laid.to_true(a), laid.to_true(b), here)
 
     def _keep_edge(self, a: Array, b: Array, here: float) -> None:
-        """An edge that the walker comes to next, in the place of what was told of it before."""
+        """Stores an edge ahead of the walker and replaces its earlier estimate."""
         around = np.arange(here, here + _STEPPED_M, 0.02)
         way, heading = self._way.point(around), self._way.heading(around)
         left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
@@ -344,20 +343,20 @@ class _Unrolled:
         self._edges.append((s, low, high))
 
     def seen(self) -> SeenWay:
-        """All that was seen."""
+        """The stored ground."""
         edges = np.array(sorted(self._edges), float).reshape(-1, 3)
         return SeenWay(s=self._s, left=self._left, height=self._height, kind=self._kind, edges=edges)
 
 
 def _beside(points: Array, a: Array, b: Array) -> Array:
-    """(N,) m, of (N, 2) points from the line through a and b, in plan."""
+    """(N,) m, distances of (N, 2) points from the line through a and b, in the horizontal plane."""
     along = (b - a)[:2] / np.linalg.norm((b - a)[:2])
     offset = points - a[:2]
     return np.asarray(offset[:, 0] * along[1] - offset[:, 1] * along[0])
 
 
 def _edge_lines(flight: Stairs) -> list[Array]:
-    """Ends of each edge that was found, (2, 3) m in the map's world, at the height of the tread above it."""
+    """Ends of each detected edge, (2, 3) m in the map's world, at the height of the tread above it."""
     up = flight.up
     aside = np.array([-up[1], up[0]])
     lines = []
@@ -388,7 +387,7 @@ def _snapshot(grid: GroundGrid, estimate: TerrainEstimate, laid: Laying, heading
 
 
 def _outline(plane: Plane) -> Array:
-    """(5, 3) m, a rectangle in the plane that its points would fill if they lay evenly."""
+    """(5, 3) m, the rectangle in the plane that its points would fill if evenly distributed."""
     variances, axes = np.linalg.eigh(plane.spread)
     half = np.sqrt(3.0 * np.maximum(variances, 0.0))
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half

@@ -1,9 +1,4 @@
-"""Truth between its samples: pose of a frame at any time, from positions, velocities and attitudes.
-
-True footprints: those of a recording, where they lie along the way, and when what is ahead of them is asked for.
-
-Flights of stairs along a way, as the ground truly is.
-"""
+"""True paths, footprints and stairs of a recording, as scores need them."""
 
 from __future__ import annotations
 
@@ -41,7 +36,7 @@ class TruePath:
 
     @classmethod
     def of(cls, block: Block[Odometry]) -> TruePath:
-        """The path that a `/truth/.../odometry` topic tells.
+        """The path in a `/truth/.../odometry` topic.
 
         Raises:
             RecordingError: Fewer than two samples, or a value that is not finite.
@@ -63,7 +58,7 @@ class TruePath:
         return Trajectory(t_ns=self.t_ns, p_frame_in_world=self.p_frame_in_world, q_world_frame=self.q_world_frame)
 
     def since(self, t_ns: int) -> TruePath:
-        """The path without what lies before a time (but its last two samples stay)."""
+        """The path from a time on; at least its last two samples stay."""
         i = min(int(np.searchsorted(self.t_ns, t_ns)), len(self.t_ns) - 2)
         return TruePath(
             t_ns=self.t_ns[i:],
@@ -106,30 +101,30 @@ class TruePath:
 
 FOOTPRINTS = "/truth/footprints"
 ASKED_S = 1.5
-"""How long before a foot lands beyond a change of the ground its place and size are asked for."""
-_REACH_M = 1.5  # no step is longer: a jogger's are up to 1.4 m
+"""How long before a foot lands beyond a terrain change its estimate is scored."""
+_REACH_M = 1.5  # longest step; joggers reach 1.4 m
 
 
 def true_footprints(recording: Recording) -> list[Footprint]:
-    """In order; those of the feet that stand at the start come first."""
+    """The true footprints, in order; the two initial ones come first."""
     return list(recording.block(FOOTPRINTS))
 
 
 def along_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
-    """(F,) m along the way, of (F, 3) m, all footprints of a walk in order."""
+    """(F,) m along the route, from (F, 3) m: all footprints of a walk in order."""
     return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
 
 
 def asked_ns(s: float, t_ns: Array, places: Array) -> float:
-    """When a change of the ground is asked for: `ASKED_S` before the first foot lands beyond it.
+    """When a terrain change is scored: `ASKED_S` before the first foot lands beyond it.
 
     Args:
         s: Its arc length, m.
         t_ns: (F,) touch-downs, in order.
-        places: (F,) m along the way.
+        places: (F,) m along the route.
 
     Returns:
-        ns; infinite where no foot lands beyond it.
+        ns; infinite if no foot lands beyond it.
     """
     beyond = np.flatnonzero(places > s)
     return float(t_ns[beyond[0]]) - ASKED_S * 1e9 if len(beyond) else math.inf
@@ -144,7 +139,7 @@ class Flight:
         end: Of its last one, m.
         riser: Mean height of its risers, m, down negative.
         tread: Mean depth of its treads, m; 0 for a single riser.
-        risers: How many.
+        risers: Number of risers.
     """
 
     s: float
@@ -155,13 +150,13 @@ class Flight:
 
 
 def edges(profile: Sequence[Strip], least_m: float = 1e-6) -> list[tuple[float, float, Strip]]:
-    """Where the ground jumps by so much at least: arc length, m; height, m; and the strip that begins there."""
+    """Height steps of the ground of at least `least_m`: arc length, m; height, m; and the strip that begins there."""
     jumps = [(after.s0, after.z0 - before.z1, after) for before, after in pairwise(profile)]
     return [jump for jump in jumps if abs(jump[1]) >= least_m]
 
 
 def flights(profile: Sequence[Strip], least_m: float = 1e-6) -> list[Flight]:
-    """The flights of a way, in order; lower risers than `least_m` are none."""
+    """The flights of a route, in order; risers below `least_m` are ignored."""
     found: list[Flight] = []
     s, heights = [], []
     for place, height, onto in edges(profile, least_m):

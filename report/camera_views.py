@@ -1,4 +1,4 @@
-"""A few pictures of every camera of a recording, depth as colours."""
+"""A few images from every camera of a recording; depth as colours."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraView:
-    """Pictures of one camera.
+    """Images of one camera.
 
     Attributes:
-        title: Topic and what it shows.
+        title: Topic and content.
         pictures: (time in s, grey (H, W) or RGB (H, W, 3)).
     """
 
@@ -30,7 +30,7 @@ class CameraView:
 
 
 def colour_of_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB of a depth picture in m; near is yellow, far violet, none black."""
+    """(H, W, 3) RGB of a depth image in m; near is yellow, far violet, invalid black."""
     share = (FAR_M - np.clip(depth, NEAR_M, FAR_M)) / (FAR_M - NEAR_M)
     bgr = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_PLASMA)
     rgb = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
@@ -39,7 +39,7 @@ def colour_of_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def shown(picture: Image | Depth, width: int) -> NDArray[np.uint8]:
-    """The picture at a width, depth as colours."""
+    """The image scaled to a width; depth as colours."""
     pixels = picture.pixels if isinstance(picture, Image) else colour_of_depth(picture.depth)
     height = round(pixels.shape[0] * width / pixels.shape[1])
     kind = cv2.INTER_AREA if isinstance(picture, Image) else cv2.INTER_NEAREST
@@ -53,7 +53,7 @@ def camera_topics(recording: Recording) -> list[str]:
 
 
 def pictures_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Image | Depth]:
-    """Pictures of one camera at about a rate, decoded one at a time."""
+    """Images of one camera at about a given rate, decoded one at a time."""
     times = recording.image_times(topic)
     step = max(1, round(recording.topics[topic].rate_hz / rate_hz))
     for first in range(0, len(times), step * _AT_ONCE):
@@ -61,7 +61,7 @@ def pictures_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Im
 
 
 def camera_views(recording: Recording, count: int = 6, width: int = 360) -> list[CameraView]:
-    """Pictures of every camera at the same moments, spread over the walk."""
+    """Images of every camera at the same times, spread over the walk."""
     parts = {t: c.part for c in recording.rig.cameras.values() for t in (c.topic, c.depth_topic)}
     views = []
     for topic in camera_topics(recording):

@@ -1,4 +1,4 @@
-"""Figures of how the person walks: joint angles over the gait cycle, ground reaction, centre of pressure."""
+"""Figures of the gait: joint angles over the gait cycle, ground reaction, centre of pressure."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Stride:
         foot: `l` or `r`.
         start_ns: Touchdown.
         end_ns: Next touchdown of the foot.
-        speed_mps: Length of the stride over its duration.
+        speed_mps: Length of the stride divided by its duration.
     """
 
     foot: str
@@ -44,7 +44,7 @@ class Stride:
 
 
 def level_strides(footprints: list[Footprint]) -> list[Stride]:
-    """Strides whose footprints all belong to level walking, without the first and last steps of the walk.
+    """Strides whose footprints are all level walking, without the first and last steps of the walk.
 
     Args:
         footprints: Of both feet, in time order.
@@ -66,7 +66,7 @@ def over_cycle(stride: Stride, t_ns: NDArray[np.int64], values: Array) -> Array:
 
 
 def joint_figures(recording: Recording, strides: list[Stride]) -> list[str]:
-    """Hip, knee and ankle over the gait cycle, beside the band of people of that speed."""
+    """Hip, knee and ankle over the gait cycle, with the norm band at that speed."""
     if "/truth/joints" not in recording.topics or not strides:
         return []
     block = recording.block("/truth/joints")
@@ -102,7 +102,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[str]:
 
 
 def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg: float) -> str:
-    """Vertical load of one foot over the gait cycle, in body weights; empty where there is no truth of it."""
+    """Vertical load of one foot over the gait cycle, in body weights; empty without its truth."""
     curves = []
     for foot in FEET:
         topic = f"/truth/foot_{foot}/wrench"

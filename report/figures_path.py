@@ -1,4 +1,4 @@
-"""Figures of where the walk went: side view, plan view, error over time."""
+"""Figures of a walk's path: side view, plan view, error over time."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _Lines = tuple[tuple[Array, Array], tuple[Array, Array]]  # (horizontal, vertica
 
 
 def part_of(estimate: Estimate) -> str:
-    """Whose path it is: that of the foot `l` or `r`, or of the `camera`."""
+    """The body of a path: the foot `l` or `r`, or the `camera`."""
     return next((foot for foot in FEET if estimate.frame.startswith(f"foot_{foot}/")), "camera")
 
 
 def label_of(estimate: Estimate) -> str:
-    """How a figure calls an estimate: `left`, `left, feet together`, or `camera`."""
+    """The label of an estimate in a figure: `left`, `left, feet together`, or `camera`."""
     words = FEET.get(part_of(estimate), "camera")
     label = estimate.name if estimate.label is None else estimate.label
     return f"{words}, {label}" if label else words
@@ -40,7 +40,7 @@ def _colour(estimate: Estimate) -> str:
 
 
 def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
-    """Heights along the way: terrain, true and estimated paths."""
+    """Heights along the route: terrain, true and estimated paths."""
     lines = [_along(layout, result) for result in results]
     every_s = np.concatenate([s for line in lines for s, _ in line])
     every_z = np.concatenate([z for line in lines for _, z in line])
@@ -66,7 +66,7 @@ def side_view(layout: Layout | None, results: Sequence[Result]) -> str:
 
 
 def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Block[Footprint] | None) -> str:
-    """The walk from above: ground, footprints, true and estimated paths; true to scale where it turns."""
+    """The walk from above: ground, footprints, true and estimated paths; true to scale if it turns."""
     prints = [] if footprints is None else [outline(p) for p in footprints]
     lines = [_from_above(result) for result in results]
     every_x = [x for line in lines for x, _ in line] + [p[:, 0] for p in prints]
@@ -89,7 +89,7 @@ def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Bloc
 
 
 def error_over_time(results: Sequence[Result]) -> str:
-    """Position error of every estimate, and the 95 % bound that the estimator itself believes in."""
+    """Position error of every estimate, and the 95 % bound that the estimator reports."""
     errors = [np.linalg.norm(r.comparison.error_m, axis=1) for r in results]
     bounds = [_bound(r) for r in results]
     span_t = data_range(*(_seconds(r) for r in results), margin=0.0)
@@ -139,9 +139,9 @@ def _from_above(result: Result) -> _Lines:
 
 
 def _along(layout: Layout | None, result: Result) -> _Lines:
-    """Arc length along the way and height, of the true and of the estimated path.
+    """Arc length along the route and height, of the true and of the estimated path.
 
-    The estimate lies as far before or behind the truth as its error says, in the direction of the way there.
+    The estimate is offset from the truth by the component of its error along the route.
     """
     truth, estimate = (p.p_frame_in_world for p in (result.comparison.truth, result.comparison.estimate))
     s, heading = truth[:, 0], np.zeros(len(truth))
@@ -163,7 +163,7 @@ def outline(footprint: Footprint) -> Array:
 
 
 def to_scale(width: float, x: Range, y: Range, least: float = 200.0) -> tuple[float, Range, Range]:
-    """Height of a plot, and ranges at least as wide as asked, so that a metre is as long both ways."""
+    """Height of a plot, and ranges at least as wide as requested, so that both axes have the same scale."""
     inner = width - 60.0
     height = float(np.clip(inner * (y[1] - y[0]) / (x[1] - x[0]), least, 640.0))
     metre = min(inner / (x[1] - x[0]), height / (y[1] - y[0]))

@@ -1,4 +1,4 @@
-"""Figures of steps that the legs told: planes and their normals from the side, footprints from above; true to scale."""
+"""Figures of steps estimated from the legs: planes and normals from the side, footprints from above; true to scale."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _TOLD, _NORMAL = "#0a7d7d", "#c92a2a"
 
 
 def steps_from_aside(layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet") -> str:
-    """Side view: the true ground along the way, each footprint as the piece of plane that was told, its normal.
+    """Side view: the true ground along the route, and the estimated plane and normal of each footprint.
 
     Args:
         layout: True ground; None draws the footprints alone.
-        steps: Of one walk; those that were missed are left out.
-        title: Of the figure.
+        steps: Steps of one walk; missed ones are left out.
+        title: Title of the figure.
     """
     true, told, slopes = _places(steps)
     s = true[:, 0] if layout is None else along_way(true, layout)
@@ -55,7 +55,7 @@ def steps_from_aside(layout: Layout | None, steps: Sequence[ScoredStep], title: 
 
 
 def steps_from_above(layout: Layout | None, steps: Sequence[ScoredStep], title: str = "The path from above") -> str:
-    """Plan view: the ground, where the footprints are, and the path through those that were told."""
+    """Plan view: the ground, the true footprints, and the path through the estimated ones."""
     true, told, _ = _places(steps)
     span_x, span_y = data_range(true[:, 0], told[:, 0]), data_range(true[:, 1], told[:, 1], margin=0.1)
 
@@ -73,9 +73,9 @@ def steps_from_above(layout: Layout | None, steps: Sequence[ScoredStep], title: 
 
 
 def _places(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
-    """(N, 3) true and told places of the steps that were seen, both in the true world, and (N,) told slopes.
+    """(N, 3) true and estimated positions of the estimated steps, both in the true world, and (N,) estimated slopes.
 
-    The first place told is laid on the true one; headings are those that the AHRS tell.
+    The first estimated position is aligned with the true one; headings are those of the AHRS.
     """
     seen = [s for s in steps if s.seen]
     true, told = np.array([s.place for s in seen]), np.array([s.told_place for s in seen])

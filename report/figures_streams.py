@@ -47,7 +47,7 @@ class Curves:
 
 
 def curves_of(block: Block[Sample]) -> list[Curves]:
-    """The curves of one stream, in the units of a report; none for pictures."""
+    """The curves of one stream, in the units of a report; none for images."""
     name, c = block.topic.strip("/"), block.columns
     xyz = ("x", "y", "z")
     kind = block.kind
@@ -93,7 +93,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
 
 
 def _shade(plot: Plot, faults: list[Injected]) -> None:
-    """Shades the times of faults, and names each kind where it first shows."""
+    """Shades the times of faults, and names each kind where it first appears."""
     (left, right), (low, high) = plot.x, plot.y
     least, first = 0.004 * (right - left), dict[str, float]()
     for fault in faults:
@@ -106,7 +106,7 @@ def _shade(plot: Plot, faults: list[Injected]) -> None:
 
 
 def scalar_topics(recording: Recording) -> list[str]:
-    """The sensor topics that carry no pictures, the feet's first."""
+    """The sensor topics without images, the feet's first."""
     kinds = {t: info.kind for t, info in recording.topics.items() if not t.startswith("/truth/")}
     return sorted((t for t, kind in kinds.items() if kind not in (Image, Depth)), key=_by_place)
 

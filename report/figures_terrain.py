@@ -1,4 +1,4 @@
-"""Figures of what was seen ahead: the ground along the way from above and from aside, coming steps and their modes."""
+"""Figures of the terrain ahead: the ground along the route from above and from the side, coming steps, modes."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _PALE = 0.45
 _TRUE_STEP, _PATH = "#ffffff", "#5b6b7f"
 _ROW_M, _NARROW_ROW_M, _MOST_ROWS = 12.0, 5.0, 8
 WITHIN_95 = 2.448
-"""Deviations that hold 95 % of a normal density in the plane."""
+"""Standard deviations that contain 95 % of a normal density in the plane."""
 _LINE_M = 0.2
 _CLEAR_M = 0.06
-_LEAST_CLEAR = 0.3  # of the cells across the way
+_LEAST_CLEAR = 0.3  # of the cells across the route
 
 
 def ground_from_above(ahead: Ahead) -> str:
-    """The ground along the way by class, with edges, the walker's path, true footprints and those told a step before.
+    """The ground along the route by class, with edges, the true path, true and predicted footprints (one step ahead).
 
-    The way is unrolled and cut into rows, true to scale.
+    The route is unrolled and cut into rows, true to scale.
     """
     prints = _Prints(ahead)
     span = (max(float(ahead.seen.s[0]), prints.first - 0.6), min(float(ahead.seen.s[-1]), prints.last + 0.8))
@@ -53,7 +53,7 @@ def ground_from_above(ahead: Ahead) -> str:
 
 
 class _Prints:
-    """Footprints along the unrolled way."""
+    """Footprints along the unrolled route."""
 
     def __init__(self, ahead: Ahead) -> None:
         way = ahead.layout.way
@@ -74,7 +74,7 @@ class _Prints:
             self.told[i] = place, place[:4].mean(axis=0), turn @ step.covariance @ turn.T, step.mode
 
     def unrolled(self, i: int, xy: Array) -> Array:
-        """(N, 2) m along the way and to the left of it, of places near the i-th footprint."""
+        """(N, 2) m along the route and to the left of it, for points near the i-th footprint."""
         return np.asarray((xy - self._origin[i]) @ self._turn(i).T + [self.s[i], 0.0])
 
     def _turn(self, i: int) -> Array:
@@ -127,7 +127,7 @@ def _row(ahead: Ahead, prints: _Prints, width: float, span: tuple[float, float],
 
 
 def _picture(kind: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
-    """A PNG of (S, L) kinds, the left of the way on top, as an address."""
+    """A PNG of (S, L) kinds, the left of the route on top, as a data URI."""
     pale = 255 - _PALE * (255 - np.array(KIND_COLORS, float))
     bgra = np.zeros((*kind.shape, 4), np.uint8)
     bgra[..., :3] = pale[kind][..., ::-1]
@@ -138,7 +138,7 @@ def _picture(kind: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
 
 
 def _path(ahead: Ahead) -> tuple[Array, Array]:
-    """The walker's true path, m along the way and to the left of it."""
+    """The walker's true path, m along the route and to the left of it."""
     way, p = ahead.layout.way, ahead.path[::8, :2]
     s = way.project(p)
     heading, off = way.heading(s), p - way.point(s)
@@ -146,20 +146,20 @@ def _path(ahead: Ahead) -> tuple[Array, Array]:
 
 
 def _there(ahead: Ahead) -> list[str]:
-    """The modes that ground or steps have."""
+    """The modes that occur in ground or steps."""
     known = set(np.unique(ahead.seen.kind[np.isfinite(ahead.seen.height)]).tolist())
     steps = {m for s in (ahead.modes.steps if ahead.modes else []) for m in (s.mode, s.told)}
     return [mode for i, mode in enumerate(MODES) if i in known or mode in steps]
 
 
 def _cross(plot: Plot, x: float, y: float, half_x: float, half_y: float) -> None:
-    """A mark of what is wrong."""
+    """A mark for an error."""
     for up in (1, -1):
         plot.line([x - half_x, x + half_x], [y - up * half_y, y + up * half_y], WRONG, stroke=2.4)
 
 
 def ground_from_aside(ahead: Ahead) -> str:
-    """Heights along the way: true ground, mapped ground by class, edges as they were told."""
+    """Heights along the route: true ground, mapped ground by class, estimated edges."""
     s, height, kind = _middle(ahead)
     strips = ahead.layout.profile
     prints = _Prints(ahead)
@@ -199,7 +199,7 @@ def _label(kind: str, width: float) -> str:
 
 
 def ground_errors(ahead: Ahead) -> str:
-    """Errors of the mapped heights, and of the edges' places, along the way."""
+    """Errors of the mapped heights, and of the edges' positions, along the route."""
     s, height, _ = _middle(ahead)
     prints = _Prints(ahead)
     span = (prints.first - 0.6, prints.last + 0.8)
@@ -228,7 +228,7 @@ def ground_errors(ahead: Ahead) -> str:
 
 
 def _middle(ahead: Ahead) -> tuple[Array, Array, NDArray[np.uint8]]:
-    """Along the way: m, the mapped height in its middle, m, and the kind of most of it there."""
+    """Position along the route, m; mapped height of its middle, m; and the most frequent kind there."""
     seen = ahead.seen
     across = np.abs(seen.left) < _LINE_M
     height, kind = seen.height[:, across], seen.kind[:, across]
@@ -241,7 +241,7 @@ def _middle(ahead: Ahead) -> tuple[Array, Array, NDArray[np.uint8]]:
 
 
 def mode_ribbon(ahead: Ahead) -> str:
-    """Over time: the true mode of each step, what was told of the next one, how sure that was, and what was wrong."""
+    """Over time: the true mode of each step, the prediction of the next one with its probability, and the errors."""
     steps = ahead.modes.steps if ahead.modes else []
     told = [e for e in ahead.estimates if e.steps]
     if not steps or not told:
@@ -279,9 +279,9 @@ def mode_ribbon(ahead: Ahead) -> str:
 
 
 def told_runs(ahead: Ahead) -> list[tuple[float, float, str, bool]]:
-    """Spans of time over which one mode was told of the step to come: from, to (s), the mode, whether it is right.
+    """Time spans with one predicted mode of the coming step: from, to (s), the mode, whether it is right.
 
-    A span ends with the next estimate, at the latest where the foot touches down; what ends there is what counts.
+    A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
     """
     steps = ahead.modes.steps if ahead.modes else []
     told = told_by_step(ahead.footprints[2:], ahead.estimates)
@@ -298,12 +298,12 @@ def told_runs(ahead: Ahead) -> list[tuple[float, float, str, bool]]:
 
 
 def wrong_steps(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
-    """Those that are marked."""
+    """The steps that are marked."""
     return [step for step in steps if not step.right]
 
 
 def lead_times(ahead: Ahead) -> str:
-    """How long before each touch-down its mode was told rightly for good."""
+    """How long before each touch-down its mode was finally predicted right."""
     steps = ahead.modes.steps if ahead.modes else []
     if not steps:
         return ""

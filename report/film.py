@@ -42,14 +42,14 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
         count: Number of stills.
 
     Raises:
-        StrideTwinError: OpenCV here cannot write WebM, or there is no frame.
+        StrideTwinError: The installed OpenCV cannot write WebM, or there is no frame.
     """
     wanted = [(i + 0.5) / count * duration_s for i in range(count)]
     stills: list[tuple[float, NDArray[np.uint8]]] = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.webm"
         writer: cv2.VideoWriter | None = None
-        with ThreadPoolExecutor(1) as encoder:  # so that the next frame is drawn meanwhile
+        with ThreadPoolExecutor(1) as encoder:  # the next frame is rendered meanwhile
             written: Future[None] | None = None
             for t, rgb in frames:
                 if writer is None:
@@ -79,7 +79,7 @@ def _add(writer: cv2.VideoWriter, rgb: NDArray[np.uint8]) -> None:
 
 @contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Hides what FFmpeg says about the tag that WebM has no use for; it writes past Python's streams."""
+    """Hides FFmpeg's message about a tag that WebM does not use; it bypasses Python's streams."""
     with open(os.devnull, "wb") as nothing:
         kept = os.dup(2)
         os.dup2(nothing.fileno(), 2)
@@ -91,12 +91,12 @@ def _silent_stderr() -> Iterator[None]:
 
 
 def data_uri(data: bytes, media_type: str) -> str:
-    """The data as a `data:` address."""
+    """The data as a `data:` URI."""
     return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def jpeg_uri(picture: NDArray[np.uint8], quality: int = 80) -> str:
-    """A grey (H, W) or RGB (H, W, 3) picture as a JPEG in a `data:` address."""
+    """A grey (H, W) or RGB (H, W, 3) image as a JPEG in a `data:` URI."""
     pixels = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR) if picture.ndim == 3 else picture
     _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return data_uri(data.tobytes(), "image/jpeg")

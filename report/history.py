@@ -1,4 +1,4 @@
-"""How scores went from version to version: a line a run in a file of JSON lines, and a page that draws it."""
+"""The history of scores over versions: a JSON-lines file with one line per run, and a page that plots it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from stridetwin.streams.errors import StrideTwinError
 
 _VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
 _LINE, _WORSE, _OTHER = "#0b6bcb", "#d9480f", "#b8c3d0"
-_NAMES = 6  # of versions below a plot
+_NAMES = 6  # version names below a plot
 _WRITTEN = "lines that `stridetwin score --history` has written"
 _MOST_WALKS = 1_000_000_000
 
@@ -31,13 +31,13 @@ _MOST_WALKS = 1_000_000_000
 def history_line(
     label: str, rows: Sequence[Mapping[str, Any]], means: Mapping[str, Scores], comparison: Comparison | None
 ) -> dict[str, Any]:
-    """What is kept of a run.
+    """The history entry of a run.
 
     Args:
         label: Its version or commit.
-        rows: The walks'.
+        rows: The walks' rows.
         means: Estimator to mean scores.
-        comparison: With the baseline, if there was one.
+        comparison: Comparison with the baseline, if there was one.
     """
     if comparison is not None and comparison.regressions:
         verdict = WORSE
@@ -58,10 +58,10 @@ def history_line(
 
 
 def append_history(file: Path, line: Mapping[str, Any]) -> None:
-    """Adds a line to a file, which is made where there is none.
+    """Appends a line to a file, which is created if missing.
 
     Raises:
-        ConfigError: It holds what `read_history` does not take; the file is as it was.
+        ConfigError: `read_history` does not accept the file, which stays unchanged.
     """
     _check(line, Where(source=f"{file}: new line"))
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -73,7 +73,7 @@ def read_history(file: Path) -> list[dict[str, Any]]:
     """The lines of a file.
 
     Raises:
-        StrideTwinError: There is none, or one is not what `score --history` writes.
+        StrideTwinError: There are none, or one does not have the form of `score --history`.
     """
     lines = []
     try:
@@ -92,7 +92,7 @@ def read_history(file: Path) -> list[dict[str, Any]]:
 
 
 def _check(line: object, where: Where) -> None:
-    """Raises ConfigError at the first field that is not as `history_line` makes it."""
+    """Raises ConfigError at the first field that differs from the form of `history_line`."""
     if not isinstance(line, dict):
         raise where.error(line, _WRITTEN)
 
@@ -146,7 +146,7 @@ def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _labels(lines: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Names of some of the versions, evenly, the last one among them."""
+    """Names of evenly spaced versions including the last one."""
     every = -(-len(lines) // _NAMES)
     return [str(x["label"])[:8] if (len(lines) - 1 - i) % every == 0 else "" for i, x in enumerate(lines)]
 

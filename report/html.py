@@ -1,4 +1,4 @@
-"""HTML pages with everything inside them: no script and no network. The templates are in `templates/`."""
+"""Self-contained HTML pages without scripts or network access. The templates are in `templates/`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def page(title: str, description: str, chips: Sequence[str], sections: Iterable[
     Args:
         title: Plain text, as are description, chips and footer.
         description: One line.
-        chips: Some words each.
+        chips: A few words each.
         sections: HTML; empty ones are left out.
         footer: One line.
     """
@@ -35,11 +35,11 @@ def table(
     """A table.
 
     Args:
-        head: Titles of the columns; plain text as the cells, unless they are `Markup`.
+        head: Titles of the columns; plain text like the cells, unless they are `Markup`.
         rows: Cells of each row.
-        numbers: Which columns are numbers, set to the right.
-        note: Words beneath it.
-        css: A further class of its box.
+        numbers: Which columns are numbers, which are right-aligned.
+        note: Text below it.
+        css: An additional class of its box.
     """
     return rendered("table", head=head, rows=rows, numbers=numbers, note=note, css=f"scroll {css}".strip())
 
@@ -56,7 +56,7 @@ def multiples(figures: Iterable[str]) -> Markup:
 
 
 def rendered(template: str, **values: Any) -> Markup:
-    """A template with values, which are escaped unless they are `Markup`."""
+    """A template filled with values, which are escaped unless they are `Markup`."""
     return Markup(_environment().get_template(f"{template}.html").render(values))
 
 

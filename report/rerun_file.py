@@ -1,7 +1,4 @@
-"""A walk as a Rerun file: terrain, paths, cameras, curves and what was seen ahead on one time line.
-
-What was seen ahead, over time, in a Rerun file: ground, planes and edges, coming steps, and what is told of them.
-"""
+"""A walk as a Rerun file: terrain, paths, cameras, curves, mapped ground and predicted steps on one timeline."""
 
 from __future__ import annotations
 
@@ -33,12 +30,12 @@ from stridetwin.streams.samples import Array, Footprint
 GROUND, STEPS, MODE = "world/ahead", "world/steps", "modes"
 _STEPS_HZ = 5.0
 _INK, _TRUE = (15, 28, 46), (240, 244, 248)
-_OVER_M = 0.01  # so that lines do not lie in the ground
+_OVER_M = 0.01  # so that lines lie above the ground
 _ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 
 
 def write_ahead(rr: Any, stream: Any, ahead: Ahead) -> None:
-    """Adds it to a Rerun stream.
+    """Adds the mapped ground and the predicted steps to a Rerun stream.
 
     Entities: `world/ahead/{ground,planes,edges}`, `world/steps/{true,told,ellipses}`, `modes/probability/MODE`,
     `modes/told`.
@@ -105,7 +102,7 @@ def _modes(rr: Any, stream: Any, ahead: Ahead) -> None:
 
 
 def told_words(estimate: ModeEstimate) -> str:
-    """What is told of the next step, and of the next change, in words."""
+    """The prediction of the next step and of the next terrain change, as text."""
     step, change = estimate.steps[0], estimate.change
     foot = {"l": "left", "r": "right"}.get(step.foot, "next")
     lines = [f"next step ({foot}): {WORDS[step.mode]}, {100 * step.probabilities[step.mode]:.0f} %"]
@@ -122,7 +119,7 @@ def told_words(estimate: ModeEstimate) -> str:
 
 
 def _thinned(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
-    """Some of the estimates, and every one after which another step is the next."""
+    """Some of the estimates, and every one at which the next step changes."""
     due_ns, step = -(2**62), -1
     for estimate in estimates:
         if estimate.t_ns >= due_ns or estimate.step != step:
@@ -142,7 +139,7 @@ def _sole(step: StepPrediction, estimate: ModeEstimate, laid: Laying) -> Array:
 
 
 def _ellipse(sole: Array, covariance: Array) -> Array:
-    """(25, 3) m, where the middle of the sole lands with 95 %."""
+    """(25, 3) m, the 95 % ellipse of the sole's centre."""
     middle = sole[:4].mean(axis=0)
     variances, axes = np.linalg.eigh(covariance)
     half = WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
@@ -151,7 +148,7 @@ def _ellipse(sole: Array, covariance: Array) -> Array:
 
 
 def _known_height(step: StepPrediction, laid: Laying) -> Array:
-    """(3,) m in the true world; where no ground is known under the step, at the height of the floor of its world."""
+    """(3,) m in the true world; unknown ground has the floor's height in the estimator's world."""
     return laid.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
 
 
@@ -170,9 +167,9 @@ def rerun_installed() -> bool:
 
 
 def recording_id(recording: Recording) -> str:
-    """What the viewer knows a recording by, the same each time: it lays those of one name over each other.
+    """The viewer's reproducible identifier of a recording; the viewer merges recordings with equal identifiers.
 
-    The digest tells walks apart that differ in more than seed and physics, and imported ones, which have neither.
+    The digest distinguishes walks that differ in more than seed and physics, and imported ones, which have neither.
     """
     metadata = recording.metadata
     spans = {topic: (i.count, i.first_ns, i.last_ns) for topic, i in recording.topics.items()}
@@ -188,7 +185,7 @@ def write_rerun(path: Path, recording: Recording, results: Sequence[Result], ahe
         path: File to write, `.rrd`.
         recording: The walk.
         results: Scored estimates.
-        ahead: What was seen ahead, or None.
+        ahead: Maps and predicted steps, or None.
 
     Raises:
         StrideTwinError: The file cannot be written.
@@ -279,7 +276,7 @@ def _send(rr: Any, stream: Any, entity: str, t: Array, values: Array, labels: tu
 
 
 def _thinned_path(t_ns: Any, rate_hz: float, *columns: Array) -> tuple[Array, ...]:
-    """Times in s and columns, at about the rate or as they are if slower."""
+    """Times in s and columns, reduced to about the rate; unchanged if slower."""
     seconds = t_ns * 1e-9
     span = float(seconds[-1] - seconds[0]) if len(seconds) > 1 else 1.0
     step = max(1, round(len(seconds) / (span * rate_hz)))

@@ -1,4 +1,4 @@
-"""The report of a walk: one HTML file with everything inside it, no script and no network."""
+"""The report of a walk: one self-contained HTML file without scripts or network access."""
 
 from __future__ import annotations
 
@@ -89,18 +89,18 @@ _PUBLISHED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Story:
-    """What a report tells.
+    """Content of a report.
 
     Attributes:
         description: One line about the scenario.
-        config: What the twin was made of.
+        config: Configuration of the twin.
         seed: Seed of the walk.
         duration_s: Length of the walk.
-        command: How to make it again.
+        command: The command that reproduces it.
         recording: The walk.
         results: Scored estimates.
-        steps: What the legs of an exoskeleton told, or None.
-        ahead: What was seen ahead, or None.
+        steps: Steps estimated from an exoskeleton's legs, or None.
+        ahead: Maps and predicted steps, or None.
         film: Third-person film, or None.
     """
 
@@ -152,7 +152,7 @@ def render_report(story: Story) -> str:
 
 
 def travelled(results: Sequence[Result]) -> list[str]:
-    """Words for the longest way of a foot, else of the camera; none where there are no paths."""
+    """Text with the longest path of a foot, else of the camera; empty without paths."""
     on_feet = [r for r in results if part_of(r.estimate) in FEET]
     whose = "a foot" if on_feet else "the camera"
     ways = [r.scores["distance_m"] for r in on_feet or results]
@@ -160,7 +160,7 @@ def travelled(results: Sequence[Result]) -> list[str]:
 
 
 def _root_help(recording: Recording, mass_kg: float) -> str:
-    """What helped a simulated walker at the pelvis, beside the ground."""
+    """Text on the external force at a simulated walker's pelvis, besides the ground's."""
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / (
         mass_kg * NOMINAL_GRAVITY_MPS2
     )

@@ -1,4 +1,4 @@
-"""One scenario from start to end: walk, record, estimate, score, tell."""
+"""Runs one scenario from start to end: walk, record, estimate, score, report."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ Frame = tuple[float, NDArray[np.uint8]]
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What a run leaves behind.
+    """Output of a run.
 
     Attributes:
-        folder: Where the files are.
+        folder: Folder of the files.
         files: Their names.
         scores: Estimator to scores.
     """
@@ -50,20 +50,20 @@ def run_scenario(
     *,
     pictures: bool = True,
 ) -> Run:
-    """Walks, estimates and scores in one go.
+    """Simulates a walk, runs the estimators and scores them.
 
     Args:
-        scenario: Who walks where.
+        scenario: Walker and route.
         seed: Fixes every byte of the recording and of the scores.
-        folder: Gets `recording.mcap`, `scores.json`, `report.html`, `run.rrd` (where there is Rerun), a TUM
-            file an estimator of paths, a table an estimator of steps, and the last of the terrain map; all of them at
-            the end, none of them if anything fails.
-        command: How a reader of the report makes it again.
-        progress: Told the stage and how far it is (0-1).
-        pictures: The report shows a film, and the views of the cameras that are on.
+        folder: Receives `recording.mcap`, `scores.json`, `report.html`, `run.rrd` (if Rerun is installed), one TUM file
+            per path estimator, one table per step estimator, and the final terrain map; all at the end, or none if
+            anything fails.
+        command: The command that reproduces the report.
+        progress: Receives the stage and its progress (0-1).
+        pictures: The report shows a film, and views of the enabled cameras.
 
     Raises:
-        StrideTwinError: Anything that the user can put right.
+        StrideTwinError: Any usage error.
     """
     from stridetwin.report.film import FPS, HEIGHT, WIDTH, make_film
     from stridetwin.report.rerun_file import rerun_installed, write_rerun
@@ -114,7 +114,7 @@ def run_scenario(
 
 
 def write_ahead_files(ahead: Ahead, folder: Path) -> None:
-    """Of each estimator a row a step as it was last predicted, or the map as it was at the end."""
+    """Writes, for each estimator, its last prediction of each step as one row per step, or its final map."""
     for name, estimates in ahead.predicted.items():
         write_modes(predicted_steps(estimates), folder / f"{name}.csv")
     for name, terrain_map in ahead.maps.items():
@@ -129,7 +129,7 @@ def scores_document(
     fell_at: float | None = None,
     faults: Sequence[injected.Injected] = (),
 ) -> dict[str, object]:
-    """What `scores.json` holds: no times of day, no paths, so that equal runs give equal bytes."""
+    """The content of `scores.json`: without times of day or file paths, so that equal runs give equal bytes."""
     walk: dict[str, object] = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}
     if fell_at is not None:
         walk["fell_at_s"] = fell_at

@@ -1,4 +1,4 @@
-"""Plots as inline SVG text: one set of axes, lines, bands and shapes; no script, no font, no network."""
+"""Plots as inline SVG text: one set of axes, lines, bands and shapes; without scripts, fonts or network access."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float 
 
 
 def ticks(span: Range, about: int) -> list[float]:
-    """Round numbers (1, 2 or 5 times a power of ten) within the span, about so many."""
+    """About the given number of round values (1, 2 or 5 times a power of ten) within the span."""
     raw = (span[1] - span[0]) / max(about, 1)
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(m for m in (1, 2, 5, 10) if m * power >= 0.7 * raw) * power
@@ -38,7 +38,7 @@ def ticks(span: Range, about: int) -> list[float]:
 
 
 def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
-    """At most two points a bucket, the lowest and the highest: what a line of that many pixels shows."""
+    """At most two points per bucket, the lowest and the highest: as much as a line of that many pixels shows."""
     if len(x) <= 2 * buckets:
         return x, y
     edges = np.linspace(0, len(x), buckets + 1).astype(int)
@@ -60,11 +60,11 @@ class Plot:
         height: Height of the view box.
         x: Range of the data.
         y: Range of the data.
-        title: What a screen reader says.
+        title: Text for screen readers.
         x_label: Text below the axis.
         y_label: Text at the top left.
-        x_names: What stands at x = 0, 1, 2 and so on in place of numbers.
-        y_names: What stands at which y in place of numbers and their lines.
+        x_names: Labels at x = 0, 1, 2 and so on instead of numbers.
+        y_names: Labels by y instead of numbers and their lines.
     """
 
     width: float
@@ -97,7 +97,7 @@ class Plot:
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, *, label: str = "", stroke: float = 1.6, dash: str = ""
     ) -> None:
-        """A line through the points, thinned to what can be seen, broken where y is not finite."""
+        """A line through the points, thinned to the visible detail, interrupted where y is not finite."""
         xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         if np.all(np.diff(xs) >= 0):
             xs, ys = thin(xs, ys, int(self.width))
@@ -131,7 +131,7 @@ class Plot:
             self._legend.append((label, color, "dot"))
 
     def ellipse(self, middle: Array, covariance: Array, within: float, fill: str) -> None:
-        """The ellipse of a (2, 2) covariance about a (2,) place, so many deviations wide; both axes have one scale."""
+        """The ellipse of a (2, 2) covariance about a (2,) point, at `within` standard deviations; equal scales."""
         variances, axes = np.linalg.eigh(covariance)
         scale = abs(float(self._px(1.0) - self._px(0.0)))
         short, long = within * scale * np.sqrt(np.maximum(variances, 0.0))
@@ -142,18 +142,18 @@ class Plot:
         )
 
     def image(self, x: Range, y: Range, uri: str) -> None:
-        """A picture stretched over a range of the data, its pixels sharp."""
+        """An image stretched over a range of the data, with sharp pixels."""
         (left, right), (bottom, top) = self._px(x), self._py(y)
         box = f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}"'
         how = 'preserveAspectRatio="none" style="image-rendering:pixelated"'
         self._marks.append(f'<image {box} {how} href="{uri}"/>')
 
     def legend(self, label: str, color: str, style: str = "") -> None:
-        """An entry of the key: a line, of dashes where the style tells them, a `band` or a `dot`."""
+        """An entry of the legend: a line, dashed if `style` gives dashes, a `band` or a `dot`."""
         self._legend.append((label, color, style))
 
     def note(self, x: float, y: float, words: str, *, anchor: str = "middle") -> None:
-        """Words at a place in the data."""
+        """Text at a point of the data."""
         at = f'x="{float(self._px(x)):.1f}" y="{float(self._py(y)):.1f}"'
         self._marks.append(f'<text {at} text-anchor="{anchor}" fill="{_MUTED}" font-size="11">{escape(words)}</text>')
 

@@ -34,7 +34,7 @@ class ConfigError(StrideTwinError):
 
 
 class ConfigFileError(ConfigError):
-    """Several values of one file that are not allowed: a line each. As a ConfigError it is the first of them.
+    """Several invalid values of one file, one per line. As a ConfigError it is the first of them.
 
     Args:
         errors: The errors, in the order of the file.

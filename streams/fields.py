@@ -1,6 +1,6 @@
 """Fields of configuration files: range, unit and name in the file of a dataclass field, in the terms of pydantic.
 
-A dataclass says once what its field is: `riser_m: Annotated[float, number(20, 250, key="riser_mm", scale=1e-3)]` is a
+A dataclass defines its field once: `riser_m: Annotated[float, number(20, 250, key="riser_mm", scale=1e-3)]` is a
 number from 20 to 250 under the key `riser_mm` in a file, and metres in the object. Errors and JSON Schemas follow.
 """
 
@@ -19,7 +19,7 @@ from stridetwin.streams.errors import StrideTwinError
 
 DEG, MM = 0.017453292519943295, 1e-3
 TAG = "="
-"""First character of the tags of tagged unions, which are no keys of a file."""
+"""First character of the tags of tagged unions; tags are not keys of a file."""
 
 
 def number(low: float, high: float, *, key: str | None = None, scale: float = 1.0) -> Any:
@@ -55,7 +55,7 @@ def text(*, key: str | None = None) -> Any:
 
 
 def words(valid: Iterable[str] | Mapping[str, Any], *, key: str | None = None) -> Any:
-    """One of a few words; of a mapping the value that it stands for."""
+    """One of a few words; with a mapping, the value that belongs to the word."""
     info = _named(key)
     info.metadata.append(Words(dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}))
     return info
@@ -67,7 +67,7 @@ def _named(key: str | None, **rules: Any) -> FieldInfo:
 
 
 def file_beside(*, key: str | None = None) -> Any:
-    """The path of a file, from the folder that the validation context names under `folder`."""
+    """The path of a file, relative to `folder` in the validation context."""
     info = _named(key)
     info.metadata += [ReadAs(Annotated[str, text()]), AfterValidator(_beside)]
     return info
@@ -78,13 +78,13 @@ def _beside(name: str, info: ValidationInfo) -> Path:
 
 
 def folder_of(info: ValidationInfo) -> Path:
-    """The folder that paths in a file start from."""
+    """The folder to which paths in a file are relative."""
     context: Any = info.context
     return Path(context["folder"])
 
 
 class ReadAs:
-    """Annotation: a file holds a value of this type, whatever the attribute may hold otherwise."""
+    """Annotation: the type of the value in a file, if it differs from the attribute's type."""
 
     def __init__(self, kind: Any) -> None:
         self._kind = kind
@@ -101,7 +101,7 @@ class Required:
         self._keys = keys
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The dataclass, after a look at the keys."""
+        """The dataclass, after a check of the keys."""
         return core_schema.no_info_before_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -119,7 +119,7 @@ class Required:
 
 
 class Words:
-    """Annotation: one of the words, which is replaced by what it stands for."""
+    """Annotation: one of the words, which is replaced by its value."""
 
     def __init__(self, valid: Mapping[str, Any]) -> None:
         self._valid = valid
@@ -131,11 +131,11 @@ class Words:
 
 
 class OneKey:
-    """Annotation: a mapping of exactly one key, which says what its value is.
+    """Annotation: a mapping of exactly one key, which determines the type of its value.
 
     Args:
         kinds: Type of the value by key.
-        build: Makes the result of key and value; None takes the value.
+        build: Builds the result from key and value; None takes the value.
     """
 
     def __init__(self, kinds: Mapping[str, Any], build: Callable[[str, Any], Any] | None = None) -> None:
@@ -161,7 +161,7 @@ class OneKey:
 
 
 class OneKind:
-    """Annotation: a mapping whose key `kind` says what the other keys are.
+    """Annotation: a mapping whose key `kind` determines the other keys.
 
     Args:
         kinds: Type of the other keys by kind.
@@ -199,7 +199,7 @@ class _OfKind:
 
 
 def unique(values: tuple[str, ...]) -> tuple[str, ...]:
-    """A validator: no value twice."""
+    """Validator: values are unique."""
     for i, value in enumerate(values):
         if value in values[:i]:
             raise refused(value, "every name once", i)
@@ -207,7 +207,7 @@ def unique(values: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def elsewhere(error: StrideTwinError) -> PydanticCustomError:
-    """The error to raise in a validator for one in another file that the value names."""
+    """The error to raise in a validator for an error in another file, which the value names."""
     return PydanticCustomError("elsewhere", "{error}", {"error": error})
 
 
@@ -215,8 +215,8 @@ def refused(value: object, valid: str, *below: str | int) -> PydanticCustomError
     """The error to raise in a validator.
 
     Args:
-        value: What is wrong.
-        valid: What would be valid, in words.
+        value: The invalid value.
+        valid: Description of valid values.
         below: Keys from the validated value down to the wrong one.
     """
     return PydanticCustomError("refused", "{valid}", {"value": value, "valid": valid, "below": below})

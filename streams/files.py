@@ -16,7 +16,7 @@ def partial_path(path: Path) -> Path:
     """Hidden name beside `path` for the incomplete file.
 
     Raises:
-        ConfigError: The name is invalid for a file, or is that of a folder.
+        ConfigError: The name is invalid, or names a folder.
     """
     if not path.name or path.is_dir():
         raise ConfigError("file to write", "", str(path), "the name of a file, where there is no folder")

@@ -17,12 +17,12 @@ _ENTRY = re.compile(r"^    (\w[\w, ]*): (.*(?:\n     +.*)*)", re.MULTILINE)
 
 @cache
 def schema_of(kind: Any) -> dict[str, Any]:
-    """The JSON Schema of what files may say for a type (dataclass, pydantic model or other)."""
+    """The JSON Schema of a type's data in files (dataclass, pydantic model or other)."""
     return TypeAdapter(kind).json_schema(schema_generator=_Described)
 
 
 def described(kind: type) -> Mapping[str, str]:
-    """What docstrings say of attributes, those of base classes included."""
+    """Descriptions of attributes from the docstrings of the class and its base classes."""
     found: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         section = (inspect.cleandoc(base.__dict__.get("__doc__") or "")).partition("Attributes:\n")[2]

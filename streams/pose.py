@@ -1,4 +1,4 @@
-"""A pose at one instant, with its uncertainty: the one form in which every estimator of a path returns it."""
+"""A pose at one instant, with its uncertainty: the common output of all path estimators."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from stridetwin.streams.trajectory import Trajectory
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pose:
-    """Where a frame is in the estimator's own world, z up.
+    """Pose of a frame in the estimator's own world, z up.
 
     Attributes:
         t_ns: Time.
         p_frame_in_world: (3,) m.
-        rotation: Frame to world, in the form in which the estimator has it: (4,) unit quaternion (w, x, y, z), or
+        rotation: Frame to world, in the estimator's own form: (4,) unit quaternion (w, x, y, z), or
             (3, 3) matrix.
-        frame: Name of the frame, such as `foot_l/imu`; "" where the estimator does not know it.
-        covariance: (6, 6) of position (m) and of rotation about the world's axes (rad); None where there is none.
+        frame: Name of the frame, such as `foot_l/imu`; "" if unknown to the estimator.
+        covariance: (6, 6) of position (m) and of rotation about the world's axes (rad); None if unavailable.
         valid: False while the estimator does not trust the pose itself.
     """
 
@@ -49,7 +49,7 @@ class Pose:
 
 
 def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
-    """The path of N ≥ 0 poses of one frame; it has a covariance where each of them has one.
+    """The path of N ≥ 0 poses of one frame; it has a covariance if all of them have one.
 
     Raises:
         StrideTwinError: Stamps that do not increase, or arrays of another shape.

@@ -1,6 +1,6 @@
 """Sample types: measurements of the rig's sensors and ground truth, shared by simulator, recordings and estimators.
 
-A sample belongs to a topic and carries `t_ns`, integer nanoseconds on the recording's clock. Units are SI and
+A sample belongs to a topic and has a stamp `t_ns`, integer nanoseconds on the recording's clock. Units are SI and
 radians. Frames: world x forward, y left, z up; quaternions are Hamilton, scalar first (w, x, y, z).
 
 `Block` holds N consecutive samples of one topic as columns, so that a producer can work on arrays; iterating over

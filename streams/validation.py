@@ -1,6 +1,6 @@
-"""Data of a file against a pydantic type: all errors at once, one line each, with what is expected.
+"""Validates data of a file against a pydantic type: all errors at once, one per line, with the expected values.
 
-What is expected at a place comes from the type's JSON Schema, the one description of fields, ranges and words.
+The expected values come from the type's JSON Schema, the only description of fields, ranges and words.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ def validated(kind: type[T], data: object, source: object, *, at: str = _ROOT, c
 
     Args:
         kind: Dataclass, pydantic model or other type.
-        data: What a file says.
+        data: Data of a file.
         source: File, for errors.
         at: Path of the data inside the file.
-        context: What validators need beside the data.
+        context: Further input of validators.
 
     Raises:
-        ConfigError: One line for each error (`ConfigFileError` where there are several).
+        ConfigError: One line for each error (`ConfigFileError` if there are several).
     """
     try:
         found: T = adapter(kind).validate_python(data, context=context)  # type: ignore[arg-type]
@@ -66,7 +66,7 @@ def suggest(value: object, names: Iterable[str]) -> str:
 
 
 def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> StrideTwinError | None:
-    """One line of a pydantic error; None where another one says it."""
+    """One line of a pydantic error; None if another one covers it."""
     kind, steps, context = entry["type"], list(entry["loc"]), entry.get("ctx", {})
     if kind == "elsewhere":
         return context["error"]
@@ -94,14 +94,14 @@ def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> Str
 
 
 def _place(data: object, steps: Iterable[Any], at: str) -> str:
-    """The path of a place in the data; steps that the data lack, such as those of short forms, are left out."""
+    """The path of a location in the data; steps missing in the data, such as those of short forms, are left out."""
     for step, _ in _walk(data, steps):
         at += f"[{step}]" if isinstance(step, int) else f".{step}" if at else step
     return at
 
 
 def _value(data: object, steps: Iterable[Any]) -> object:
-    """What is at a place."""
+    """The value at a location."""
     return [data, *(value for _, value in _walk(data, steps))][-1]
 
 
@@ -156,12 +156,12 @@ def _keys(schemas: list[Schema]) -> list[str]:
 
 
 def expected(schemas: list[Schema], root: Schema, value: object = None) -> str:
-    """What is valid at a place, in words.
+    """Description of valid values at a location.
 
     Args:
-        schemas: That it may have.
-        root: The schema that holds the definitions.
-        value: What is there; a valid word near it is pointed out.
+        schemas: Its alternative schemas.
+        root: The schema with the definitions.
+        value: The present value; a similar valid word is suggested.
     """
     names = [word for schema in schemas for word in _enumerated(schema)]
     said = [suggest(value, names)] if names else []

@@ -22,7 +22,7 @@ SafeLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one, 
 _EXPONENT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)[eE][-+]?[0-9]+$")
 _TIMESTAMP = "tag:yaml.org,2002:timestamp"
 _UNFIT = (ValueError, LookupError, AttributeError, TypeError, RecursionError)
-"""What PyYAML raises for malformed numbers, tags that do not fit, and aliases inside what they name."""
+"""Exceptions of PyYAML for malformed numbers, unsuitable tags, and recursive aliases."""
 
 
 class _StrictLoader(SafeLoader):  # type: ignore[misc, valid-type]
@@ -37,10 +37,10 @@ _StrictLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("
 
 
 def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> Any:
-    """The plain data of a YAML file; no two places of it share an object.
+    """The plain data of a YAML file; no object is shared.
 
     Raises:
-        ConfigError: The file is too large, or holds something else than plain data.
+        ConfigError: The file is too large, or contains other than plain data.
         StrideTwinError: The file cannot be read or is not such YAML; the message names the line.
     """
     try:

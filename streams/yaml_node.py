@@ -1,4 +1,4 @@
-"""One value inside a YAML file that knows where it stands, so that an error can say so."""
+"""One value inside a YAML file with its location, for error messages."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Node:
     Attributes:
         source: File.
         path: Dotted key path.
-        value: What the YAML says there.
+        value: Its plain value.
     """
 
     source: str

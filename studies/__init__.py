@@ -1,1 +1,1 @@
-"""Experiments of papers: each says what its cases are, runs one, and lays the paper's table beside ours."""
+"""Experiments of the papers: each defines its cases, runs one, and compares its table with the paper's."""

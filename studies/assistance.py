@@ -1,8 +1,8 @@
-"""Help by mode in closed loop: what it saves its wearer by who tells the mode, and whether wrong modes make him fall.
+"""Assistance by mode in closed loop: work saved by source of the mode, and falls caused by wrong modes.
 
-Every way of telling walks the same walk with the same seed: without any exoskeleton; with it, its motors carrying but
-themselves; helped by modes that the legs have felt, that the camera has predicted, and that are true. Each seed is a
-subject of Zhao et al. 2023.
+Every variant walks the same walk with the same seed: without exoskeleton; with motors that only compensate their own
+inertia; assisted by modes recognised from the legs, predicted by the camera, and true. Each seed is a subject of
+Zhao et al. 2023.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ _MAKES: Mapping[str, Callable[[TwinConfig, int], Made]] = {
 
 
 def run_case(ways: tuple[str, ...], case: Case) -> dict[str, Any]:
-    """One walk, made in each way.
+    """One walk, simulated in each variant.
 
     Returns:
-        `seed`, `subject`, and `ways`: way to `fell_at_s`, and `modes`, what each mode's steps cost (`costs`).
+        `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps (`costs`).
     """
     subject = SUBJECTS[case.seed % len(SUBJECTS)]
     config = replace(load_scenario(SCENARIO).config, person=PEOPLE[subject])
@@ -68,12 +68,12 @@ def run_case(ways: tuple[str, ...], case: Case) -> dict[str, Any]:
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Over the walks that nobody fell in.
+    """Summary over the walks without a fall in any variant.
 
     Returns:
-        `summary`: way to `walks`, `fell`, `work_j` a walk, and by mode `work_j_per_step`, `more_than_none_pct`,
+        `summary`: variant to `walks`, `fell`, `work_j` per walk, and by mode `work_j_per_step`, `more_than_none_pct`,
         `rest_j_per_step` (`costs`), `rest_more_than_none_pct`,
-        `cuff_n`; and of `predicted` `gain_share`, its part of what the truth gains over what is felt.
+        `cuff_n`; and for `predicted` the `gain_share`, its share of the truth's gain over recognition from the legs.
     """
     ways = [way for way in NAMES if all(way in r["ways"] for r in results)]
     ended = [r for r in results if all(r["ways"][way]["fell_at_s"] is None for way in ways)]

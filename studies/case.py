@@ -1,4 +1,4 @@
-"""One case of an experiment: what is asked for, and where its files lie."""
+"""One case of an experiment: its seed, options and files."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ class Case:
     """One case.
 
     Attributes:
-        seed: Of everything random in it.
-        folder: For its files.
-        physics: How the body moves, where a body walks.
-        resume: Files of an earlier run are used, not made again.
-        keep: Recordings stay.
+        seed: Seed of everything random in it.
+        folder: Folder for its files.
+        physics: How the body moves, if a body walks.
+        resume: Reuses files of an earlier run.
+        keep: Keeps the recordings.
     """
 
     seed: int
@@ -30,5 +30,5 @@ class Case:
 
     @property
     def recordings(self) -> list[Path]:
-        """The recordings of it that there are."""
+        """Its existing recordings."""
         return [*self.folder.glob(self.file(".mcap").name), *self.folder.glob(self.file("_*.mcap").name)]

@@ -1,4 +1,4 @@
-"""Every experiment by name; apart from the runs, so that experiments are listed without the simulator.
+"""Every experiment by name; separate from the runs, so that listing them does not import the simulator.
 
 An experiment's module declares `SEEDS`, `run_case`, `collect` and `table`. A module of several experiments declares
 `VARIANTS` instead of `SEEDS`: name to seeds and first argument of `run_case`.
@@ -22,11 +22,11 @@ class Experiment:
     """One experiment of a paper.
 
     Attributes:
-        seeds: One case each.
+        seeds: One seed per case.
         run_case: From a case to a result that JSON can hold; runs in a process of its own.
         collect: From the results to `summary` and `paper`.
-        table: From all of it to lines of text.
-        report: From all of it to an HTML page with its figures; None where it has none.
+        table: From the result to lines of text.
+        report: From the result to an HTML page with figures; None if there is none.
     """
 
     seeds: range
@@ -46,14 +46,14 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Study:
-    """Where an experiment is declared.
+    """Declaration of an experiment.
 
     Attributes:
         description: One line for lists.
-        module: Declares seeds and `run_case`.
-        tables: Module with `collect` and `table`; "" where it is the same. Apart from `module` where several modules
-            share it, so that a change of the tables does not outdate the rows.
-        report: Module with `report`; "" where there is none.
+        module: Module that declares seeds and `run_case`.
+        tables: Module with `collect` and `table`; "" if it is the same. Separate from `module` if several modules
+            share it, so that a change of the tables does not invalidate the rows.
+        report: Module with `report`; "" if there is none.
         collect_by_name: `collect` takes the experiment's name first.
     """
 
@@ -86,7 +86,7 @@ def _module(name: str) -> ModuleType:
 
 
 def _modes(description: str, module: str) -> Study:
-    """A study of the modes of coming steps."""
+    """A study of mode prediction."""
     return Study(
         description, module, tables="zhao2023.mode_tables", report="zhao2023.mode_report", collect_by_name=True
     )

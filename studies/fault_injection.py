@@ -46,7 +46,7 @@ class InjectedFault:
         """The samples as they reach the estimator.
 
         Args:
-            samples: Of the walk, in order of time.
+            samples: Of the walk, in time order.
             rig: The estimator's.
             seed: Of the walk.
             duration_s: Of the walk.

@@ -29,7 +29,7 @@ class Options:
         workers: Number of cases that run at a time.
         first: First seed; None takes the experiment's.
         subset: Number of cases; None takes all.
-        physics: How the body moves, where a body walks.
+        physics: How the body moves, if a body walks.
         resume: Reuses the rows and recordings in the folder that this version of the code made with this
             configuration.
         keep: Recordings of walks are kept.
@@ -121,7 +121,7 @@ def key_of(name: str, case: Case) -> str:
 
 
 def _row_key(case: Case) -> str | None:
-    """Key of the existing row; "" where it has none or is damaged, None where there is no row."""
+    """Key of the existing row; "" if it has none or is damaged, None if there is no row."""
     if not case.file(".json").exists():
         return None
     try:
@@ -135,7 +135,7 @@ def _read(case: Case) -> dict[str, Any]:
 
 
 def read_row(file: Path) -> dict[str, Any]:
-    """A case's row from its file, with the methods' names of today."""
+    """A case's row from its file, with the current names of the methods."""
     row: dict[str, Any] = with_current_names(json.loads(file.read_text(encoding="utf-8")))
     return row
 

@@ -1,7 +1,7 @@
-"""Walks of an experiment, recorded once for every estimator: with the parts of the rig, and with gyros without limit.
+"""Walks of an experiment, recorded once for all estimators: with the rig as it is, and with gyros without saturation.
 
-Drawing pictures is what a recording costs. The second recording is of the same walk and has the same pictures, so it
-holds the foot IMUs alone.
+Rendering dominates the cost of a recording. The second recording of the same walk would have the same images, so it
+holds only the foot IMUs.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ SONARS = ("/foot_l/sonar", "/foot_r/sonar")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedWalk:
-    """A walk as two recordings tell it.
+    """Two recordings of one walk.
 
     Attributes:
-        shoes: Everything that both shoes carry.
-        wide: The IMUs with gyros that do not clip, and truth.
+        shoes: All sensors of both shoes.
+        wide: The IMUs with gyros without saturation, and truth.
     """
 
     shoes: Recording
     wide: Recording
 
     def samples(self, *, wide: bool = False) -> Iterator[Sample]:
-        """Samples of both shoes in order of time, pictures last at equal times, with the IMUs of either recording."""
+        """Samples of both shoes in time order, images last at equal times, with the IMUs of either recording."""
         imus = (self.wide if wide else self.shoes).samples(IMUS)
         return heapq.merge(imus, self.shoes.samples([*CAMERAS, *SONARS]), key=lambda s: (s.t_ns, isinstance(s, Image)))
 
     def rig(self, *, wide: bool = False) -> Rig:
-        """What estimators are told, with the IMUs of either recording."""
+        """The nominal rig for the estimators, with the IMUs of either recording."""
         return replace(self.shoes.rig, imus=self.wide.rig.imus) if wide else self.shoes.rig
 
     def imus(self, *, wide: bool = False) -> dict[str, Block[Imu]]:
@@ -74,14 +74,14 @@ def fell_at_s(recording: Recording) -> float | None:
 
 
 def falls(cases: Iterable[Mapping[str, Any]]) -> str:
-    """A line of text: which walks (`fell` of each case) ended by a fall."""
+    """A line of text: the walks that ended by a fall (`fell` of each case)."""
     fell = ", ".join(f"{walk} {case['seed']}" for case in cases for walk in case["fell"])
     return f"walks that ended by a fall: {fell or 'none'}"
 
 
 @contextmanager
 def recorded_walk(scenario: str, case: Case) -> Iterator[RecordedWalk]:
-    """A walk of a scenario in the catalogue, recorded into the case's folder; afterwards the files go unless kept."""
+    """A walk of a scenario in the catalogue, recorded into the case's folder, where it stays only if kept."""
     files = case.file(".mcap"), case.file("_wide.mcap")
     if not (case.resume and all(file.exists() for file in files)):
         _record(scenario, case, *files)
@@ -101,4 +101,4 @@ def _record(scenario: str, case: Case, shoes: Path, wide: Path) -> None:
 
 
 def _quiet(stage: str, share: float) -> None:
-    """A case says nothing of how far it is: it may run beside others."""
+    """Reports no progress, because cases may run in parallel."""

@@ -1,1 +1,1 @@
-"""The gate: has an estimator become worse since a baseline? Statistics over walks, verdicts, what they are told in."""
+"""The regression gate, which compares estimators with a baseline: statistics over walks, verdicts, output formats."""

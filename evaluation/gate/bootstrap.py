@@ -1,7 +1,7 @@
-"""Is a mean above zero, is one mean above another: bootstrap-t, many scores at once, one draw of walks for all of them.
+"""Bootstrap-t tests of means and differences of means, for many scores at once with shared resamples of the walks.
 
 Efron & Tibshirani 1993, An Introduction to the Bootstrap, 12.5 and 16.4: the statistic is divided by its own standard
-error in every resample, so that few walks of a skewed score do not look more certain than they are.
+error in every resample, so that few walks of a skewed score do not appear too certain.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from numpy.typing import ArrayLike
 from stridetwin.streams.samples import Array
 
 DRAWS = 50_000
-_AT_ONCE = 2_000_000  # numbers drawn, of which each takes 8 bytes twice
-_HELD = 10_000_000  # of the means of all resamples, likewise several times
+_AT_ONCE = 2_000_000  # numbers drawn; each takes twice 8 bytes
+_HELD = 10_000_000  # means of all resamples, also held several times
 _SEED = 20_240_229
 _COVERAGE = 0.95
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tested:
-    """What resampling says of S means (or differences of means).
+    """Bootstrap results for S means (or differences of means).
 
     Attributes:
-        count: (S,) values behind each; of two groups the smaller number.
+        count: (S,) number of values; of two groups the smaller one.
         mean: (S,).
         low: (S,) lower end of the 95 % interval.
         high: (S,) upper end.
-        p_above: (S,) probability of as much or more if the truth were 0 or less.
-        p_below: (S,) likewise of as little or less.
+        p_above: (S,) probability of a mean at least this large if the truth were 0 or less.
+        p_below: (S,) likewise of a mean at most this large.
     """
 
     count: Array
@@ -46,27 +46,27 @@ def paired(changes: ArrayLike, least_draws: int = 0) -> Tested:
     """Means of changes.
 
     Args:
-        changes: (walks, S), NaN where there is none; two or more values in each column.
-        least_draws: Resamples, where `DRAWS` are too few.
+        changes: (walks, S), NaN where a value is missing; two or more values in each column.
+        least_draws: Resamples, if `DRAWS` are too few.
     """
     x, draws = np.asarray(changes, float), max(DRAWS, least_draws)
     return _joined([_paired(x[:, part], draws) for part in _parts(x.shape[1], draws)])
 
 
 def unpaired(before: ArrayLike, now: ArrayLike, least_draws: int = 0) -> Tested:
-    """Differences of means, now minus before, of walks that have nothing to do with each other.
+    """Differences of means, now minus before, of unrelated walks.
 
     Args:
-        before: (walks, S), NaN where there is none; two or more values in each column.
+        before: (walks, S), NaN where a value is missing; two or more values in each column.
         now: (other walks, S).
-        least_draws: As of `paired`.
+        least_draws: As in `paired`.
     """
     x, y, draws = np.asarray(before, float), np.asarray(now, float), max(DRAWS, least_draws)
     return _joined([_unpaired(x[:, part], y[:, part], draws) for part in _parts(x.shape[1], draws)])
 
 
 def _parts(size: int, draws: int) -> Iterator[slice]:
-    """Columns that are resampled together; those that follow get the same resamples."""
+    """Slices of columns that are resampled together; every slice gets the same resamples."""
     step = max(1, _HELD // draws)
     return (slice(start, start + step) for start in range(0, size, step))
 
@@ -95,7 +95,7 @@ def _unpaired(before: Array, now: Array, draws: int) -> Tested:
 
 
 def holm(p: ArrayLike) -> Array:
-    """Probabilities corrected for their number (Holm 1979): below a level with that probability if all were chance."""
+    """p-values corrected for multiple comparisons (Holm 1979), which controls the family-wise error rate."""
     p = np.asarray(p, float)
     order = np.argsort(p, kind="stable")
     factors = np.arange(len(p), 0, -1)
@@ -133,12 +133,12 @@ def _resampled(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, A
 
 
 def _tested(mean: Array, error: Array, drawn_mean: Array, drawn_error: Array, count: Array) -> Tested:
-    tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300  # where all values are the same there is no spread
+    tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300  # equal values have no spread
     error = np.maximum(error, tiny)
     t, drawn = mean / error, drawn_mean / np.maximum(drawn_error, tiny)
     tail = (1.0 - _COVERAGE) / 2.0
     below, above = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
-    limit = 1e-9 + np.abs(t) * 1e-12  # equal but for rounding
+    limit = 1e-9 + np.abs(t) * 1e-12  # equal up to rounding
     return Tested(
         count=count,
         mean=mean,

@@ -1,4 +1,4 @@
-"""Scores against a baseline: which estimator has become worse, by more than chance does?"""
+"""Compares scores with a baseline: which estimator has become significantly worse?"""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 LEAST_WALKS = 8
-"""Fewer have too few different resamples for a probability of 1 % over sixty scores to come of them."""
+"""Fewer walks have too few distinct resamples for a significance level of 1 % over sixty scores."""
 PAIRED, UNPAIRED, TOLERANCE = "paired", "unpaired", "tolerance"
 SAME, WORSE, BETTER, MISSING, NEW = "same", "worse", "better", "missing", "new"
 _MOST_DRAWS = 2_000_000
 _NO_SPREAD = 1e-9
 WALKS = "walks"
-"""The line of an estimator that says on how many walks it gave anything to score."""
+"""Metric name of the line with the number of walks on which an estimator could be scored."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +31,9 @@ class Rules:
     """When a change is a regression.
 
     Attributes:
-        level: Probability of any false alarm at all, 0-1.
-        least: A smaller change is none, in % of an error, or percentage points of a share.
-        tolerance: Share by which a mean may be worse where there are too few walks, 0.1 = 10 %.
+        level: Probability of any false alarm, 0-1.
+        least: Smaller changes are ignored; in % of an error, or percentage points of a share.
+        tolerance: Share by which a mean may be worse if there are too few walks, 0.1 = 10 %.
     """
 
     level: float = 0.01
@@ -46,18 +46,18 @@ class Line:
     """One score against its baseline.
 
     Attributes:
-        estimator: Whose; of `NAME_l` and `NAME_r`, which tell of two feet, NAME, and means over both.
-        metric: Which score, `OVERALL` or `WALKS`.
+        estimator: Its name; `NAME_l` and `NAME_r` of the two feet become NAME, with means over both.
+        metric: Name of the score, `OVERALL` or `WALKS`.
         method: PAIRED, UNPAIRED or TOLERANCE.
-        walks: How many walks tell of it; of two groups the smaller.
+        walks: Number of walks with this score; of two groups the smaller one.
         verdict: SAME, WORSE, BETTER, MISSING or NEW.
-        baseline: What it was, over the walks that tell of it.
-        now: What it is.
+        baseline: Baseline value, over the walks that have it.
+        now: Current value.
         change: From baseline to now, in % or percentage points.
         low: Lower end of the change's 95 % interval.
         high: Upper end.
-        p: Probability of such a change for the worse by chance, corrected for the number of scores.
-        limit: Worst mean that passes, where the tolerance judges.
+        p: p-value of a change for the worse, corrected for the number of scores.
+        limit: Worst mean that passes, where the tolerance decides.
         in_points: The change is in percentage points.
     """
 
@@ -77,7 +77,7 @@ class Line:
 
     @property
     def regressed(self) -> bool:
-        """Whether the gate closes for it."""
+        """Whether the gate fails because of it."""
         return self.verdict in (WORSE, MISSING)
 
 
@@ -86,7 +86,7 @@ class Comparison:
     """All scores against their baselines.
 
     Attributes:
-        words: How they were compared, and why so.
+        words: The method of comparison, and its reason.
         lines: By estimator and score.
     """
 
@@ -95,15 +95,15 @@ class Comparison:
 
     @property
     def regressions(self) -> list[Line]:
-        """What closes the gate."""
+        """The lines for which the gate fails."""
         return [line for line in self.lines if line.regressed]
 
 
 def check_level(baseline: ScoreTable, rules: Rules) -> None:
-    """Whether a score of this baseline can be worse at all at this level, before anything is scored.
+    """Checks, before anything is scored, that a regression from this baseline is detectable at this level.
 
     Raises:
-        ConfigError: Too many scores for it; with the smallest level that is valid.
+        ConfigError: Too many scores for the level; the message gives the smallest valid level.
     """
     scores = len(_columns(list(baseline.walks.values()), [], ()))
     if len(baseline.walks) >= LEAST_WALKS and _draws(scores, rules.level) > _MOST_DRAWS:
@@ -113,15 +113,15 @@ def check_level(baseline: ScoreTable, rules: Rules) -> None:
 
 
 def _draws(scores: int, level: float) -> int:
-    """Resamples with which so many scores can be as sure as twice the level asks for, after `_corrected`."""
+    """Number of resamples that resolves half of the level after `_corrected`, for this number of scores."""
     return math.ceil(4.0 * scores / level)
 
 
 def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Comparison:
-    """Every judged score of the baseline, and the composite of each estimator's errors, beside what they are now.
+    """Compares every gated score of the baseline, and the composite of each estimator's errors, with the current ones.
 
-    Walks that both hold are compared pair by pair. Where there are fewer than `LEAST_WALKS` of these, the walks of
-    one are compared with those of the other; with too few of them, means are, by the tolerance.
+    Walks in both tables are compared in pairs. With fewer than `LEAST_WALKS` of these, the two groups of walks are
+    compared; with too few of them, the means are compared by the tolerance.
 
     Raises:
         ConfigError: As `check_level`.
@@ -173,7 +173,7 @@ def _order(line: Line) -> tuple[str, bool, bool, str]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Column:
-    """The losses of one score, (walks,) each, NaN where it is not told; means over the feet of one estimator."""
+    """The losses of one score, (walks,) each, NaN where it is missing; means over the feet of one estimator."""
 
     estimator: str
     members: Sequence[str]
@@ -183,7 +183,7 @@ class _Column:
     now: Array
 
     def told(self, method: str) -> int:
-        """How many walks tell of it."""
+        """Number of walks that have it."""
         if method == PAIRED:
             return int(np.isfinite(self.before + self.now).sum())
         return int(min(np.isfinite(self.before).sum(), np.isfinite(self.now).sum()))
@@ -214,7 +214,7 @@ def _losses(walks: Walks, name: str, metric: str, scale: Scale) -> Array:
 
 
 def _estimators(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Estimators, and the names under which they are scored: two where one tells of both feet."""
+    """Estimators and the names under which they are scored; two names if one estimates both feet."""
     found: dict[str, tuple[str, ...]] = {}
     for name in names:
         stem = name.removesuffix("_l").removesuffix("_r")
@@ -227,10 +227,10 @@ def _estimators(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _composites(columns: Sequence[_Column]) -> list[_Column]:
-    """Of each estimator with several errors their mean, each by the spread that it has from walk to walk.
+    """For each estimator with several errors, their mean, each weighted by its spread over walks.
 
-    A weighted mean of logarithms: the change is that of a geometric mean of errors, of which the steady ones count
-    more. Weights come from the baseline alone, so that what changes has no say in how much it counts.
+    A weighted mean of logarithms, that is a weighted geometric mean of errors in which errors of low spread count
+    more. Weights come from the baseline alone, so that a change does not affect its own weight.
     """
     found = []
     for name in dict.fromkeys(c.estimator for c in columns):
@@ -254,7 +254,7 @@ def _composites(columns: Sequence[_Column]) -> list[_Column]:
 
 
 def _judged(columns: Sequence[_Column], method: str, rules: Rules) -> list[Line]:
-    """Lines of the scores that enough walks tell of."""
+    """Lines of the scores that enough walks have."""
     lines = []
     for c in columns:
         there = np.isfinite(c.before + c.now) if method == PAIRED else None
@@ -277,7 +277,7 @@ def _judged(columns: Sequence[_Column], method: str, rules: Rules) -> list[Line]
                 in_points=c.scale.in_points,
             )
         )
-    # what no walk has changed cannot have become worse, and is none of the many comparisons
+    # a score that is equal on every walk cannot have become worse and does not count as a comparison
     moved = [i for i, c in enumerate(columns) if method == UNPAIRED or np.nanmax(np.abs(c.now - c.before)) > 0.0]
     if not moved:
         return lines
@@ -292,7 +292,7 @@ def _judged(columns: Sequence[_Column], method: str, rules: Rules) -> list[Line]
 
 
 def _corrected(p: Array, composite: NDArray[np.bool_]) -> Array:
-    """Probabilities corrected for their number: half of the level goes to the few composites, half to the scores."""
+    """Corrected p-values: half of the level goes to the few composites, half to the scores."""
     corrected = np.empty(len(p))
     for part in (composite, ~composite):
         corrected[part] = np.minimum(2.0 * holm(p[part]), 1.0)
@@ -311,7 +311,7 @@ def _verdict(line: Line, scale: Scale, tested: Tested, k: int, p: tuple[float, f
 
 
 def _lost(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], method: str) -> list[Line]:
-    """Estimators that no longer tell of walks of which they told."""
+    """Estimators that no longer give scores on walks on which they did."""
     lines = []
     for name in sorted(baseline.means):
         if method == PAIRED:
@@ -336,7 +336,7 @@ def _lost(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], method: 
 
 
 def _tolerated(now: Mapping[str, Scores], baseline: Mapping[str, Scores], rules: Rules) -> list[Line]:
-    """Lines of means, which may be worse by the tolerance and by rounding between machines."""
+    """Lines of means, which may be worse by the tolerance and by rounding differences between machines."""
     lines = []
     for name, scores in baseline.items():
         for metric, value in scores.items():

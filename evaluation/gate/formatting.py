@@ -1,4 +1,4 @@
-"""A comparison in words: a table for a terminal, Markdown for a pull request, JUnit XML for a build server."""
+"""Formats a comparison: a table for a terminal, Markdown for a pull request, JUnit XML for a build server."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """An estimator that gave nothing to score, which closes the gate whatever the comparison says.
+    """An estimator that could not be scored; the gate then fails regardless of the comparison.
 
     Attributes:
-        walk: On which.
+        walk: Name of the walk.
         estimator: Its name, or `score_table.EVERY`.
-        why: In words.
+        why: Reason as text.
     """
 
     walk: str
@@ -31,10 +31,10 @@ class Failure:
 
 
 def failures(rows: Sequence[Mapping[str, Any]]) -> list[Failure]:
-    """What failed on walks.
+    """The failures on walks.
 
     Args:
-        rows: As `score_walk` gives them.
+        rows: Results of `score_walk`.
     """
     return [
         Failure(walk=str(row["name"]), estimator=name, why=why)
@@ -56,7 +56,7 @@ def cells(line: Line) -> list[str]:
 
 
 def table_lines(comparison: Comparison, failed: Sequence[Failure] = ()) -> list[str]:
-    """What has changed, what closes the gate first; that nothing has in one line."""
+    """Table of the changes, regressions first; one line if nothing has changed."""
     told = [line for line in comparison.lines if line.verdict != SAME]
     lines = [f"against the baseline: {comparison.words}"]
     if told:
@@ -74,7 +74,7 @@ def _row(words: Sequence[str]) -> str:
 
 
 def markdown(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
-    """The comparison as a page of Markdown: what has changed open to see, all else folded."""
+    """The comparison as a page of Markdown: changes are visible, the rest is folded."""
     count = len(comparison.regressions)
     verdict = f"**{count} worse**" if count else "**nothing worse**"
     verdict += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
@@ -110,7 +110,7 @@ def _escaped(word: str) -> str:
 
 
 def junit(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
-    """The comparison as JUnit XML: a suite an estimator, a test case a score; an error a walk that it failed on."""
+    """JUnit XML: one suite per estimator, one test case per score, one error per walk on which it failed."""
     top = ElementTree.Element("testsuites", name="stridetwin score")
     _count(top, comparison.lines, len(failed))
     for name in dict.fromkeys([*(line.estimator for line in comparison.lines), *(x.estimator for x in failed)]):
@@ -161,5 +161,5 @@ def said(line: Line) -> str:
 
 
 def _xml(text: str) -> str:
-    """Without the characters that XML cannot hold."""
+    """The text without characters that are invalid in XML."""
     return _NOT_XML.sub("?", text)

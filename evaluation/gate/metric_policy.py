@@ -1,10 +1,9 @@
-"""What of the scores is judged, and on which scale: a loss of which more is worse, and of which a mean makes sense.
+"""Which scores the gate checks, and on which scale: a loss, larger is worse, that can be averaged.
 
-Errors and leads lie on a scale of ratios, shares on one of percentage points. What a filter's innovations and errors
-are against its own claims (NIS, NEES) is judged on a scale of ratios too, by whether it has grown: then it errs more
-than before for what it claims, or claims more. Its distance from an honest filter's figure does not serve: a timid one
-comes nearer to that by erring more. That it has shrunk is neither good nor bad: the filter errs less, or has
-become timid.
+Errors and lead times use a scale of ratios, shares one of percentage points. NIS and NEES use ratios too, and only
+growth counts as worse: the errors have grown relative to the reported covariance. The distance from the value of a
+consistent filter is no criterion, because a conservative filter approaches it by larger errors. A decrease is neutral:
+the errors are smaller, or the filter has become conservative.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from dataclasses import dataclass
 
 ERROR, LEAD, SHARE, BAD_SHARE, CLAIM = "error", "lead", "share", "bad_share", "claim"
 OVERALL = "overall"
-"""The composite of an estimator's errors, beside its scores."""
+"""Name of the composite of an estimator's errors."""
 
-# what rounding between machines may do, in the unit of the key
+# rounding differences between machines, in the unit of the key
 _SLACK = {"_m": 0.002, "_mm": 0.2, "_deg": 0.02, "_pct": 0.02, "_s": 0.05, "_error": 0.02}
 _SHARES = (
     "nees_position_within_95_pct", "coverage_pct", "classification_accuracy_pct", "slope_in_95_pct",
@@ -32,12 +31,12 @@ _CLAIMS = ("nis_", "nees_position_mean")
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How a score is judged.
+    """How a score is checked.
 
     Attributes:
         kind: ERROR, LEAD, SHARE, BAD_SHARE or CLAIM.
-        slack: What rounding between machines may do, in the score's unit; no error counts less.
-        signed: Only over walks, where signs do not cancel.
+        slack: Rounding differences between machines, in the score's unit; the smallest value of an error.
+        signed: Only compared over walks, where signs do not cancel.
     """
 
     kind: str
@@ -46,28 +45,28 @@ class Scale:
 
     @property
     def higher_is_better(self) -> bool:
-        """Whether more of the score is better."""
+        """Whether larger is better."""
         return self.kind in (LEAD, SHARE)
 
     @property
     def in_points(self) -> bool:
-        """Whether changes are told in percentage points, else in % of the value."""
+        """Whether changes are given in percentage points, else in % of the value."""
         return self.kind in (SHARE, BAD_SHARE)
 
     @property
     def by_walks_only(self) -> bool:
-        """Whether a mean over walks alone says nothing of it."""
+        """Whether a mean over walks alone is meaningless."""
         return self.signed or self.kind == CLAIM
 
     def loss(self, value: float) -> float:
-        """The value on the scale on which it is judged; more is worse."""
+        """The value on the scale of the comparison; larger is worse."""
         if self.in_points:
             return -value if self.kind == SHARE else value
         floored = math.log(max(abs(value), self.slack, 1e-12))
         return -floored if self.kind == LEAD else floored
 
     def told(self, loss: float) -> float:
-        """A mean loss as people read it: in the score's unit."""
+        """A mean loss in the score's unit."""
         if self.in_points:
             return -loss if self.kind == SHARE else loss
         return math.exp(-loss if self.kind == LEAD else loss)
@@ -79,12 +78,12 @@ class Scale:
         return 100.0 * math.expm1(min(-difference if self.kind == LEAD else difference, 50.0))
 
     def worse_by(self, difference: float) -> float:
-        """How much worse a difference of losses is, in % or percentage points; negative where better."""
+        """A difference of losses as a deterioration, in % or percentage points; negative if better."""
         return difference if self.in_points else 100.0 * math.expm1(min(difference, 50.0))
 
 
 def scale_of(metric: str) -> Scale | None:
-    """How a score is judged; None where it only describes the walk."""
+    """The scale of a score; None if it only describes the walk."""
     if metric in _NOT_JUDGED:
         return None
     if metric.startswith(_CLAIMS):

@@ -1,9 +1,9 @@
-"""Estimators that are none of the project's: a Python class, a program that writes a TUM file, a TUM file.
+"""User-supplied estimators: a Python class, a program that writes a TUM file, or a TUM file.
 
-A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in order of
-time and returns None, or a `streams.pose.Pose` of a later time than the one before, or an object whose `pose` is one.
-An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. It may say `topics`, those that it wants
-(all but the truth's by default), and `frame`, whose pose it estimates.
+A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in time
+order and returns None, or a `streams.pose.Pose` with increasing stamps, or an object whose `pose` is one.
+An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. The class may declare `topics`, the
+topics that it reads (default: all but the truth's), and `frame`, whose pose it estimates.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Trajectory
 
 TRUTH = "/truth/"
-_TAIL = 600  # characters of what a program said last, or of what a class raised
+_TAIL = 600  # characters of a program's last output, or of a class's exception
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
-"""Of a shell whose stdin ends when this process does, whatever ends it."""
+"""Command of a shell whose stdin closes when this process ends for any reason."""
 
 
 class OwnEstimator(Protocol):
-    """One that a recording is led through, or that makes a path of it otherwise."""
+    """An estimator that gives a path for a recording."""
 
     @property
     def name(self) -> str:
@@ -50,7 +50,7 @@ class OwnEstimator(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class TumFile:
-    """A path that was made elsewhere.
+    """An existing path.
 
     Attributes:
         name: In the scores.
@@ -73,8 +73,8 @@ class PythonClass:
 
     Attributes:
         name: In the scores.
-        place: `module:Class`, of what is installed, else from the working folder on.
-        frame: Whose pose it tells, unless the class says so.
+        place: `module:Class`, installed or relative to the working folder.
+        frame: Frame whose pose it estimates, unless the class declares it.
     """
 
     name: str
@@ -92,7 +92,7 @@ class PythonClass:
             raise StrideTwinError(f"--estimator {self.name}: {self.place!r} is not valid; valid: module:Class")
         here = str(Path.cwd())
         if here not in sys.path:
-            sys.path.append(here)  # what is installed is what was asked for, wherever this is run
+            sys.path.append(here)  # installed modules take precedence over the working folder
         with _code_of_others(f"--estimator {self.name}: {self.place}: cannot be imported"):
             found: Any = importlib.import_module(module)
             for part in attribute.split("."):
@@ -106,10 +106,10 @@ class PythonClass:
         return found
 
     def path(self, recording: Recording) -> Estimate:
-        """What the class tells of a recording.
+        """The path that the class estimates from a recording.
 
         Raises:
-            StrideTwinError: As `load` and `lead`, and for whatever the class raises; also where it calls `sys.exit`.
+            StrideTwinError: As `load` and `lead`, and for any exception of the class or a call of `sys.exit`.
         """
         kind = self.load()
         with _code_of_others(self.place):
@@ -125,7 +125,7 @@ class Program:
         name: In the scores.
         command: With `{recording}` and `{output}`; split as a shell does, but run without one.
         frame: Whose path it writes.
-        timeout_s: It is stopped after this.
+        timeout_s: Time after which it is stopped.
     """
 
     name: str
@@ -150,10 +150,10 @@ class Program:
         return words
 
     def path(self, recording: Recording) -> Estimate:
-        """What the program writes.
+        """The path that the program writes.
 
         Raises:
-            StrideTwinError: It fails, takes too long or writes no trajectory; with the end of what it said.
+            StrideTwinError: It fails, takes too long or writes no trajectory; the message has the end of its output.
         """
         with tempfile.TemporaryDirectory(prefix="stridetwin-") as folder:
             output, said = Path(folder) / "estimate.txt", Path(folder) / "said.txt"
@@ -179,14 +179,14 @@ class Program:
 
 
 def lead(estimator: Any, recording: Recording) -> Trajectory:
-    """The path that an estimator tells as it is led through a recording.
+    """The path that an estimator gives for the samples of a recording.
 
     Args:
         estimator: An object with `update(sample)`, see this module.
-        recording: Its truth is kept from the estimator.
+        recording: Its truth is withheld from the estimator.
 
     Raises:
-        StrideTwinError: It tells nothing, or stamps that do not increase.
+        StrideTwinError: It gives no pose, or its stamps do not increase.
     """
     wanted = getattr(estimator, "topics", None)
     if wanted is None:
@@ -205,7 +205,7 @@ def lead(estimator: Any, recording: Recording) -> Trajectory:
 
 @contextmanager
 def _code_of_others(where: str) -> Iterator[None]:
-    """What it prints goes to stderr, as stdout is for scores; whatever ends it, but for Ctrl-C, is an error here."""
+    """Redirects printed output to stderr, as stdout is for scores; any exit but Ctrl-C raises an error."""
     try:
         with redirect_stdout(sys.stderr):
             yield
@@ -217,9 +217,9 @@ def _code_of_others(where: str) -> Iterator[None]:
 
 
 def _finished(words: list[str], timeout_s: float, said: int, folder: Path) -> int | None:
-    """Exit code of a program; None where it was stopped, with all that it has started.
+    """Exit code of a program; None if it was stopped, with all its child processes.
 
-    Where this process is killed, the program ends as well, and its folder goes.
+    If this process is killed, the program ends as well and its folder is removed.
     """
     process = subprocess.Popen(
         words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True
@@ -237,7 +237,7 @@ def _finished(words: list[str], timeout_s: float, said: int, folder: Path) -> in
 
 @contextmanager
 def _watched(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
-    """A shell watches over a program, in a session of its own, as a signal to this one's group must not end it."""
+    """A shell in its own session watches a program; signals to this process group do not reach it."""
     words = ["sh", "-c", _WATCH, "sh", str(process.pid), str(folder)]
     watch = subprocess.Popen(
         words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
@@ -245,5 +245,5 @@ def _watched(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        watch.kill()  # before its stdin ends
+        watch.kill()  # before its stdin closes
         watch.communicate()

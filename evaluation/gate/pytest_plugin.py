@@ -1,4 +1,4 @@
-"""A plugin of pytest: walks as fixtures, and the scores of an estimator on them.
+"""A pytest plugin: fixtures for walks, and for the scores of an estimator on them.
 
 ```python
 def test_my_filter_stays_close(stridetwin_scenario, stridetwin_score):
@@ -7,7 +7,7 @@ def test_my_filter_stays_close(stridetwin_scenario, stridetwin_score):
     assert scores["rpe_5m_pct"] < 1.0
 ```
 
-Nothing but this file is read until a test asks for a fixture.
+Only this file is imported until a test requests a fixture.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Recording]:
-    """Walks: `stridetwin_scenario(scenario, seed=0, cameras=False)` gives a recording, made once a session.
+    """Walks: `stridetwin_scenario(scenario, seed=0, cameras=False)` gives a recording, made once per session.
 
-    The scenario is a name of the catalogue, the path of a YAML file, what such a file says as a mapping, or a
-    `TwinConfig`. Files that a mapping names are looked for from the working folder on. Without cameras, which take the
-    most time to draw, unless they are asked for.
+    The scenario is a name of the catalogue, the path of a YAML file, the content of such a file as a mapping, or a
+    `TwinConfig`. File names in a mapping are relative to the working folder. Cameras, which take most of the time to
+    render, are off by default.
     """
     made: dict[tuple[str, int, bool], Recording] = {}
     folder = tmp_path_factory.mktemp("stridetwin")
@@ -91,5 +91,5 @@ def _scenario(told: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
         return Scenario(description="", config=told)
     if not isinstance(told, Mapping):
         return load_scenario(str(told))
-    plain = json.loads(json.dumps({"description": "of a test", **told}))  # tuples are lists there
+    plain = json.loads(json.dumps({"description": "of a test", **told}))  # JSON turns tuples into lists
     return scenario_of(plain, Path.cwd() / "scenario.yaml")

@@ -1,4 +1,4 @@
-"""Scores of many walks, as `score --json` prints them and a later run takes them for its baseline."""
+"""Scores of many walks in the form that `score --json` prints and a later run reads as its baseline."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from stridetwin.scenarios.fields import Where
 from stridetwin.streams.errors import StrideTwinError
 
 EVERY = "every estimator"
-"""Stands among those that failed where the built-in ones fell together."""
-_SMALLEST = 1e-100  # but for 0: what is divided by it is a number still
+"""Name in the failures if the built-in estimators failed together."""
+_SMALLEST = 1e-100  # except 0; a value divided by it stays finite
 _LONGEST_NAME = 400
 _WRITTEN = "what `stridetwin score --json` prints"
 
@@ -26,8 +26,8 @@ class ScoreTable:
     """Scores of some walks.
 
     Attributes:
-        walks: By the digest of its recording (or a word of its own, where that is not told) what each estimator got.
-        failed: By the same key the estimators that gave nothing to score, and why.
+        walks: Scores of each estimator, by the digest of the recording (or a unique word, if that is unknown).
+        failed: By the same key, the estimators that could not be scored, and the reasons.
         means: Estimator to mean scores.
     """
 
@@ -37,14 +37,14 @@ class ScoreTable:
 
 
 def table_of(document: object, source: str) -> ScoreTable:
-    """What a file of scores says.
+    """The table in a file of scores.
 
     Args:
         document: Its JSON.
         source: Its name for messages.
 
     Raises:
-        ConfigError: It has not the form of `score --json`.
+        ConfigError: It does not have the form of `score --json`.
     """
     top = Where(source=source)
     if not isinstance(document, dict):
@@ -59,7 +59,7 @@ def table_of(document: object, source: str) -> ScoreTable:
         if not isinstance(entry, dict):
             raise where.error(entry, f"a walk, {_WRITTEN}")
         if "estimators" not in entry:
-            continue  # of `run`: what was walked, with all scores in the means
+            continue  # from `run`: describes the walk; all scores are in the means
         digest = entry.get("sha256")
         if not (digest is None or is_text(digest)):
             raise where.key("sha256").error(digest, "text in UTF-8")
@@ -73,10 +73,10 @@ def table_of(document: object, source: str) -> ScoreTable:
 
 
 def read_table(path: Path) -> ScoreTable:
-    """A baseline: a file of scores that holds something to compare.
+    """Reads a baseline: a file of scores with at least one comparable score.
 
     Raises:
-        StrideTwinError: It is not JSON, has not the form of `score --json`, or no score in it is judged.
+        StrideTwinError: It is not JSON, does not have the form of `score --json`, or holds no gated score.
         OSError: It cannot be read.
     """
     try:
@@ -93,10 +93,10 @@ def read_table(path: Path) -> ScoreTable:
 
 
 def checked_scores(node: object, where: Where) -> dict[str, Scores]:
-    """A node of a file as estimators, each with its scores.
+    """Checks a node of a file as a mapping of estimators to scores.
 
     Raises:
-        ConfigError: It is none; with the path of the field.
+        ConfigError: It is not one; the message has the path of the field.
     """
     estimators = _named(node, where, f"estimators, each with its scores: {_WRITTEN}")
     for name, scores in estimators.items():
@@ -109,12 +109,12 @@ def checked_scores(node: object, where: Where) -> dict[str, Scores]:
 
 
 def is_text(value: object) -> bool:
-    """Whether it is text that any file can hold: no half of a pair of surrogates stands in it alone."""
+    """Whether it is text that can be encoded: without unpaired surrogates."""
     return isinstance(value, str) and value.encode("utf-8", "ignore").decode() == value
 
 
 def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores]) -> dict[str, Any]:
-    """The JSON of some walks' scores."""
+    """The scores of some walks, ready for JSON."""
     return {"recordings": list(entries), "estimators": dict(means)}
 
 

@@ -1,4 +1,4 @@
-"""Scores of one recording, and of many in processes beside each other."""
+"""Scores of one recording, and of many recordings in parallel processes."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Job:
     """A recording to be scored.
 
     Attributes:
-        name: In the table.
+        name: Name in the table.
         path: Recording, or anything that can be imported.
-        sha256: Of the recording, where it is known.
-        lenient: Read a damaged recording as far as it goes.
+        sha256: Digest of the recording, if known.
+        lenient: Reads a damaged recording up to the damage.
         alignment: See `alignment.align`.
-        own: Estimators in the place of the built-in ones.
-        strict: An estimator that fails ends all; else the others go on, and the table says why it did.
+        own: Estimators that replace the built-in ones.
+        strict: A failing estimator aborts the job; else the others continue, and the table gives the reason.
     """
 
     name: str
@@ -52,10 +52,10 @@ class Job:
 
 
 def jobs_of(sources: Sequence[Path], **asked: Any) -> list[Job]:
-    """What is to be scored: recordings, and of campaigns every accepted walk.
+    """The jobs of some sources: recordings, and every accepted walk of campaigns.
 
     Raises:
-        StrideTwinError: A campaign's folder without any accepted walk, or of which recordings are not as it says.
+        StrideTwinError: A campaign's folder has no accepted walk, or its recordings differ from its list.
     """
     jobs: list[Job] = []
     for source in sources:
@@ -91,10 +91,10 @@ def _of_campaign(folder: Path, asked: dict[str, Any]) -> list[Job]:
 
 
 def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
-    """One walk's row: `name`, `sha256`, `metadata`, `estimators`, and `failed` where an estimator gave nothing.
+    """One walk's row: `name`, `sha256`, `metadata`, `estimators`, and `failed` if an estimator failed.
 
     Raises:
-        StrideTwinError: The recording cannot be read; of a strict job, whatever goes wrong.
+        StrideTwinError: The recording cannot be read; in a strict job, any error.
     """
     recording = opened(job.path, job.lenient)
     scores: dict[str, Scores] = {}
@@ -120,7 +120,7 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
 
 
 def _built_in(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
-    """Every estimator that the recording feeds; those that were done before one fell stand in the scores."""
+    """Runs every estimator that the recording feeds; `scores` keeps those that finished before a failure."""
     made = all_paths(recording)
     scores |= {r.estimate.name: r.scores for r in evaluate(recording, made, job.alignment)}
     scores |= {name: result.scores for name, result in evaluate_every_step(recording).items()}
@@ -141,7 +141,7 @@ def _fell(job: Job, failed: dict[str, str], name: str, error: Exception) -> None
 
 
 def _digest(path: Path) -> str:
-    """Of a file, or of all files of a folder."""
+    """Digest of a file, or of all files of a folder."""
     if path.is_file():
         return sha256(path)
     hashed = hashlib.sha256()

@@ -1,11 +1,8 @@
 """Bags of ROS messages: any MCAP files, ROS 2 bags and ROS 1 bags, read into streams.
 
 A `Bag` returns CDR messages, which are decoded like those of our own recordings (`streams.recording.topic_reader`).
-Calibrations come from CameraInfo, mounts from /tf_static, ground truth from poses whose topic name says so.
-
-Mapping of a bag's streams to our topics, by type and topic name.
-
-Poses of motion capture in a bag: PoseStamped, PoseWithCovarianceStamped, TransformStamped.
+Streams are mapped to our topics by type and topic name. Calibrations come from CameraInfo, mounts from /tf_static,
+ground truth from poses named as truth (PoseStamped, PoseWithCovarianceStamped, TransformStamped).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Calibrations in a bag: intrinsics in CameraInfo, mounts in /tf_static.
 
-Approximation of lenses with more than four terms by `radtan` lenses, within the image.
+Distortion models with more than four terms are approximated by `radtan` within the image.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class BagCalibration:
         """Adds a CameraInfo; drivers publish a focal length of 0 for an uncalibrated camera."""
         K = np.asarray(message.k if hasattr(message, "k") else message.K, float)
         if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
-            # RealSense's own files: .../Color_0/info/camera_info beside .../Color_0/image/data
+            # RealSense's own files: .../Color_0/info/camera_info next to .../Color_0/image/data
             self._infos[topic.removesuffix("/camera_info").removesuffix("/info")] = message
         else:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")

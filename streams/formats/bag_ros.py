@@ -1,8 +1,7 @@
 """ROS 1 bags and ROS 2 bags in SQLite, through the rosbags library.
 
-Size limits of ROS 1 bags for the rosbags library, which does not validate a bag's index and chunks.
-
-The format is that of http://wiki.ros.org/Bags/Format/2.0.
+Index and chunks of ROS 1 bags (http://wiki.ros.org/Bags/Format/2.0) are checked here, because the library does not
+validate their sizes.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Recordings as EuRoC MAV folders: one IMU, one camera (or the two of a stereo pair), and the true states.
 
-Virtual view of the right camera of a stereo pair, from the left image and its depth.
-
-Depth-image-based rendering (Fehn, SPIE 5291, 2004): the disparity fu·b/z is warped to the right image, nearest surface
-first, and the left image is sampled with it. Areas that only the right camera would see are filled with the adjacent
-background.
+The right camera of a stereo pair can be rendered from the left image and its depth (depth-image-based rendering, Fehn,
+SPIE 5291, 2004): the disparity fu·b/z is warped to the right image, nearest surface first, and the left image is
+sampled with it. Areas that only the right camera would see are filled with the adjacent background.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Image files: 8-bit colour or grey, and depth as 16-bit PNG.
-
-Lists of image files with stamps, as in the EuRoC and TUM layouts.
-
-Choice of the camera for an export.
-"""
+"""Image files (8-bit colour or grey, depth as 16-bit PNG), their lists with stamps, and the camera of an export."""
 
 from __future__ import annotations
 

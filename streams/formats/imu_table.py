@@ -1,7 +1,4 @@
-"""A single IMU's table, `.npz` or `.csv`, as a block of samples.
-
-An IMU topic as the table that other tools read: `t` (s), `accel` (m/s²), `gyro` (rad/s).
-"""
+"""Reads and writes the table of a single IMU, `.npz` or `.csv`: `t` (s), `accel` (m/s²), `gyro` (rad/s)."""
 
 from __future__ import annotations
 

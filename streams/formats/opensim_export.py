@@ -118,7 +118,7 @@ def _write_motion(recording: Recording, model: Model, path: Path) -> int:
     R = Rotation.from_quat(pelvis.columns["q_world_frame"][at], scalar_first=True).as_matrix()
     R = _R_OPENSIM_WORLD @ R @ _R_OPENSIM_WORLD.T
     p = pelvis.columns["p_frame_in_world"][at] @ _R_OPENSIM_WORLD.T - R @ np.array(model.p_hips_in_pelvis)
-    # the model's pelvis turns about its own z (tilt), then x (list), then y (rotation)
+    # the model's pelvis rotates about its own z (tilt), then x (list), then y (rotation)
     angles = Rotation.from_matrix(R).as_euler("ZXY")
     names = ["pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"]
     columns = [np.degrees(np.unwrap(angles, axis=0)), p]

@@ -1,1 +1,1 @@
-"""Samples between two programs while they are measured: sender, receiver, order, recorder."""
+"""Live transport of samples between two programs: sender, receiver, reordering, recorder."""

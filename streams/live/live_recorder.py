@@ -1,4 +1,4 @@
-"""What comes over the bridge as a recording: the very messages, byte for byte."""
+"""Records the messages from the bridge unchanged, byte for byte."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _PICTURE_LANE = 1
 
 
 class LiveRecorder:
-    """Writes messages as they come into one MCAP file; a context manager.
+    """Writes arriving messages into one MCAP file; a context manager.
 
-    The file grows under a hidden name beside `path` and takes its place at the end, whatever that comes by: what has
-    come is whole. Of a process that is killed it stays, readable up to its last whole chunk (`--lenient`).
+    The file grows under a hidden name beside `path` and is renamed at the end, also after an error, because the
+    messages received so far are complete. After a kill it stays, readable up to its last complete chunk (`--lenient`).
 
     Args:
-        path: Recording to make, `.mcap`.
+        path: Output file, `.mcap`.
 
     Attributes:
         count: Messages written.
@@ -47,7 +47,7 @@ class LiveRecorder:
         self._cameras: dict[str, CameraCalibration] = {}
         self._next_info: dict[str, int] = {}
         for typename in (CAMERA_INFO, *READABLE):
-            definition(typename)  # takes a while, which the first sample would have to wait for
+            definition(typename)  # slow: done here so that the first sample does not wait
         try:
             self._file = McapWriter(partial_path(path), "stridetwin")
         except OSError as error:
@@ -67,7 +67,7 @@ class LiveRecorder:
             partial_path(self.path).unlink()
 
     def know(self, rig: Rig, metadata: Mapping[str, str]) -> None:
-        """Takes what is now known of the senders: before their first message, and when more of them come."""
+        """Sets rig and metadata of the senders: before their first message, and when further senders connect."""
         told = rig_to_yaml(rig), dict(metadata)
         if told == self._told:
             return
@@ -77,10 +77,10 @@ class LiveRecorder:
         self._cameras = dict(rig.cameras) | {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
 
     def write(self, message: Message, t_ns: int) -> None:
-        """Appends a message, and where it is a picture now and then its camera's intrinsics.
+        """Appends a message, and periodically with images the camera's intrinsics.
 
         Args:
-            message: As it came.
+            message: As received.
             t_ns: Stamp of its sample.
         """
         camera = self._cameras.get(message.topic)

@@ -1,7 +1,7 @@
-"""The estimators' end of the bridge: listens, checks what comes, and hands it on in the order of arrival.
+"""The estimators' end of the bridge: listens, checks messages, and passes them on in the order of arrival.
 
-A thread a connection reads and decodes; what it has waits in one bounded inbox, and where that is full the connection
-is not read on, so that a sender sees that it is too fast and drops on its side, where it is counted.
+One thread per connection reads and decodes into one bounded inbox. When that is full the connection is not read, so
+that a sender notices that it is too fast, and drops and counts messages on its side.
 """
 
 from __future__ import annotations
@@ -41,26 +41,26 @@ from stridetwin.streams.samples import Depth, Image, Sample
 
 MOST_PEERS, MOST_TOPICS = 8, 64
 INBOX_BYTES, INBOX_COUNT = 64 << 20, 4096
-"""What may wait for the estimator; a picture counts with its pixels."""
+"""Limits of the inbox; an image counts with its decoded pixels."""
 _REFUSALS_KEPT = 100
 _SENDERS_KNOWN = 1000
 _TAKEOVER_S = 5.0
-"""How long a sender that comes again waits for its old connection to be read out, and again for it to be given up."""
+"""How long a reconnecting sender waits for its old connection to be read out, and again for it to be closed."""
 _ALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPALIVE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
-"""Seconds of silence before the system asks a peer whether it is there (two names for it), between its questions, and
-how many may stay without an answer."""
+"""Seconds of silence before the system probes a peer (two names for it), seconds between probes, and the number of
+unanswered probes."""
 _LINGER_S, _LINGER_BYTES = 0.3, 1 << 22
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Arrival:
-    """A sample that has come.
+    """A received sample.
 
     Attributes:
-        sample: What it says.
-        message: As it came.
-        since_ns: When its last byte was here, `time.perf_counter_ns()`.
-        travel_ns: From its stamp until then; None where the sender's clock is not known.
+        sample: The decoded sample.
+        message: As received.
+        since_ns: When its last byte arrived, `time.perf_counter_ns()`.
+        travel_ns: From its stamp until then; None if the sender's clock is unknown.
     """
 
     sample: Sample
@@ -75,8 +75,8 @@ class _Connection:
 
     Attributes:
         peer: Its socket.
-        done: Set when its thread is done with it.
-        superseded: Whether the sender has come again and this one is read no more.
+        done: Set when its thread has finished.
+        superseded: Whether the sender has reconnected and this connection is no longer read.
     """
 
     peer: socket.socket
@@ -86,13 +86,13 @@ class _Connection:
 
 @dataclass(kw_only=True)
 class Traffic:
-    """What has come of one topic.
+    """Counts of one topic.
 
     Attributes:
-        received: Samples that were handed on.
-        not_finite: Left out for a number that is none.
-        not_increasing: Left out for a stamp that does not lie after the one before.
-        lost: What its senders had to drop.
+        received: Samples that were passed on.
+        not_finite: Samples rejected for a number that is not finite.
+        not_increasing: Samples rejected for a stamp that is not after the previous one.
+        lost: Samples dropped by the senders.
     """
 
     received: int = 0
@@ -110,8 +110,8 @@ class Receiver:
     Attributes:
         address: Where it listens.
         traffic: By topic.
-        refused: Who was refused and why, the first hundred.
-        refusals: How many were.
+        refused: The first hundred refused peers, with reasons.
+        refusals: Number of refusals.
 
     Raises:
         StrideTwinError: The address cannot be listened at.
@@ -124,7 +124,7 @@ class Receiver:
         except (OSError, UnicodeError) as error:
             words = getattr(error, "strerror", None) or error
             raise StrideTwinError(f"cannot listen at {address[0]}:{address[1]}: {words}") from error
-        typestore()  # takes a while, which the first sample would have to wait for
+        typestore()  # slow: done here so that the first sample does not wait
         self.address: tuple[str, int] = self._listener.getsockname()[:2]
         self.traffic: dict[str, Traffic] = {}
         self.refused: list[str] = []
@@ -156,7 +156,7 @@ class Receiver:
             _hang_up(peer)
 
     def take(self, timeout_s: float) -> list[Arrival | Hello]:
-        """What has come since, in the order of arrival; waits for it up to a time."""
+        """New samples and hellos in the order of arrival; waits for them up to `timeout_s`."""
         with self._changed:
             if not self._inbox and not self.ended:
                 self._changed.wait(timeout_s)
@@ -168,7 +168,7 @@ class Receiver:
 
     @property
     def ended(self) -> bool:
-        """Whether a sender has said that it is done, none is there and nothing waits."""
+        """Whether a sender has ended, no sender is connected and the inbox is empty."""
         return self._ended and not self._peers and not self._inbox
 
     def _accept(self) -> None:
@@ -193,13 +193,13 @@ class Receiver:
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             _keep_alive(peer)
             self._listen_to(peer, name)
-        except StalledError as error:  # who is honest comes again
+        except StalledError as error:  # a regular sender reconnects
             self._note(name, str(error))
         except (WireError, ValueError) as error:
             self._refuse(peer, name, str(error))
         except OSError:
-            pass  # it comes again, or it does not
-        except Exception as error:  # of bytes that nobody has thought of
+            pass  # it may reconnect
+        except Exception as error:  # unexpected bytes
             self._refuse(peer, name, f"{type(error).__name__}: {error}")
         finally:
             with self._changed:
@@ -254,12 +254,12 @@ class Receiver:
             self._taken[sender] += 1
 
     def _begin(self, sender: str, peer: socket.socket) -> _Connection:
-        """Lets a sender begin, or go on: it may have lost a connection before we have.
+        """Accepts a new sender, or a reconnecting one: it may notice a lost connection before we do.
 
-        What the old connection still holds is taken first, unless nobody makes room for it.
+        The rest of the old connection is read first, unless the inbox stays full.
 
         Raises:
-            ConnectionError: The old one is still being read; the sender may come again.
+            ConnectionError: The old connection is still being read; the sender may try again.
         """
         own = _Connection(peer=peer)
         with self._changed:
@@ -289,7 +289,7 @@ class Receiver:
             return self.traffic.setdefault(topic, Traffic())
 
     def _decoder(self, sender: str, message: Message) -> Decoder:
-        """Of the topic, which belongs to the sender that brought it first for as long as that is there."""
+        """The topic's decoder; a topic belongs to its first sender as long as that is connected."""
         topic = message.topic
         if self._owner.get(topic) != sender:
             with self._changed:
@@ -306,10 +306,10 @@ class Receiver:
         return known
 
     def _put(self, item: Arrival | Hello, size: int, own: _Connection) -> None:
-        """Hands on what a connection has brought; waits for room.
+        """Puts an item of a connection into the inbox; waits for space.
 
         Raises:
-            ConnectionError: The sender has come again meanwhile; the item is not taken.
+            ConnectionError: The sender has reconnected meanwhile; the item is not taken.
         """
         with self._changed:
             while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
@@ -329,7 +329,7 @@ class Receiver:
                 self.refused.append(f"{name}: {words}")
 
     def _refuse(self, peer: socket.socket, name: str, words: str, *, linger: bool = True) -> None:
-        """Tells a sender why, and waits a moment until it has heard: what it still sends would wipe the answer out."""
+        """Sends the reason to a sender, and waits briefly until it is read: data in flight would discard it."""
         self._note(name, words)
         try:
             peer.settimeout(_LINGER_S)
@@ -343,7 +343,7 @@ class Receiver:
 
 
 def _keep_alive(peer: socket.socket) -> None:
-    """Has the system end a connection whose other end is no longer there: who loses power does not say so."""
+    """Lets the system end a connection whose peer has vanished, for example after a power loss."""
     peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in _ALIVE.items():
         if hasattr(socket, name):
@@ -351,6 +351,6 @@ def _keep_alive(peer: socket.socket) -> None:
 
 
 def _hang_up(peer: socket.socket) -> None:
-    """Ends a connection for whoever waits on it."""
+    """Closes a connection, which wakes every thread that waits on it."""
     with suppress(OSError):
         peer.shutdown(socket.SHUT_RDWR)

@@ -1,4 +1,4 @@
-"""Samples of several streams put into the order of their stamps, at the price of a little waiting."""
+"""Reorders samples of several streams by stamp, within a bounded delay."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
 
 def rank_of(kind: type[Sample]) -> int:
-    """Place among samples of one instant: IMUs, which close an interval, then other small samples, then pictures."""
+    """Rank among samples of one instant: IMUs, which close an interval, then other small samples, then images."""
     return 0 if kind is Imu else 2 if kind in (Image, Depth) else 1
 
 
 class Reorder:
-    """Holds samples until none that is older can still come, or for so long that it no longer counts.
+    """Buffers samples until no older one can arrive, or the window has passed.
 
-    A sample goes on as soon as every stream has brought one that is not older, or one stream is a window beyond it, or
-    it has itself waited for a window. What comes after younger ones have gone on follows at once and counts as late.
+    A sample is released as soon as every stream has delivered one that is not older, or one stream is a window ahead of
+    it, or it has waited for a window. A sample that arrives after newer ones were released follows at once and counts
+    as late.
 
     Args:
         window_s: The window.
 
     Attributes:
-        late: Samples that came too late for their place, by topic.
+        late: Number of late samples, by topic.
     """
 
     def __init__(self, window_s: float) -> None:
@@ -37,7 +38,7 @@ class Reorder:
         self.late: Counter[str] = Counter()
 
     def add(self, arrival: Arrival) -> None:
-        """Takes a sample; stamps increase within a stream."""
+        """Adds a sample; stamps increase within a stream."""
         t_ns, topic = arrival.sample.t_ns, arrival.sample.topic
         if t_ns < self._gone_ns:
             self.late[topic] += 1
@@ -46,7 +47,7 @@ class Reorder:
         heapq.heappush(self._held, ((t_ns, rank_of(type(arrival.sample)), topic), self._count, arrival))
 
     def ready(self, now_ns: int) -> Iterator[Arrival]:
-        """The samples that may go on, in order.
+        """The released samples, in order.
 
         Args:
             now_ns: On the clock of `Arrival.since_ns`.
@@ -59,12 +60,12 @@ class Reorder:
             yield self._pop()
 
     def rest(self) -> Iterator[Arrival]:
-        """All that is held, in order."""
+        """All buffered samples, in order."""
         while self._held:
             yield self._pop()
 
     def due_s(self, now_ns: int) -> float | None:
-        """After how many seconds the oldest has waited long enough; None where nothing is held."""
+        """Seconds until the oldest sample is released; None if the buffer is empty."""
         return max(0.0, (self._held[0][2].since_ns + self._window_ns - now_ns) * 1e-9) if self._held else None
 
     def _pop(self) -> Arrival:

@@ -1,4 +1,4 @@
-"""The hardware's end of the bridge: samples go out as they come, and what cannot be taken is dropped and counted."""
+"""The hardware's end of the bridge: sends samples at once; drops and counts those that the receiver cannot take."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
 
 IMAGES_HELD, SAMPLES_HELD = 8, 2048
-"""Most messages of a topic that wait for a receiver that is slow or away; then the oldest is dropped."""
+"""Most queued messages of a topic while a receiver is slow or disconnected; then the oldest is dropped."""
 _RETRY_S = 0.2
 _CONNECT_S = 2.0
 _STALLED_S = 60.0
@@ -40,24 +40,24 @@ _REMEMBERED = 65536
 
 
 class Sender:
-    """Sends samples to a receiver, from a thread of its own; a context manager.
+    """Sends samples to a receiver in its own thread; a context manager.
 
-    `send` never waits, unless `lossless`: what a slow receiver does not take waits in a queue a topic, whose oldest is
-    dropped when it is full; the receiver is told how many. Where the connection is lost it is made anew for as long as
-    there is something to send. Leaving the context sends what waits and says that it is all.
+    `send` never waits, unless `lossless`: messages that a slow receiver does not take wait in one queue per topic,
+    whose oldest message is dropped when it is full; the number is reported to the receiver. A lost connection is
+    restored as long as there is something to send. Leaving the context sends the queued messages and the end.
 
     Args:
-        rig: Calibration of what is sent.
+        rig: Calibration of the sensors.
         address: Host and port.
         metadata: See `Hello`.
-        epoch_ns: System time at stamp 0; 0 for stamps that are system time (`time.time_ns()`), None where nobody knows.
-        encoder: How samples become messages; by default as in recordings.
-        lossless: `send` waits where a queue is full.
-        patience_s: How long a receiver may be away before leaving gives up, and at first before `send` does.
+        epoch_ns: System time at stamp 0; 0 for stamps that are system time (`time.time_ns()`), None if unknown.
+        encoder: Conversion of samples to messages; by default as in recordings.
+        lossless: `send` waits while a queue is full.
+        patience_s: How long a receiver may be disconnected before leaving gives up, and initially before `send` does.
 
     Attributes:
-        sent: Messages that went out, by topic.
-        dropped: Messages that had to be dropped, by topic.
+        sent: Messages sent, by topic.
+        dropped: Messages dropped, by topic.
     """
 
     def __init__(
@@ -104,10 +104,10 @@ class Sender:
             self._check()
 
     def send(self, item: Sample | Message) -> None:
-        """Sends a sample, or a message as it is.
+        """Sends a sample, or an existing message unchanged.
 
         Raises:
-            WireError: The receiver has refused us, or was never there; or the message is too long.
+            WireError: The receiver has refused us, or was never reachable; or the message is too long.
         """
         message = item if isinstance(item, Message) else self._encoder.message(item)
         ready = sample_frame(message)
@@ -134,7 +134,7 @@ class Sender:
             self._serve()
         except WireError as error:
             self._fail(str(error))
-        except Exception as error:  # whoever sends must hear of it, or would wait for ever
+        except Exception as error:  # `send` must fail with it instead of waiting for ever
             self._fail(f"{self._address[0]}:{self._address[1]}: {type(error).__name__}: {error}")
         finally:
             if self._peer is not None:
@@ -174,7 +174,7 @@ class Sender:
         return peer
 
     def _count(self) -> None:
-        """Hears how many messages have been taken; those that went out after them are lost."""
+        """Receives the number of messages taken; those sent after them are lost."""
         assert self._answers is not None
         told = self._answers.next(TAKEN, REFUSED, idle_s=_STALLED_S)
         if told is None:
@@ -191,7 +191,7 @@ class Sender:
                 self._untold[topic] += 1
 
     def _deliver(self, peer: socket.socket) -> bool:
-        """Sends the next message; returns whether that was all."""
+        """Sends the next message; returns whether all are sent."""
         with self._changed:
             while not (waiting := [t for t, q in self._queues.items() if q]) and not self._ending:
                 self._changed.wait(_RETRY_S)
@@ -214,7 +214,7 @@ class Sender:
             return True
         peer.sendall(ready)
         with self._changed:
-            if topic in self._queues:  # else the user has failed meanwhile
+            if topic in self._queues:  # else the user's code has failed meanwhile
                 self._queues[topic].popleft()
             self._flying = -1
             self.sent[topic] += 1
@@ -223,7 +223,7 @@ class Sender:
         return False
 
     def _refusal(self) -> str:
-        """Why the receiver has hung up, "" where it does not say."""
+        """The receiver's reason for closing the connection, "" if it gives none."""
         try:
             told = self._answers.next(REFUSED, idle_s=_STALLED_S) if self._answers else None
         except (OSError, WireError):

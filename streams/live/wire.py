@@ -1,20 +1,20 @@
-"""What travels between hardware and estimators: the bytes of our ROS 2 messages, framed, after a hello with the rig.
+"""Wire protocol between hardware and estimators: our ROS 2 messages in frames, after a hello with the rig.
 
 A frame is `length u32 | kind u8 | body`, little-endian, the length being that of kind and body together:
 
 - `HELLO` first, once: JSON `{"stridetwin": 1, "sender": ID, "rig": YAML, "metadata": {NAME: TEXT}, "epoch_ns": N}`. The
-  rig is Kalibr YAML as recordings carry it, "" where there is none. Stamp 0 lies `epoch_ns` after 1970 on the sender's
-  system clock; null where nobody knows. A sender that comes again with the same ID takes its old connection's place.
-- `SAMPLE`: `stamp i64 ns | n u8 | topic | m u8 | type name | CDR message`, the message as it would lie in a recording.
-  The stamp counts where the message has no header.
-- `LOST`: JSON `{TOPIC: samples}` that the sender had to drop since the last such frame.
-- `END`: nothing more will come.
-- `TAKEN`, from the receiver after a hello and after the end: `u64`, how many samples of this sender it has taken, or
-  2⁶⁴ - 1 where it does not know the sender. What was sent beyond is lost with its connection.
-- `REFUSED`, from the receiver: why, as text; it hangs up then.
+  rig is Kalibr YAML as in recordings, "" if there is none. Stamp 0 is `epoch_ns` after 1970 on the sender's system
+  clock; null if unknown. A sender that reconnects with the same ID replaces its old connection.
+- `SAMPLE`: `stamp i64 ns | n u8 | topic | m u8 | type name | CDR message`, the message as in a recording.
+  The stamp is used if the message has no header.
+- `LOST`: JSON `{TOPIC: samples}` that the sender has dropped since the last such frame.
+- `END`: no more frames follow.
+- `TAKEN`, from the receiver after a hello and after the end: `u64`, number of samples taken from this sender, or
+  2⁶⁴ - 1 if the sender is unknown. Samples sent beyond that are lost with the connection.
+- `REFUSED`, from the receiver: the reason as text; it then closes the connection.
 
-No frame is compressed beyond what a message is, none is longer than `LARGEST`, and a reader takes memory for what has
-come, not for what was announced.
+Frames are not compressed beyond the messages and not longer than `LARGEST`. A reader allocates memory for received
+bytes, not for the announced length.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ VERSION = 1
 PORT = 7365
 HELLO, SAMPLE, LOST, END, REFUSED, TAKEN = range(1, 7)
 LARGEST = 10 << 20
-"""Bytes of a frame: a depth picture of 1920 × 1200 in float metres."""
+"""Bytes of a frame: a depth image of 1920 × 1200 in float metres."""
 LARGEST_HELLO = 1 << 18
 LARGEST_SMALL = 1 << 16
-"""Bytes of a message that is no picture."""
+"""Bytes of a message without an image."""
 FRAME_S = 2.0
-"""A frame that has begun must be whole after so long."""
+"""A frame must be complete this long after its beginning, s."""
 LATEST_NS = 2**31 * 1_000_000_000
 _HEAD = struct.Struct("<IB")
 _STAMP = struct.Struct("<q")
@@ -54,16 +54,16 @@ _UNKNOWN = 2**64 - 1
 
 
 class WireError(StrideTwinError):
-    """Bytes that no sender of ours sends; or a receiver that has refused us."""
+    """Bytes that violate the protocol, or a refusal by the receiver."""
 
 
 class StalledError(WireError):
-    """A frame that has begun and does not come to its end: a hostile peer, or a connection that is no longer one."""
+    """A frame that is not completed: a hostile peer, or a dead connection."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """One message on its way.
+    """One message in transit.
 
     Attributes:
         t_ns: Its stamp.
@@ -80,13 +80,13 @@ class Message:
 
 @dataclass(frozen=True, kw_only=True)
 class Hello:
-    """What a sender says of itself.
+    """Description of a sender.
 
     Attributes:
-        rig: Calibration of what it sends.
-        metadata: Texts as recordings have them, such as the geometry of an exoskeleton.
-        epoch_ns: System time at stamp 0, ns since 1970; None where nobody knows.
-        sender: Its own for as long as it lives; "" where each connection is a new one.
+        rig: Calibration of its sensors.
+        metadata: Texts as in recordings, such as the geometry of an exoskeleton.
+        epoch_ns: System time at stamp 0, ns since 1970; None if unknown.
+        sender: Its ID during its lifetime; "" if each connection is a new sender.
     """
 
     rig: Rig = field(default_factory=Rig)
@@ -134,20 +134,20 @@ def sample_frame(message: Message) -> bytes:
 
 
 def lost_frame(lost: Mapping[str, int]) -> bytes:
-    """The frame that tells how many samples of each topic were dropped."""
+    """The frame with the number of dropped samples of each topic."""
     return frame(LOST, json.dumps(dict(lost)).encode())
 
 
 def taken_frame(count: int | None) -> bytes:
-    """The frame that tells how many samples of a sender were taken; None where it is a new one."""
+    """The frame with the number of samples taken from a sender; None for a new one."""
     return frame(TAKEN, _COUNT.pack(_UNKNOWN if count is None else count))
 
 
 def read_taken(body: bytes) -> int | None:
-    """How many samples were taken; None where the receiver does not know us.
+    """Number of samples taken; None if the receiver does not know us.
 
     Raises:
-        WireError: It does not say that.
+        WireError: The body is invalid.
     """
     if len(body) != _COUNT.size:
         raise WireError("taken: not valid; valid: 8 bytes")
@@ -159,7 +159,7 @@ def read_hello(body: bytes) -> Hello:
     """A hello from its frame's body.
 
     Raises:
-        WireError: It is none, of another version, or its rig is not valid.
+        WireError: The body is not a hello or of another version, or its rig is invalid.
     """
     told = _json(body, "hello")
     if told.get("stridetwin") != VERSION:
@@ -174,7 +174,7 @@ def read_hello(body: bytes) -> Hello:
     try:
         check_yaml(rig, "hello: rig", most_aliases=0)
         known = rig_from_yaml(rig, "hello: rig") if rig.strip() else Rig()
-        for camera in known.cameras.values():  # an estimator takes memory by what it is told
+        for camera in known.cameras.values():  # an estimator allocates memory by these values
             check_pixels(camera.width, camera.height)
     except (StrideTwinError, ValueError) as error:
         raise WireError(f"{error}") from error
@@ -185,7 +185,7 @@ def read_sample(body: bytes) -> Message:
     """A message from its frame's body.
 
     Raises:
-        WireError: It is none.
+        WireError: The body is invalid.
     """
     try:
         (t_ns,) = _STAMP.unpack_from(body)
@@ -210,10 +210,10 @@ def read_sample(body: bytes) -> Message:
 
 
 def read_lost(body: bytes) -> dict[str, int]:
-    """What a sender had to drop, by topic.
+    """Number of samples dropped by a sender, by topic.
 
     Raises:
-        WireError: It does not say that.
+        WireError: The body is invalid.
     """
     told = _json(body, "lost")
     if len(told) > 1000 or not all(isinstance(n, int) and 0 <= n < 2**53 for n in told.values()):
@@ -234,10 +234,10 @@ def limit_of(kind: int) -> int:
 
 
 class FrameReader:
-    """Takes frames off a socket, many small ones at a time.
+    """Reads frames from a socket, many small ones at a time.
 
     Args:
-        peer: Connected socket; its timeout becomes ours.
+        peer: Connected socket; this object sets its timeout.
     """
 
     def __init__(self, peer: socket.socket) -> None:
@@ -245,14 +245,14 @@ class FrameReader:
         self._held = bytearray()
 
     def next(self, *wanted: int, idle_s: float | None = None) -> tuple[int, bytes] | None:
-        """The next frame, kind and body; None where the peer has hung up between frames.
+        """The next frame, kind and body; None if the peer has closed the connection between frames.
 
         Args:
-            wanted: Kinds that may come.
-            idle_s: Within which it must begin; None waits for ever.
+            wanted: Accepted kinds.
+            idle_s: Time within which it must begin; None waits for ever.
 
         Raises:
-            WireError: No frame, one of another kind, one too long, or one that does not come to its end in time.
+            WireError: An invalid frame, one of another kind, one too long, or one that is not completed in time.
             OSError: The connection is lost.
         """
         if not self._held:
@@ -260,7 +260,7 @@ class FrameReader:
             try:
                 self._held += self._peer.recv(_PIECE)
             except TimeoutError as error:
-                if idle_s is None:  # it is the system's, which has found nobody there any more
+                if idle_s is None:  # the system's timeout: the peer does not answer any more
                     raise
                 raise WireError(f"nothing came for {idle_s:g} s") from error
             if not self._held:
@@ -279,12 +279,12 @@ class FrameReader:
         return kind, body
 
     def _fill(self, count: int, until: float) -> None:
-        """Holds so many bytes at least, taken as they come."""
+        """Reads until the buffer has at least `count` bytes."""
         while (missing := count - len(self._held)) > 0:
             left_s = until - time.monotonic()
             late = left_s <= 0
             self._peer.settimeout(max(left_s, 0.0))
-            try:  # what is there is taken even after the time, once: it may be we who were late
+            try:  # available bytes are read once even after the deadline, as the delay may be ours
                 piece = self._peer.recv(missing if late else _PIECE)
             except (TimeoutError, BlockingIOError) as error:
                 raise _stalled() from error
@@ -299,7 +299,7 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
     """Host and port of `HOST:PORT`, `HOST`, `:PORT` or `[HOST6]:PORT`.
 
     Raises:
-        StrideTwinError: It is none.
+        StrideTwinError: The text is not an address.
     """
     host, colon, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
     if not colon:
@@ -313,7 +313,7 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
 
 def _may_be_host(host: str) -> bool:
     try:
-        host.encode("idna")  # as the socket does: no part of a name is empty or too long
+        host.encode("idna")  # as the socket does: rejects empty or too long parts of a name
     except UnicodeError:
         return False
     return not any(character in host for character in "/ \0")

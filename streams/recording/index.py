@@ -1,9 +1,8 @@
-"""Index of a recording's contents and problems, from one pass over the file.
+"""Index of a recording's contents, problems and schema version, from one pass over the file.
 
-Schema version of a recording: topics, message types, metadata and calibration.
-
-A new minor version adds items that older readers ignore; a new major version changes the meaning of existing items.
-Recordings without a version are those of major version 0, and are read as 1.0.
+The schema version covers topics, message types, metadata and calibration. A new minor version adds items that older
+readers ignore; a new major version changes the meaning of existing items. Recordings without a version are those of
+major version 0, and are read as 1.0.
 """
 
 from __future__ import annotations

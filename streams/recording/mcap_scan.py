@@ -1,8 +1,8 @@
-"""MCAP files read front to back without their summary, so that a cut-off file reads like a whole one.
+"""Reads MCAP files front to back without their summary, so that a truncated file reads like a complete one.
 
-Every CRC that the file carries is checked on the way. The mcap library's `StreamReader` reads cut-off files, too, but
-it trusts the lengths inside a record: one wrong length ends the reading, where here that record alone is lost, and a
-file of a few bytes may ask for all memory. It does not check the CRC of the summary either.
+Every CRC in the file is checked. The mcap library's `StreamReader` also reads truncated files, but trusts the lengths
+inside a record: one wrong length ends the reading (here only that record is lost), and a file of a few bytes may
+request all memory. It does not check the CRC of the summary either.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ MESSAGE_HEAD = 31
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQH")
 LARGEST_CHUNK = 64 << 20
-"""Bytes of a chunk, unpacked; writers close theirs at some MB, with the picture that comes last."""
+"""Bytes of a chunk, unpacked; writers close theirs at a few MB, after the image that exceeds them."""
 _LARGEST_RECORD = LARGEST_CHUNK + (1 << 16)
 _MOST_CHANNELS = 2000
-# What a file may unpack to, whatever its size and by its size; sensors give 4-20 times the bytes, a camera that sees
-# nothing 90 times, and no less than 50 bytes a message.
+# Limits of the unpacked size, absolute and relative to the file; sensors give 4-20 times the bytes, a camera that sees
+# nothing 90 times, and no less than 50 bytes per message.
 _FREE_BYTES, _BYTES_PER_BYTE = 256 << 20, 500
 _FREE_MESSAGES, _BYTES_PER_MESSAGE = 20_000, 4
-_LARGEST_WINDOW = 128 << 20  # of zstd, beyond what its highest level takes
+_LARGEST_WINDOW = 128 << 20  # of zstd, above that of its highest level
 _RECORDS: dict[int, Any] = {Opcode.SCHEMA: records.Schema, Opcode.CHANNEL: records.Channel}
 R = TypeVar("R")
 
 
 class DamagedError(ValueError):
-    """Bytes that are not what the file says they are."""
+    """Bytes that contradict the file's description of them."""
 
 
 class CutOffError(DamagedError):
-    """The file ends, or stops making sense, before its footer."""
+    """The file ends, or becomes unreadable, before its footer."""
 
 
 class Unpacking:
-    """Unpacks the chunks of one file once, front to back, and stops where they come to more than such a file holds.
+    """Unpacks the chunks of one file once, front to back, and stops when they exceed the limits of such a file.
 
     Args:
         path: The file.
@@ -69,8 +69,8 @@ class Unpacking:
         """Schemas and channels of a chunk, and its messages by channel id.
 
         Raises:
-            DamagedError: It is not what it says it is.
-            RecordingError: The file is a bomb: a little that unpacks to a lot.
+            DamagedError: The chunk contradicts its header.
+            RecordingError: The file is a decompression bomb.
         """
         self._bytes -= min(chunk.uncompressed_size, LARGEST_CHUNK)
         self._stop(self._bytes, "bytes unpacked")
@@ -78,7 +78,7 @@ class Unpacking:
         return chunk_contents(data, self)
 
     def took(self, messages: int, others: int) -> None:
-        """Counts so many messages, and schemas and channels.
+        """Counts messages, and other records (schemas and channels).
 
         Raises:
             RecordingError: As `contents`.
@@ -129,8 +129,8 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
     """Yields (opcode, offset of the record, body) of every top-level record up to the footer.
 
     Raises:
-        CutOffError: The file ends too early, or a record cannot be one.
-        DamagedError: No MCAP file, or the CRC of the data section or the summary is wrong (after the last
+        CutOffError: The file ends too early, or a record is invalid.
+        DamagedError: Not an MCAP file, or the CRC of the data section or the summary is wrong (after the last
             record).
     """
     size = path.stat().st_size
@@ -171,7 +171,7 @@ def parse(record: type[R], body: bytes) -> R:
     """A record of the mcap library from its body.
 
     Raises:
-        DamagedError: The body is no such record.
+        DamagedError: The body is not such a record.
     """
     try:
         return record.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
@@ -191,7 +191,7 @@ def decompress(chunk: records.Chunk) -> bytes:
     """Uncompressed bytes of a chunk.
 
     Raises:
-        DamagedError: They do not come out as the chunk's size and CRC say.
+        DamagedError: They do not match the chunk's size and CRC.
     """
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
@@ -231,10 +231,10 @@ def chunk_contents(
 
     Args:
         data: The chunk, unpacked.
-        counted: Told how much there is of each, the first time that a file is read.
+        counted: Receives the numbers of both, on the first pass over a file.
 
     Raises:
-        DamagedError: The bytes are no sequence of records.
+        DamagedError: The bytes are not a sequence of records.
         RecordingError: As `Unpacking.contents`.
     """
     found: list[records.McapRecord] = []

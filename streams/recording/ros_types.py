@@ -1,9 +1,7 @@
 """ROS 2 message types: the standard ones, our own four, and their definition texts.
 
-Size limits of message definitions: a malicious one declares arrays, or nesting, that no real message has.
-
-rosbags unrolls fixed arrays into code, and reads sequences element by element. The size of an element bounds the
-number of iterations for a message.
+Definitions are limited in size, because a malicious one may declare huge arrays or nesting: rosbags unrolls fixed
+arrays into code, and reads sequences element by element. The size of an element bounds the iterations per message.
 """
 
 from __future__ import annotations

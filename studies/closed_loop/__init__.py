@@ -1,4 +1,4 @@
-"""The twin as an environment: who drives the exoskeleton senses the walk that follows from it."""
+"""The twin as an environment: a controller drives the exoskeleton and observes the resulting walk."""
 
 from stridetwin.studies.closed_loop.environment import Assistance, WalkPhysics, environment
 from stridetwin.studies.closed_loop.observers import Observer, Streams

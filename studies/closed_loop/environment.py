@@ -43,7 +43,7 @@ class WalkPhysics(control.Physics):
     """Walks in sequence, each with the next seed.
 
     Args:
-        config: Who walks where; with an exoskeleton.
+        config: Walker and route; with an exoskeleton.
         seeds: Of the walks; a repeated seed is not planned again.
 
     Attributes:

@@ -1,1 +1,1 @@
-"""Jao, Wang and Shkel 2020: two shoes that see each other."""
+"""Jao, Wang and Shkel 2020: foot-to-foot odometry with shoe cameras."""

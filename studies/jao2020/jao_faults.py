@@ -166,6 +166,6 @@ def _mean(found: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """As lines of text; pairs are left and right. The end is that of the part that estimates cover."""
+    """As lines of text; pairs are left and right. The end error is that at the last estimate."""
     words = {name: fault.words for name, fault in FAULTS.items()}
     return [f"{len(result['cases'])} walks of {SCENARIO}", *fault_table(words, result["summary"], _COLUMNS, 36)]

@@ -1,20 +1,16 @@
 """The simulation of Jao, Wang, Shkel 2020 (Table I): a hundred identical strides due north of two shoes.
 
 As in the paper: ideal stance, the ADIS16485's noise by its data sheet, g-sensitivity of both gyros equal and opposite,
-cameras of 75° at 60 Hz without limit of range, relative positions of 1 mm on each axis, sonars at 25 Hz. Ours is given
-points of the board instead, each 1 mm · √points off on each axis across the ray, so that both know as much across the
-line of sight; ours knows less along it. The relative position is turned into the axes of the camera's foot, as the
-paper has it. The filters are told the data sheet's noise and that there is no turn-on bias, and nothing of the
-g-sensitivity. (Were a bias possible, its part in common could only be learnt in the first moments, from noise.)
+cameras of 75° at 60 Hz without limit of range, relative positions of 1 mm on each axis, sonars at 25 Hz. Ours gets
+points of the board instead, with noise of 1 mm · √points on each axis across the ray: equal information across the line
+of sight, less along it. The relative position is in the axes of the camera's foot, as in the paper. The filters assume
+the data sheet's noise, no turn-on bias and no g-sensitivity. (A common bias would be observable only in the first
+moments, from noise.)
 
-The floor is what two gyros leave whose headings are tied together without loss: the way walked times the heading's
-random walk. A yaw drift that both gyros have in common is seen by nobody: `Setup.unequal` shows it, with the pair of
-g-sensitivities that the paper's own two ZUPT errors tell.
-
-Two feet in closed form that stride identically for ever, and what ideal sensors on them measure.
-
-The world's axes are north, west and up. In stance a foot does not move at all, as the simulation of Jao, Wang,
-Shkel 2020 has it.
+The floor is the error of two gyros with perfectly coupled headings: distance walked times the heading's random walk. A
+common yaw drift of both gyros is unobservable: `Setup.unequal` shows it, with the pair of g-sensitivities that follows
+from the paper's two ZUPT errors. Both feet move in closed form with identical strides; the world's axes are north, west
+and up.
 """
 
 from __future__ import annotations
@@ -49,20 +45,20 @@ EARTH_RATE = 7.292115e-5  # rad/s
 
 @dataclass(frozen=True, kw_only=True)
 class SteadyWalk:
-    """How both feet walk.
+    """Motion of both feet.
 
     Attributes:
-        strides: Of each foot.
+        strides: Number per foot.
         stride_m: Length of a stride.
-        stride_s: Time of a stride.
-        swing_share: Share of it that the foot moves.
+        stride_s: Duration of a stride.
+        swing_share: Swing as a share of it.
         separation_m: From the right foot's line to the left's.
-        stand_s: Both stand for so long before the left foot starts, and after the right has landed.
-        heel_rise_m: Height of the heel at its highest.
+        stand_s: Stationary time before the left foot starts, and after the right one has landed.
+        heel_rise_m: Maximum height of the heel.
         heel_off_rad: Largest pitch of the foot, toes down, early in swing.
-        toes_up_rad: Largest pitch the other way, before it lands.
-        latitude_rad: Of the place.
-        gravity_mps2: As the filters assume it.
+        toes_up_rad: Largest pitch in the other direction, before it lands.
+        latitude_rad: Latitude of the site.
+        gravity_mps2: As assumed by the filters.
     """
 
     strides: int = 100
@@ -90,7 +86,7 @@ class SteadyWalk:
     def foot(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
         """Track of a foot's frame (on the sole under the heel).
 
-        The right foot starts half a stride ahead, and half a stride's time later.
+        The right foot starts half a stride ahead, and half a stride's duration later.
 
         Args:
             foot: `l` or `r`.
@@ -120,10 +116,10 @@ class SteadyWalk:
         )
 
     def inertial(self, sensor: Track) -> tuple[Array, Array]:
-        """(N - 1, 3) mean rates (rad/s) and forces (m/s²) that an ideal sensor has, the Earth's turning included.
+        """(N - 1, 3) mean rates (rad/s) and specific forces (m/s²) of an ideal sensor, including Earth rotation.
 
         Args:
-            sensor: Track of the IMU at the N ends and starts of its intervals.
+            sensor: Track of the IMU at the N boundaries of its intervals.
         """
         down = np.array([0.0, 0.0, -self.gravity_mps2])
         dt, rate, force = increments(sensor[:1], sensor[1:], down)
@@ -144,18 +140,18 @@ FEET = ("l", "r")
 SEEDS = range(1000, 1100)
 REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
 G_SENSITIVITY = math.radians(0.009) / STANDARD_GRAVITY_MPS2  # ADIS16485: 0.009 °/s/g; rad/s per m/s²
-PAPER_PAIR = (2.9687, -1.2354)  # m to the west, the paper's ZUPT errors; their mean is the drift in common
+PAPER_PAIR = (2.9687, -1.2354)  # m to the west, the paper's ZUPT errors; their mean is the common drift
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What is simulated.
+    """Configuration of the simulation.
 
     Attributes:
-        walk: The feet.
+        walk: Motion of the feet.
         camera_fov_rad: Horizontal.
         relative_position_sd: On each axis, m.
-        sonar_sd: Of an echo, m.
+        sonar_sd: Of a range, m.
         g_sensitivity: Left and right, the same on all axes, rad/s per m/s².
     """
 
@@ -167,14 +163,14 @@ class Setup:
 
     @classmethod
     def unequal(cls) -> Setup:
-        """With a yaw drift in common, as the paper's two ZUPT errors have it."""
+        """With a common yaw drift, as in the paper's two ZUPT errors."""
         walk = SteadyWalk()
         per_metre = 2.0 / (walk.strides * walk.stride_m * walk.strides * walk.stride_s * walk.gravity_mps2)
         return cls(g_sensitivity=(PAPER_PAIR[0] * per_metre, PAPER_PAIR[1] * per_metre))
 
 
 def rig_of(setup: Setup) -> Rig:
-    """The shoes of the standard rig with the paper's lens, and IMUs without biases (0 would mean unknown ones)."""
+    """Shoes of the standard rig with the paper's field of view, and IMUs without biases (0 means unknown)."""
     rig = standard_rig(replace(load_scenario("jao_straight_53m").config, sensors=("foot_imu", "foot_camera", "sonar")))
     focal = 400.0 / math.tan(setup.camera_fov_rad / 2)
     return replace(
@@ -197,7 +193,7 @@ def rig_of(setup: Setup) -> Rig:
 
 
 class Simulation:
-    """Truth of the walk, made once, and any number of noisy runs of it."""
+    """Truth of the walk, computed once, and any number of noisy runs of it."""
 
     def __init__(self, setup: Setup) -> None:
         self.setup, self.rig = setup, rig_of(setup)
@@ -232,7 +228,7 @@ class Simulation:
         return blocks, noises
 
     def aids(self, rng: np.random.Generator) -> list[BoardSighting | RelativePosition | Range]:
-        """What cameras and sonars say in one run."""
+        """Measurements of cameras and sonars in one run."""
         sd = self.setup.relative_position_sd
         aids: list[BoardSighting | RelativePosition | Range] = []
         for foot in FEET:
@@ -255,7 +251,7 @@ class Simulation:
         return p_imu_in_world - self.imus[foot].p_body_in_world[-1]
 
     def floor_of(self, noises: dict[str, Array]) -> tuple[Array, float]:
-        """End error to the west, m, that the gyros' noise leaves: (2,) each foot by itself, and both tied together."""
+        """End error to the west, m, from the gyros' noise: (2,) for each foot alone, and for both coupled."""
         dt = np.diff(self.t_ns)[:, None] * 1e-9
         walked = np.mean([np.diff(t.p_body_in_world[:, 0]) for t in self.imus.values()], axis=0)
         headings = []
@@ -266,7 +262,7 @@ class Simulation:
         return np.array(alone), float(np.mean(headings, axis=0) @ walked)
 
     def analytic_floor(self) -> tuple[float, float]:
-        """Mean end error, m, of one gyro alone and of two tied together: √(2/π) v σ √(T³/3), and that over √2."""
+        """Mean end error, m, of one gyro alone and of two coupled ones: √(2/π) v σ √(T³/3), and that over √2."""
         walk = self.setup.walk
         density = self.rig.imu("/foot_l/imu").gyroscope_noise_density
         sd = walk.stride_m * walk.strides * density * math.sqrt(walk.strides * walk.stride_s / 3.0)
@@ -280,7 +276,7 @@ class Simulation:
         return self.rig.others[f"/foot_{foot}/sonar"].mount.T_body_sensor
 
     def _view(self, foot: str, t_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
-        """What a foot's camera sees of the other foot's board, where the whole board is in the picture.
+        """Observations of the other foot's board by a foot's camera, when the whole board is in the image.
 
         Returns:
             (S,) times; (S, 3) the other IMU in this one, m; (4, 3) the board's outer corners in the board's frame, m;
@@ -303,7 +299,7 @@ class Simulation:
 
 
 def _in_picture(in_camera: Array, camera: CameraCalibration) -> NDArray[np.bool_]:
-    """(N, M) whether each point (N, M, 3) in the camera lies in its picture."""
+    """(N, M) whether each point (N, M, 3) in the camera frame projects into its image."""
     fu, fv, pu, pv = camera.intrinsics
     depth = in_camera[..., 2]
     ahead = np.where(depth > 0.0, depth, np.inf)
@@ -312,7 +308,7 @@ def _in_picture(in_camera: Array, camera: CameraCalibration) -> NDArray[np.bool_
 
 
 def run_case(case: Case) -> dict[str, Any]:
-    """The paper's set-up, and under `unequal` the same noise with g-sensitivities that leave a drift in common."""
+    """The paper's set-up, and under `unequal` the same noise with g-sensitivities that cause a common drift."""
     return run_seed(case.seed) | {"unequal": run_seed(case.seed, Setup.unequal())["methods"]}
 
 
@@ -321,11 +317,11 @@ def run_seed(seed: int, setup: Setup | None = None, methods: tuple[str, ...] = R
 
     Args:
         seed: Of all noise; from 1000 on for figures that are reported.
-        setup: What is simulated; the paper's set-up without.
-        methods: Which of the filter's methods.
+        setup: Configuration; by default the paper's.
+        methods: The filter's methods to run.
 
     Returns:
-        `seed`, `floor_m` (west: left alone, right alone, both tied together) and `methods`: method to `end_error_m`
+        `seed`, `floor_m` (west: left alone, right alone, both coupled) and `methods`: method to `end_error_m`
         (left and right, (3,) north, west, up) and `end_nees` (left, right); ready for JSON.
     """
     simulation = _simulation(setup or Setup())
@@ -372,7 +368,7 @@ def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _summary(found: dict[str, Array]) -> dict[str, Any]:
-    """Of (runs, foot, axis) errors: mean on the ground (left, right), its parts, deviations in the paper's order."""
+    """Of (runs, foot, axis) errors: horizontal mean (left, right), components, SDs in the order of the paper."""
     return {
         "mean_end_error_m": {m: np.linalg.norm(e[:, :, :2], axis=2).mean(axis=0).tolist() for m, e in found.items()},
         "end_position_sd_m": {
@@ -396,7 +392,7 @@ def _floors(simulation: Simulation, floors: Array) -> dict[str, float]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Ours beside the paper's, as lines of text; of two figures left and right."""
+    """Our figures and the paper's, as lines of text; pairs are left and right."""
     summary, theirs = result["summary"], result["paper"]["mean_end_error_m"]
     columns = ("mean_end_error_m", "mean_west_error_m", "mean_abs_north_error_m", "mean_end_error_unequal_m")
     heads = ("end error", "paper", "west", "north", "drift in common")

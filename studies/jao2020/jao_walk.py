@@ -1,7 +1,7 @@
 """The walks of Jao, Wang, Shkel 2020 (Tables II and III) and a flight of stairs, with rendered shoe cameras.
 
-One walk a seed, recorded once (`walks`), and three cases of it: gyros that do not clip, the part's own, which clip at
-450 °/s, and gyros that do not clip while every picture of every second step is lost.
+One walk per seed, recorded once (`walks`), in three cases: gyros without saturation, the part's own, which saturate at
+450 °/s, and gyros without saturation while all images of every second step are lost.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ VARIANTS = {name: (SEEDS, name) for name in ("jao_straight_53m", "jao_loop_126m"
 
 
 def run_case(scenario: str, case: Case) -> dict[str, Any]:
-    """Walks once and estimates every case.
+    """Simulates one walk and runs every case on it.
 
     Args:
         scenario: Name in the catalogue.
-        case: Which seed, and how.
+        case: Seed and options.
 
     Returns:
-        `scenario`, `seed`, `physics`, `fell_at_s`, and `cases`: case to `sightings` (boards seen) and method to
+        `scenario`, `seed`, `physics`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
         `two_feet.figures`.
     """
     with recorded_walk(scenario, case) as walk:
@@ -60,19 +60,19 @@ def run_case(scenario: str, case: Case) -> dict[str, Any]:
 
 
 def touches_ns(walk: RecordedWalk) -> Array:
-    """(N,) when feet touched down."""
+    """(N,) times of touch-downs."""
     return np.sort(walk.shoes.block(FOOTPRINTS).t_ns)
 
 
 def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:
-    """Samples without the pictures taken between a touch-down and the next one, of every second pair of them."""
+    """Samples without the images between a touch-down and the next one, for every second pair of touch-downs."""
     for sample in samples:
         if not (isinstance(sample, Image) and np.searchsorted(touches, sample.t_ns) % 2 == 1):
             yield sample
 
 
 def collect(scenario: str, results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Figures by method: of gyros that do not clip, then of the other cases; pairs are left and right."""
+    """Figures by method: for gyros without saturation, then for the other cases; pairs are left and right."""
     summary: dict[str, Any] = {}
     for case in CASES:
         suffix = "" if case == "unclipped" else f"_{case}"
@@ -106,7 +106,7 @@ def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Ours beside the paper's, as lines of text; of two figures left and right, of ± one deviation over the walks."""
+    """Our figures and the paper's, as lines of text; pairs are left and right, ± is the SD over walks."""
     summary, theirs = result["summary"], result["paper"].get("mean_end_error_m", {})
     lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall", ""]
     lines += [

@@ -1,7 +1,7 @@
-"""Every method of the filter of two feet on the samples of one walk, and what its paths are worth.
+"""Runs every method of the foot-to-foot filter on the samples of one walk, and scores the paths.
 
-The published methods get the relative positions that follow from the boards which our detector saw: their pictures
-are ours. All are told how the feet stand at the start.
+The published methods get the relative positions that follow from the boards detected by our detector. All methods get
+the initial poses of the feet.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from stridetwin.streams.trajectory import Trajectory
 FEET = ("l", "r")
 PUBLISHED = ("zupt", "zupt_relative_distance", "zupt_relative_position")
 METHODS = (*PUBLISHED, "proposed")
-_TURNED = 0.1  # rad that a foot may turn between a picture and the estimate that follows it
+_TURNED = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 
 Paths = dict[str, FootInsPath]
 
 
 class Witness(FootToFoot):
-    """Our filter, which also notes what the published one would make of the boards that it sees.
+    """Our filter, which also records the measurements that the published one would derive from the observed boards.
 
     Args:
-        rig: As the filter is told.
+        rig: The nominal rig.
         start: Pose of each foot's IMU at its first sample.
 
     Attributes:
         relative: Relative positions so far.
-        sightings: How many boards were seen.
+        sightings: Number of board observations.
     """
 
     def __init__(self, rig: Rig, start: Mapping[str, StartPose]) -> None:
@@ -73,12 +73,12 @@ class Witness(FootToFoot):
 
 
 def _in_imu(rig: Rig, foot: str, mount: Mount) -> Array:
-    """(4, 4) pose of what a foot carries in that foot's IMU."""
+    """(4, 4) pose of a part on a foot in the frame of that foot's IMU."""
     return np.asarray(np.linalg.inv(rig.imu(f"/foot_{foot}/imu").mount.T_body_sensor) @ mount.T_body_sensor)
 
 
 def true_start(truth: Mapping[str, TruePath]) -> dict[str, StartPose]:
-    """Where both IMUs are at the first instant of their truth."""
+    """Poses of both IMUs at the first instant of their truth."""
     return {
         f: StartPose(p_imu_in_world=t.p_frame_in_world[0], q_world_imu=t.q_world_frame[0]) for f, t in truth.items()
     }
@@ -87,12 +87,12 @@ def true_start(truth: Mapping[str, TruePath]) -> dict[str, StartPose]:
 def every_method(
     rig: Rig, imus: Mapping[str, Block[Imu]], samples: Iterable[Sample], start: Mapping[str, StartPose]
 ) -> tuple[dict[str, Paths], int]:
-    """Paths of both feet by each of `METHODS`, and how many boards were seen.
+    """Paths of both feet by each of `METHODS`, and the number of board observations.
 
     Args:
-        rig: As the filters are told.
+        rig: The nominal rig.
         imus: All samples of each foot, by `l` and `r`.
-        samples: The same among pictures and echoes, in order of time.
+        samples: The same with images and sonar ranges, in time order.
         start: Pose of each foot's IMU at its first sample.
     """
     witness, echoes = Witness(rig, start), list[Range]()
@@ -105,7 +105,7 @@ def every_method(
 
 
 def _heard(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:
-    """The samples, whose echoes are noted on the way."""
+    """Passes on the samples and records their sonar ranges."""
     for sample in samples:
         if isinstance(sample, Range):
             echoes.append(sample)
@@ -113,13 +113,13 @@ def _heard(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:
 
 
 def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
-    """What the paths of both feet are worth, ready for JSON; pairs are left and right.
+    """Scores of the paths of both feet, ready for JSON; pairs are left and right.
 
     Returns:
-        `end_error_m`: (3,) in world axes each. `end_error_pct`: on the ground, of the way that the foot has gone over
-        it. `end_nees`, `nees_mean` and `nees_within_95_pct`: of the position. `coverage_pct`: how much of the
-        truth's time lies before the last estimate, on which the end is scored. `feet_disagree_{rms,max}_m`: error of
-        where the right IMU is from the left one, as seen from there.
+        `end_error_m`: (3,) in world axes each. `end_error_pct`: horizontal, relative to the horizontal distance of the
+        foot. `end_nees`, `nees_mean` and `nees_within_95_pct`: of the position. `coverage_pct`: share of the
+        truth's time before the last estimate, where the end is scored. `feet_disagree_{rms,max}_m`: error of the
+        right IMU's position relative to the left one, in the left one's heading.
     """
     laid = {f: _laid(paths[f].trajectory, truth[f]) for f in FEET}
     result: dict[str, list[Any]] = {}
@@ -162,10 +162,10 @@ def _laid(estimate: Trajectory, true: TruePath) -> tuple[Trajectory, Trajectory]
 
 
 def feet_disagree(laid: Mapping[str, tuple[Trajectory, Trajectory]]) -> Array:
-    """(K,) m, error of the right IMU's place from the left one, at the stamps that both have.
+    """(K,) m, error of the right IMU's position relative to the left one, at common stamps.
 
-    Both are turned about the vertical so that the left one's heading is right: a heading that drifts is not the feet's
-    disagreement.
+    Both are rotated about the vertical so that the left one's heading is correct, because a common heading drift is no
+    disagreement of the feet.
     """
     _, *rows = np.intersect1d(laid["l"][0].t_ns, laid["r"][0].t_ns, return_indices=True)
     apart = [laid["r"][i].p_frame_in_world[rows[1]] - laid["l"][i].p_frame_in_world[rows[0]] for i in range(2)]

@@ -1,1 +1,1 @@
-"""Where sensors pay: places on the body are swept or searched, and compared on the same walks."""
+"""Sensor placement: positions on the body are swept or searched, and compared on the same walks."""

@@ -1,4 +1,4 @@
-"""The places on the body: the wearer drawn by the twin's own renderer, a dot where a sensor sat, coloured by score."""
+"""The body map of a placement: the rendered wearer with a dot at each sensor position, coloured by score."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from stridetwin.studies.placement.places import Place, scenario_at
 from stridetwin.studies.placement.problem_file import Problem
 
 _SIZE = 620
-_BAR = 110  # pixels for the key
-_MARGIN = 1.7  # what is shown over what the dots span
+_BAR = 110  # pixels for the legend
+_MARGIN = 1.7  # shown extent over the extent of the dots
 _LEAST_M = 0.13
 _BEST_PX = 9
 _FAINT = 0.1
-_MANY = 150  # dots, which then are smaller
+_MANY = 150  # more dots than this are drawn smaller
 _INK = (46, 28, 15)  # BGR
 _MOVED = ("position_mm", ".mount", ".board", "camera_mount")
 _SUN = (0.4, 0.3, 1.5)
@@ -46,7 +46,7 @@ class BodyImage:
 
     Attributes:
         png: The file's bytes.
-        words: What it shows.
+        words: Description of the content.
     """
 
     png: bytes
@@ -55,7 +55,7 @@ class BodyImage:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Dot:
-    """Where a sensor sat, and the best mean score of all places that have it there."""
+    """A sensor position, and the best mean score of all places with it."""
 
     body: str
     p_in_body: Array
@@ -64,13 +64,13 @@ class _Dot:
 
 
 def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, best: Place) -> BodyImage | None:
-    """The map; None where no place moves a sensor.
+    """The map; None if no place moves a sensor.
 
     Args:
         problem: Its first scenario has the wearer.
-        folder: Where the parts of the user's own lie below.
+        folder: Contains the user's parts.
         searched: All places.
-        losses: (P,) mean loss of each, infinite where there is none.
+        losses: (P,) mean loss of each, infinite if missing.
         best: The place whose sensors are drawn.
     """
     dots = _dots(problem, folder, searched, losses)
@@ -95,7 +95,7 @@ def body_map(problem: Problem, folder: Path, searched: Measured, losses: Array, 
 
 
 def _dots(problem: Problem, folder: Path, searched: Measured, losses: Array) -> list[_Dot]:
-    """One a sensor and position, of the sensors that have several; the worst come first."""
+    """One dot per sensor and position, for sensors with several positions; worst first."""
     moving = [knob.name for free in problem.free if _moves(free) for knob in free.knobs]
     if not moving:
         return []
@@ -123,7 +123,7 @@ def _moves(free: Free) -> bool:
 
 
 def _mounts(config: TwinConfig) -> Iterator[tuple[str, tuple[Mount, bool]]]:
-    """What sits on the left side or in the middle, by name; the right side is its mirror image."""
+    """Mounts on the left side or in the middle, by name; the right side is the mirror image."""
     rig = sensor_rig(config).rig
     for kind in (rig.imus, rig.cameras, rig.others):
         for topic, sensor in kind.items():
@@ -138,14 +138,14 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, tuple[Mount, bool]]]:
 def _panel(
     config: TwinConfig, body: str, dots: list[_Dot], view_deg: tuple[float, float], span: tuple[float, float]
 ) -> Rgb:
-    """A view onto the dots of one body, from the side on which they are.
+    """A view of the dots on one body, from their side.
 
     Args:
-        config: Who is drawn, with which sensors.
-        body: Which body in full, the others faintly.
-        dots: On it.
-        view_deg: Azimuth away from that side, and elevation, deg.
-        span: Best and worst loss of all dots, which the colours run over.
+        config: Wearer and sensors.
+        body: The opaque body; the others are translucent.
+        dots: Dots on it.
+        view_deg: Azimuth relative to that side, and elevation, deg.
+        span: Best and worst loss of all dots, the range of the colours.
     """
     model, data = _standing(config, body)
     T = data.body(body)
@@ -171,12 +171,12 @@ def _panel(
 
 
 def _within(model: mujoco.MjModel, body: str) -> Array:
-    """(3,) middle of a body's shapes, in its frame."""
+    """(3,) centre of a body's shapes, in its frame."""
     return np.asarray(np.mean([shape.p for shape in shapes(model, {model.body(body).id})], axis=0))
 
 
 def _standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The wearer with legs straight and sensors on, all but one body and what it carries faint."""
+    """The wearer with straight legs and sensors; all but one body and its parts are translucent."""
     spec = mujoco.MjSpec()
     spec.add_texture(
         name="paper", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
@@ -209,12 +209,12 @@ def _is_limb(model: mujoco.MjModel, body: int) -> bool:
 
 
 def _faint(body: str) -> float:
-    """Opacity of what is not in question."""
+    """Opacity of the other bodies."""
     return 0.0 if body.startswith("rig_") else _FAINT / 3 if body.startswith("exo_") else _FAINT
 
 
 def _pixels(points: Array, lookat: Array, azimuth: float, elevation: float, distance: float, focal: float) -> Array:
-    """(N, 2) pixels of (N, 3) points before MuJoCo's free camera."""
+    """(N, 2) pixels of (N, 3) points in MuJoCo's free camera."""
     a, e = math.radians(azimuth), math.radians(elevation)
     ahead = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([math.sin(a), -math.cos(a), 0.0])
@@ -228,7 +228,7 @@ def _colours(losses: Array, low: float, high: float) -> list[tuple[int, ...]]:
 
 
 def _viridis(share: Array) -> list[tuple[int, ...]]:
-    """BGR of shares from 0, dark, to 1, yellow."""
+    """BGR colours of values from 0, dark, to 1, yellow."""
     levels = np.round(255 * np.asarray(share, float)).astype(np.uint8)
     return [tuple(int(c) for c in row[0]) for row in cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)]
 
@@ -247,7 +247,7 @@ def _mark(picture: Rgb, uv: tuple[float, float], size: int, colour: tuple[int, .
 
 
 def _key(best: float, worst: float, name: str) -> Rgb:
-    """The colours with their values."""
+    """The colour bar with its values."""
     picture = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
     top, bottom, left = 70, _SIZE - 40, 18
     for y, colour in zip(range(top, bottom), _viridis(np.linspace(1.0, 0.0, bottom - top))):

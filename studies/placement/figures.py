@@ -20,7 +20,7 @@ _MOST_DOTS = 2000
 
 
 def value_map(problem: Problem, searched: Measured, losses: Array) -> str:
-    """The first score that weighs over the first two numbers of a sweep, the other values at their best."""
+    """The first weighted score over the first two numbers of a sweep, at the best other values."""
     numbers = [knob for knob in problem.knobs if not knob.values]
     if problem.search is not None or len(numbers) < 2 or not _scored(searched, losses):
         return ""
@@ -57,12 +57,12 @@ def value_map(problem: Problem, searched: Measured, losses: Array) -> str:
 
 
 def profiles(problem: Problem, searched: Measured, losses: Array) -> list[str]:
-    """The first score that weighs over each value: every place a dot; of a choice the best place with its interval."""
+    """The first weighted score over each value: one dot per place; for a choice the best place with its interval."""
     return [_profile(knob, problem, searched, losses) for knob in problem.knobs if _scored(searched, losses)]
 
 
 def _scored(searched: Measured, losses: Array) -> list[int]:
-    """Numbers of the places with a score, without the one as it is."""
+    """Numbers of the places with a score, without the unchanged one."""
     return [i for i, place in enumerate(searched.places) if place.values and np.isfinite(losses[i])]
 
 
@@ -95,7 +95,7 @@ def _profile(knob: Knob, problem: Problem, searched: Measured, losses: Array) ->
 
 
 def fronts(problem: Problem, searched: Measured, losses: Array) -> list[str]:
-    """The first score against each of the others: all places, and those than which none is better in both."""
+    """The first score against each of the others: all places and the Pareto front."""
     means, plots = searched.values.mean(axis=1), []
     for k in range(1, len(problem.scores)):
         pair = [0, k]
@@ -126,7 +126,7 @@ def _weighing(problem: Problem) -> int:
 
 
 def _edges(values: Array) -> Array:
-    """(N + 1,) borders half way between (N,) values."""
+    """(N + 1,) edges half way between (N,) values."""
     if len(values) == 1:
         return np.array([values[0] - 0.5, values[0] + 0.5])
     half = np.diff(values) / 2

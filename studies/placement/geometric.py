@@ -15,7 +15,7 @@ from stridetwin.studies.placement.scores import GEOMETRIC
 from stridetwin.studies.placement.sight import Seeing, look_ahead, see_board
 
 _CELLS = {"insole": 4, "interaction": 2}
-_WITHIN = ("head_imu", "exo_imu", "actuator")  # parts of other parts, or of the exoskeleton
+_WITHIN = ("head_imu", "exo_imu", "actuator")  # components of other parts, or of the exoskeleton
 
 
 def geometric_scores(
@@ -30,7 +30,7 @@ def geometric_scores(
         seeing: When a board counts as seen.
 
     Raises:
-        StrideTwinError: A sensor that a score asks for is off, or a part has no weight.
+        StrideTwinError: A sensor that a score needs is off, or a part has no weight.
     """
     groups = {sensor.group for sensor in sensor_rig.sensors.values()}
     for name in names:
@@ -78,7 +78,7 @@ def _of_the_way(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
 
 
 def _weight_g(sensor_rig: SensorRig, body: str | None = None) -> float:
-    """Of all sensors, or of those on one body."""
+    """Weight of all sensors, or of those on one body, g."""
     total = 0.0
     for topic, sensor in sensor_rig.sensors.items():
         if sensor.group in _WITHIN or body not in (None, sensor.calibration.mount.body):

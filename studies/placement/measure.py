@@ -1,7 +1,4 @@
-"""Scores of places on walks; every place uses the same walks, so that differences are paired.
-
-Scores of a place that need a recording: one walk, recorded, scored by every estimator that it feeds, thrown away.
-"""
+"""Scores of places on walks, by geometry or recordings; all places share the walks: differences are paired."""
 
 from __future__ import annotations
 
@@ -39,10 +36,10 @@ class Walk:
     """A walk to be recorded.
 
     Attributes:
-        name: Of its scenario.
+        name: Name of its scenario.
         scenario: Its plain data.
-        seed: Of everything random in it.
-        folder: The placement's.
+        seed: Seed of everything random in it.
+        folder: The placement's folder.
     """
 
     name: str
@@ -52,10 +49,10 @@ class Walk:
 
 
 def recorded_scores(walk: Walk) -> dict[str, Any]:
-    """`estimators`, and `failed` with a reason where the walk or an estimator failed.
+    """`estimators`, and `failed` with a reason if the walk or an estimator failed. The recording is deleted.
 
     Raises:
-        StrideTwinError: What is wrong with more than this walk: a full disk.
+        StrideTwinError: An error that is not specific to this walk, such as a full disk.
     """
     try:
         with tempfile.TemporaryDirectory(prefix=HIDDEN, dir=walk.folder) as name:

@@ -1,4 +1,4 @@
-"""The page of a placement: one HTML file with everything inside it."""
+"""The report of a placement: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def placement_page(
         problem: The placement problem.
         searched: All places.
         losses: (P,) mean loss of each.
-        result: As `run_placement` gives it.
-        image: The places on the body.
+        result: Result of `run_placement`.
+        image: The body map.
     """
     chips = [f"{result['tried']} places", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."

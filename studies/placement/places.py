@@ -1,4 +1,4 @@
-"""Places, and the scenarios that they make."""
+"""Places, and their scenarios."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:
 
 
 def check_ends(problem: Problem, folder: Path) -> None:
-    """Tries the scenarios as they are, then the ends of every range while the other values are in their middle.
+    """Checks the unchanged scenarios, then the ends of every range with the other values at their middle.
 
     Raises:
         ConfigError: The message names file, field, value and what is valid.

@@ -1,4 +1,4 @@
-"""A walk as geometry: where bodies and limbs are, at evenly spaced instants between the first step and the last."""
+"""A walk as geometry: poses of bodies and limbs at evenly spaced instants between the first step and the last."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Moving:
     """A body at N instants.
 
     Attributes:
-        T_world_body: (N, 4, 4); of a foot, of the shoe's upper, which carries the sensors.
+        T_world_body: (N, 4, 4); for a foot, that of the shoe's upper with the sensors.
         v: (N, 3) m/s of its origin, world axes.
         w: (N, 3) rad/s, world axes.
     """
@@ -31,11 +31,11 @@ class Moving:
     w: Array
 
     def seats(self, T_body_sensor: Array) -> Array:
-        """(N, 4, 4) poses of what is mounted on it."""
+        """(N, 4, 4) poses of a sensor mounted on it."""
         return np.asarray(self.T_world_body @ T_body_sensor)
 
     def velocity(self, p_in_world: Array) -> Array:
-        """(N, 3) m/s of (N, 3) points that are fixed to it."""
+        """(N, 3) m/s, velocities of (N, 3) points fixed to it."""
         return self.v + np.cross(self.w, p_in_world - self.T_world_body[:, :3, 3])
 
 
@@ -44,10 +44,10 @@ class PosedWalk:
     """A walk.
 
     Attributes:
-        bodies: What carries sensors, by name.
-        limbs: What may be in the way.
-        terrain: What is walked on.
-        ground: Places on the ground before the walker, (N, A, 3) m in the world.
+        bodies: Bodies with sensors, by name.
+        limbs: Limbs that may occlude.
+        terrain: The terrain.
+        ground: Points on the ground ahead of the walker, (N, A, 3) m in the world.
     """
 
     bodies: dict[str, Moving]
@@ -60,14 +60,14 @@ class PosedWalk:
 
 
 AHEAD_M, ASIDE_M = np.arange(0.5, 2.51, 0.25), (-0.25, 0.0, 0.25)
-"""The ground that decides on the next steps: how far ahead of the pelvis along the way, and to its left."""
+"""The ground that determines the next steps: m ahead of the pelvis along the route, and to its left."""
 
 
 def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
-    """The walk of a scenario, whatever sensors it carries.
+    """The walk of a scenario, independent of its sensors.
 
     Raises:
-        StrideTwinError: It cannot be walked, or there is no simulator.
+        StrideTwinError: The walk is infeasible, or the simulator is not installed.
     """
     bare = replace(scenario, config=replace(scenario.config, sensors=(), fittings={}, faults=()))
     twin = make_twin(bare, seed)

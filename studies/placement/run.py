@@ -28,7 +28,7 @@ from stridetwin.studies.placement.significance import compared, front, in_words,
 
 _SHOWN = 10
 _LONG = 40  # characters: longer labels are replaced by the rank
-_ALIKE = 0.05  # of every range: closer places count as one in the table of a search
+_ALIKE = 0.05  # share of every range: closer places count as one in the table of a search
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""How places are found: all of a grid, or by CMA-ES (Hansen & Ostermeier 2001), deterministic by its seed."""
+"""Search of places: a full grid, or CMA-ES (Hansen & Ostermeier 2001), deterministic by its seed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stridetwin.studies.placement.problem_file import Optimise
 _SPREAD = 0.25
 _WORST = 1e12  # a place without a score; only ranks count
 _KEY = 7
-_MORE_STARTS = 8  # times those asked for, where some end early
+_MORE_STARTS = 8  # times the requested number, if some end early
 
 
 def grid(knobs: Sequence[Knob]) -> list[Place]:
@@ -31,26 +31,26 @@ def grid(knobs: Sequence[Knob]) -> list[Place]:
 def optimise(
     knobs: Sequence[Knob], options: Optimise, seed: int, loss: Callable[[list[Place]], list[float]]
 ) -> list[Place]:
-    """Searches places of little loss.
+    """Searches places of low loss.
 
     For every combination of choices CMA-ES starts from points that fill the ranges of the numbers evenly; the
     budget is shared out evenly.
 
     Args:
-        knobs: What there is to choose, a number at least.
+        knobs: The free values, with at least one number.
         options: Budget and starts.
-        seed: Of everything random in the search.
-        loss: Of places, infinite or NaN where there is none; the same place gets the same loss.
+        seed: Seed of everything random in the search.
+        loss: Losses of places, infinite or NaN if missing; equal places must get equal losses.
 
     Returns:
-        Every place that was tried, each once, in order.
+        All tried places without repetition, in order.
 
     Raises:
         StrideTwinError: The library is not installed.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that it cannot draw without matplotlib
+            warnings.simplefilter("ignore")  # its warning that it cannot plot without matplotlib
             import cma
     except ModuleNotFoundError as error:
         raise StrideTwinError(
@@ -58,7 +58,7 @@ def optimise(
         ) from error
     numbers, choices = [k for k in knobs if not k.values], [k for k in knobs if k.values]
     combinations = list(itertools.product(*(k.values for k in choices)))
-    size = max(len(numbers), 2)  # the method is not made for one dimension; the second one then means nothing
+    size = max(len(numbers), 2)  # the method needs two dimensions; the second one is then a dummy
     most = _MORE_STARTS * options.starts
     starts = cube("sobol", most, size, seed, (_KEY,))
     starts[0] = 0.5
@@ -86,7 +86,7 @@ def optimise(
             if len(places) < len(asked_for):
                 break  # the budget ends within a generation
             search.tell(asked_for, losses)
-        shares[at] += left  # of a start that has found its place, for the next one
+        shares[at] += left  # the unused budget of a converged start goes to the next one
     return list(tried.values())
 
 

@@ -1,7 +1,4 @@
-"""Visibility of a board, or of the ground ahead, over a walk; nothing is rendered.
-
-Projection of points into a camera's image, with its distortion model.
-"""
+"""Visibility of a board, or of the ground ahead, over a walk, from projected points without rendering."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ def project(camera: CameraCalibration, points: Array) -> tuple[Array, NDArray[np
         points: (..., 3) m, optical frame.
 
     Returns:
-        (..., 2) pixels, the middle of the upper left one is (0, 0); and (...) whether the point is before the camera
+        (..., 2) pixels, the centre of the top-left one is (0, 0); and (...) whether the point is in front of the camera
         and inside the image, within the valid range of the distortion model.
     """
     z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.inf)
@@ -63,10 +60,10 @@ if TYPE_CHECKING:
     from stridetwin.studies.placement.posed_walk import PosedWalk
 
 Flags = NDArray[np.bool_]
-_EVERY = 5  # of the instants, for what takes hundreds of lines of sight each
+_EVERY = 5  # every n-th instant is used where each needs hundreds of lines of sight
 _FAN = (16, 12)
 _ARM_M = 1.0
-_SHORT_OF_M = 0.02  # a line of sight to the ground ends before it
+_SHORT_OF_M = 0.02  # a line of sight ends this far before the ground
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,9 +71,9 @@ class Seeing:
     """When a board counts as seen.
 
     Attributes:
-        least_px: Edge of its squares in the image, at the board's middle, if it were seen face on.
+        least_px: Edge of its squares in the image, at the board's centre, if it were seen face on.
         incidence_rad: Largest angle between its normal and the line of sight.
-        blur_squares: Largest way of its middle during the exposure, in squares; for `sharp`.
+        blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp`.
     """
 
     least_px: Annotated[float, number(0.1, 1000)] = 4.0
@@ -90,11 +87,11 @@ class Sight:
 
     Attributes:
         in_view: (N,) the whole board is in the image, large and flat enough; occlusion is not considered.
-        behind_limbs: (N,) and a limb hides some of it.
-        seen: (N,) and nothing hides any of it.
-        sharp: (N,) and it hardly blurs.
+        behind_limbs: (N,) in view, and partly occluded by a limb.
+        seen: (N,) in view without occlusion.
+        sharp: (N,) seen with little blur.
         px: (N,) edge of a square, pixels.
-        blur_px: (N,) way of the middle during the exposure, pixels.
+        blur_px: (N,) displacement of the centre during the exposure, pixels.
     """
 
     in_view: Flags
@@ -109,10 +106,10 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
     """What a camera sees of a board.
 
     Args:
-        walk: Of N instants.
+        walk: Walk with N instants.
         camera: On one body.
         board: On another one.
-        exposure_s: Of its images, s.
+        exposure_s: Exposure of its images, s.
         seeing: What counts.
     """
     carrier, other = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
@@ -148,7 +145,7 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
 
 
 def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
-    """(M, K) whether ground or what stands on it is between (M, 3) eyes and (M, K, 3) points."""
+    """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points."""
     sight = points - eyes[:, None]
     length = np.linalg.norm(sight, axis=-1)
     origins = np.broadcast_to(eyes[:, None], points.shape).reshape(-1, 3)
@@ -158,11 +155,11 @@ def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
 
 @dataclass(frozen=True, kw_only=True)
 class Outlook:
-    """What a camera with depth has before it.
+    """Contents of a depth camera's view.
 
     Attributes:
         ahead: Share of the ground 0.5 to 2.5 m ahead on the route that it sees, over the walk.
-        own_body: Share of its image that the walker's own body fills, over the walk.
+        own_body: Share of its image that the walker's body fills, over the walk.
     """
 
     ahead: float
@@ -170,11 +167,11 @@ class Outlook:
 
 
 def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> Outlook:
-    """What a camera with depth sees of the way.
+    """Visible ground ahead of a depth camera.
 
     Args:
         walk: The walk.
-        camera: Where it sits.
+        camera: The camera with its mount.
         range_m: Smallest and largest depth that it measures.
     """
     rows = np.arange(0, len(walk), _EVERY)

@@ -1,4 +1,4 @@
-"""Which differences between places are more than chance: walk by walk, as all places have the same walks."""
+"""Significance of differences between places, paired by walk, because all places have the same walks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stridetwin.streams.samples import Array
 LEVEL = 0.05
 _LEAST_OF_INTERVAL = 3
 LEAST_WALKS = 5
-"""Of fewer walks there are too few resamples to call anything significant."""
+"""Fewer walks have too few resamples for any significance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +22,8 @@ class Interval:
     """A mean over walks.
 
     Attributes:
-        mean: NaN where there is none.
-        low, high: 95 % interval by bootstrap-t over walks; None where there are too few walks.
+        mean: NaN if missing.
+        low, high: 95 % interval by bootstrap-t over walks; None if there are too few walks.
     """
 
     mean: float
@@ -37,10 +37,10 @@ class Pair:
 
     Attributes:
         first, second: Their numbers.
-        difference: Mean loss of the second one less that of the first.
-        low, high: 95 % interval of it, by itself; None where there are too few walks.
+        difference: Mean loss of the second one minus that of the first.
+        low, high: Its 95 % interval, not corrected; None if there are too few walks.
         p: Probability of so large a difference by chance, corrected for the number of pairs (Holm).
-        significant: Whether it is more than chance.
+        significant: Whether it is significant.
     """
 
     first: int
@@ -64,7 +64,7 @@ def intervals(values: Array) -> list[Interval]:
 
 
 def _ends(values: Array, tested: Tested) -> list[tuple[float | None, float | None]]:
-    """Intervals of (W, C) columns; none where all but a few walks agree, and one end runs away, or of two walks."""
+    """Intervals of (W, C) columns; None for two walks, or if nearly all walks agree and one end diverges."""
     spread = np.ptp(values, axis=0) * (1.0 + 1e-9)
     fair = (tested.mean - tested.low <= spread) & (tested.high - tested.mean <= spread)
     fair &= len(values) >= _LEAST_OF_INTERVAL
@@ -72,10 +72,10 @@ def _ends(values: Array, tested: Tested) -> list[tuple[float | None, float | Non
 
 
 def compared(losses: Array) -> list[Pair]:
-    """Every pair of (P, W) losses, best places first; those with a loss on every walk.
+    """Every pair of (P, W) losses, best places first; only places with a loss on every walk.
 
     Args:
-        losses: Of each place on each walk; less is better.
+        losses: Of each place on each walk; lower is better.
     """
     there = np.flatnonzero(np.isfinite(losses).all(axis=1))
     pairs = list(combinations(there.tolist(), 2))
@@ -96,12 +96,12 @@ def compared(losses: Array) -> list[Pair]:
 
 
 def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[str]:
-    """What can be said of the places, the best of which comes first.
+    """The comparison of the places as text; the best one comes first.
 
     Args:
-        pairs: As `compared` gives them.
-        names: Of the places.
-        walks: How many there are.
+        pairs: Result of `compared`.
+        names: Names of the places.
+        walks: Number of walks.
     """
     if walks < 2:
         return ["One walk: no difference can be tested for significance."]
@@ -124,7 +124,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def front(losses: Array) -> list[int]:
-    """Numbers of the (P, S) losses than which none is better in one score and at least as good in all others."""
+    """Numbers of the Pareto-optimal rows of (P, S) losses."""
     kept = []
     for i in np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist():
         as_good = np.all(losses <= losses[i], axis=1)

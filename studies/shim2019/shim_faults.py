@@ -40,7 +40,7 @@ LOADED_MPS = 1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Walk:
-    """A walk without faults; samples in order of time."""
+    """A walk without faults; samples in time order."""
 
     twin: Twin
     samples: list[Sample]

@@ -1,4 +1,4 @@
-"""Figures 22 to 24 of Shim et al. 2019 on the simulated walkers, as a page beside the table."""
+"""Figures 22 to 24 of Shim et al. 2019 on the simulated walkers, as an HTML page with the table."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stridetwin.studies.shim2019.shim_table5 import CASES, table
 
 SHOWN = {"shim_level": "Level walk", "shim_stairs": "Stair", "shim_ramp_14": "Ramp of 14°"}
 DOTS = 150
-"""Of a mode in Figure 24: evenly many of all steps, so that the page stays small."""
+"""Number of dots per mode in Figure 24, evenly chosen from all steps to limit the page's size."""
 _COLORS = {"LG": "#5b6b7f", "SA": "#d9480f", "SD": "#f0a030", "RA": "#0b6bcb", "RD": "#7a9fd0"}
 _METHOD_COLORS = {"proposed": "#0a7d7d", "published": "#a3327a"}
 _INK = "#0f1c2e"

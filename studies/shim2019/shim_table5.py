@@ -1,8 +1,8 @@
 """Table 5 of Shim et al. 2019 on the simulated walkers: the seven subjects on the terrains of Table 4.
 
 A case is one trial of one subject: level, stair and three ramps, each walked once (stair and ramps up and down). Steps
-belong to a case of the table by their mode, so that those onto and off a terrain are in. What the estimators are told
-of the exoskeleton is a little off (`exo_geometry.measured`).
+belong to a case of the table by their mode, which includes those onto and off a terrain. The estimators get a nominal
+exoskeleton with measurement errors (`exo_geometry.measured`).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_r
 
 
 def subject(seed: int) -> int:
-    """Whose turn it is: 1-7, in turn."""
+    """Number of the subject, 1-7, in turn."""
     return seed % SUBJECTS + 1
 
 
@@ -63,7 +63,7 @@ def run_case(case: Case) -> dict[str, Any]:
 
     Returns:
         `seed`, `physics`, `subject`, `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`:
-        method to how many steps were told that are none.
+        method to the number of estimated steps that did not happen.
     """
     who, fell = subject(case.seed), []
     walks: dict[str, dict[str, list[dict[str, Any]]]] = {}
@@ -93,7 +93,7 @@ def run_case(case: Case) -> dict[str, Any]:
 
 
 def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
-    """What the sensors of a walk tell, in order of time, and the true footprints."""
+    """The samples of a walk in time order, and the true footprints."""
     samples: list[Sample] = []
     footprints = []
     for chunk in twin.blocks():
@@ -104,7 +104,7 @@ def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Totals by method and case; the paper's beside; `by_subject` is the whole table."""
+    """Totals by method and case, with the paper's; `by_subject` is the whole table."""
     summary, by_subject = {}, {}
     for method in METHODS:
         trials = [
@@ -122,9 +122,9 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _classified(trials: _Trials) -> tuple[_Trials, set[int]]:
-    """Steps with the modes that a support vector machine tells, trained on every other subject (Table 7).
+    """Steps classified by a support vector machine, trained on every other subject (Table 7).
 
-    Also of which subjects: the others' steps may tell too little for a machine.
+    Also the subjects with a result: training data from the other subjects may be insufficient.
     """
     machines = {}
     for who in {w for w, _ in trials}:
@@ -144,7 +144,7 @@ def _classified(trials: _Trials) -> tuple[_Trials, set[int]]:
 
 
 def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
-    """Case to figures; those of classes are of the subjects in `classed`, and left out where there are none."""
+    """Case to figures; classes come from the subjects in `classed`, and are left out if there are none."""
     rows = {}
     for case, (walk, mode) in CASES.items():
         chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
@@ -164,7 +164,7 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
 def _figures(
     walks: Sequence[tuple[int, list[ScoredStep]]], places: Sequence[tuple[float, float, float]], classed: set[int]
 ) -> dict[str, float]:
-    """`step_figures`, but classes are those of the subjects in `classed` alone."""
+    """`step_figures`, but classes only from the subjects in `classed`."""
     figures = step_figures([s for _, own in walks for s in own], places)
     told = [s for who, own in walks if who in classed for s in own]
     del figures[_CLASSES]
@@ -182,7 +182,7 @@ def paper(who: str) -> dict[str, dict[str, float]]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each method beside the paper, as lines of text."""
+    """Each method and the paper, as lines of text."""
     theirs = result["paper"]["Shim et al. 2019"]
     lines = [
         f"{len(result['cases'])} trials, walks that ended by a fall: {sum(len(c['fell']) for c in result['cases'])}",
@@ -213,7 +213,7 @@ def table(result: dict[str, Any]) -> list[str]:
 
 
 def _mean_errors(summary: dict[str, Any]) -> list[str]:
-    """Mean and standard deviation of errors beside the paper's, and those of Huo et al. that it quotes."""
+    """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
     theirs = reference("shim2019")
     huo = theirs["huo_et_al"]
     quoted = [
@@ -236,7 +236,7 @@ def _mean_errors(summary: dict[str, Any]) -> list[str]:
 
 
 def _mean_and_sd(rows: Sequence[dict[str, float]], figure: str) -> tuple[float, float]:
-    """Of the errors of several cases together."""
+    """Mean and standard deviation of the pooled errors of several cases."""
     name, unit = figure.split("_")
     counts = np.array([row["steps"] - row["steps_missed"] for row in rows])
     if not counts.sum():

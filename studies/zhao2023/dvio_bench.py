@@ -1,9 +1,9 @@
 """Ten walks whose motion follows the difficulty of the EuRoC sequences of Zhao et al. 2023, Table IV.
 
-EuRoC is flown by a drone with two cameras, and is not part of this project: our sequences are walks of the twin with an
-RGB-D camera on the head, from a slow stroll past rich texture to a shaken head and white walls. The paper's figures
-stand beside ours for the order of its methods, not for their size. Whoever has EuRoC imports and scores it:
-`stridetwin import MH_01_easy -o mh_01.mcap`, `stridetwin score mh_01.mcap`.
+EuRoC was recorded by a drone with two cameras, and is not part of this project: our sequences are walks of the twin
+with an RGB-D camera on the head, from a slow stroll past rich texture to a shaken head and white walls. The paper's
+figures are listed for the ranking of its methods, not for their values. To score EuRoC itself: `stridetwin import
+MH_01_easy -o mh_01.mcap`, `stridetwin score mh_01.mcap`.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Sequence:
     """One of the ten.
 
     Attributes:
-        like: The sequence of EuRoC that is as difficult.
-        words: What it is.
+        like: The sequence of EuRoC of similar difficulty.
+        words: Description.
     """
 
     like: str
@@ -56,16 +56,16 @@ SEQUENCES = {
     "dvio_wander": Sequence(like="V2_01", words="wanders, quick glances"),
     "dvio_crowd": Sequence(like="V2_02", words="among four people"),
 }
-"""By the name of the walk in the catalogue."""
+"""Sequences by the name of the walk in the catalogue."""
 SEEDS = range(1000, 1000 + len(SEQUENCES))
 
 
 def run_case(case: Case, make: Maker = dvio) -> dict[str, Any]:
-    """One sequence, by every method: the sequences take turns with the seeds.
+    """One sequence, by every method; the seeds cycle through the sequences.
 
     Returns:
-        `seed`, `physics`, `sequence`, `fell_at_s`, `rate_radps` (95th percentile and largest of the head, as its gyros
-        tell it), and `methods`: method to `odometry_walks.figures`.
+        `seed`, `physics`, `sequence`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the head's measured
+        angular rate), and `methods`: method to `odometry_walks.figures`.
     """
     name = list(SEQUENCES)[case.seed % len(SEQUENCES)]
     config = replace(load_scenario(name).config, sensors=SENSORS, physics=case.physics, rig_mount=MOUNT)
@@ -82,7 +82,7 @@ def run_case(case: Case, make: Maker = dvio) -> dict[str, Any]:
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By method, means over the walks of each sequence and over the sequences; the paper's EuRoC beside."""
+    """By method, means over the walks of each sequence and over the sequences; with the paper's EuRoC figures."""
     summary: dict[str, Any] = {}
     for method in METHODS:
         of: dict[str, list[dict[str, Any]]] = {}
@@ -99,7 +99,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[str, float | None]:
-    """Mean over the walks of each sequence, and over the sequences; None where no walk has the figure."""
+    """Mean over the walks of each sequence, and over the sequences; None if no walk has the figure."""
     values = {name: mean(own, figure) for name, own in walks.items()}
     told = [v for v in values.values() if v is not None]
     return {**values, "mean": float(np.mean(told)) if told else None}
@@ -115,7 +115,7 @@ def paper() -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each sequence beside the one of EuRoC that is as difficult, as lines of text."""
+    """Each sequence and the one of EuRoC of similar difficulty, as lines of text."""
     summary, theirs = result["summary"], result["paper"]
     time_ms, rates = summary["time_ms"], {r["sequence"]: r["rate_radps"] for r in result["cases"]}
     lines = [

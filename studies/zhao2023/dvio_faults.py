@@ -55,7 +55,7 @@ DRIFT_RATIO = 3.0
 RATE_RANGE, FORCE_RANGE = 0.6, 10.0  # rad/s and m/s², exceeded by turns and steps
 PERSON_M, PERSON_SHARE, PERSON_HZ = 1.2, 0.30, 0.15
 PERSON_NS = range(10_000_000_000, 30_000_000_000)
-_PERSON_SLIM, _PERSON_WAY = 0.5, 0.3  # half width over half height; way to either side over the picture's width
+_PERSON_SLIM, _PERSON_WAY = 0.5, 0.3  # half width over half height; amplitude of the motion over the image's width
 
 
 def _noisier(samples: Samples) -> Samples:

@@ -1,8 +1,8 @@
-"""What an exoskeleton's legs add to the camera: modes of coming steps by camera, by legs, and by both.
+"""Contribution of an exoskeleton's legs: modes of coming steps from the camera, from the legs, and from both.
 
-A stair and a ramp, walked once a seed in the exoskeleton, told in the light and in the dark: from the first step up on
-no picture has depth. Poses come from the visual-inertial odometry, which does not see the dark. The legs alone
-(`contact_terrain`) know a step only after it: what they tell is that the next one is like the last.
+A stair and a ramp are walked once per seed in the exoskeleton, and evaluated in light and in darkness, where images
+have no depth from the first step up on. Poses come from the visual-inertial odometry with light in both cases. The legs
+alone (`contact_terrain`) know a step only after it: they predict that the next one is like the last.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ _WORDS = {
 
 
 def run_case(case: Case) -> dict[str, Any]:
-    """Both walks, in the light and in the dark.
+    """Both walks, in light and in darkness.
 
     Returns:
         `seed`, `physics`, `mount`, `fell`, `told`: light to `camera` and `both` to the rows of each walk, and `legs`:
-        true mode, that of the step before, and what the legs would tell, of every step.
+        true mode, that of the previous step, and the legs' prediction, for every step.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
     told: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
@@ -73,7 +73,7 @@ def run_case(case: Case) -> dict[str, Any]:
 
 
 def felt_steps(recording: Recording) -> list[StepEstimate]:
-    """All that the legs tell of steps, in order of time."""
+    """All step estimates from the legs, in time order."""
     exo = of_recording(recording)
     legs = ContactTerrain(recording.rig, exoskeleton=exo)
     return [step for s in recording.samples(list(exo.topics)) if (step := legs.update(s)) is not None]
@@ -89,7 +89,7 @@ def _dark(samples: Iterable[Sample], since_ns: int) -> Samples:
 
 
 def _like_the_last(recording: Recording, steps: list[StepEstimate]) -> list[tuple[str, str, str]]:
-    """True mode of each step, that of the one before, and the mode that the legs told last before it touched down."""
+    """True mode of each step, that of the previous one, and the last mode estimated from the legs before touch-down."""
     t_ns = np.array([s.t_ns for s in steps])
     found, before = [], "LG"
     for print_ in true_footprints(recording)[2:]:
@@ -100,14 +100,14 @@ def _like_the_last(recording: Recording, steps: list[StepEstimate]) -> list[tupl
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By light and by what tells, over all walks; nothing of a paper's."""
+    """By light and by source, over all walks; no paper has such a table."""
     summary: dict[str, Any] = {
         light: {by: mode_figures([ModeScores.of(w) for r in results for w in r["told"][light][by]]) for by in BY[:2]}
         for light in LIGHTS
     }
     seen = [s for r in results for w in r["told"]["light"]["camera"] for s in ModeScores.of(w).steps]
     felt = [told for r in results for _, _, told in r["legs"]]
-    right = [(told in s.allowed, s.transition) for s, told in zip(seen, felt, strict=True)]  # by the camera's rule
+    right = [(told in s.allowed, s.transition) for s, told in zip(seen, felt, strict=True)]  # as for the camera
     summary["legs"] = {
         "steps": len(felt),
         "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),

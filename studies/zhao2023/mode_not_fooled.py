@@ -1,7 +1,7 @@
-"""What looks like a stair or a ramp and is none: short level walks, one a trap, the whole chain from rendered pictures.
+"""False-positive test: short level walks, each with a trap that resembles a stair or ramp, from rendered images on.
 
-Poses come from the visual-inertial odometry, which sees the same pictures. Every step of every walk is LG, those over a
-kerb of 4 cm too. Seeds take head and chest in turn.
+Poses come from the visual-inertial odometry on the same images. Every step of every walk is LG, also those over a kerb
+of 4 cm. Seeds alternate between head and chest.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ SEEDS = range(1000, 1004)
 MOUNTS = ("head", "chest")
 KERB_M = 0.04
 STOP_M = 0.45
-"""From where the walker stops to what he stops at."""
+"""Distance at which the walker stops before the obstacle."""
 HOLES, MIRRORED = 0.30, 0.12
-"""Of a mirror-like floor: without depth, and with that of what it mirrors."""
+"""Shares of a mirror-like floor without depth, and with the depth of its mirror image."""
 CEILING_M, BLOTCH_M = 2.4, 0.12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trap:
-    """One thing that may fool.
+    """One trap.
 
     Attributes:
-        words: What it is.
-        segments: What is walked on.
-        things: What lies or stands there.
-        bystanders: How many walk about.
-        spoil: From a recording to what becomes of its samples.
+        words: Description.
+        segments: Terrain segments.
+        things: Objects on the ground.
+        bystanders: Number of people walking about.
+        spoil: From a recording to the change of its samples.
     """
 
     words: str
@@ -60,7 +60,7 @@ class Trap:
 
 
 def _mirror(recording: Recording) -> Callable[[Samples], Samples]:
-    """A floor at height 0 that is a mirror in blotches: no depth there, or that of the ceiling under the floor."""
+    """A floor at height 0 with mirror-like patches: without depth, or with that of the mirrored ceiling."""
     camera = depth_camera(recording.rig)
     topic, frame = given_poses(recording, camera)
     T_frame_camera = camera_in_frame(recording.rig, camera, frame)
@@ -123,11 +123,11 @@ TRAPS = {
 
 
 def run_case(case: Case) -> dict[str, Any]:
-    """A walk into every trap.
+    """One walk per trap.
 
     Returns:
         `seed`, `physics`, `mount`, `fell`, and `traps`: name to method to `steps` (rows of `ScoredMode`) and
-        `alarms_pct`, the share of the estimates that tell of anything but LG to come.
+        `alarms_pct`, the share of the estimates that predict any other mode than LG.
     """
     mount = MOUNTS[case.seed % len(MOUNTS)]
     person = Person()
@@ -155,7 +155,7 @@ def _alarms(estimates: list[ModeEstimate]) -> float:
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By method and trap, over all walks; nothing of the paper's, which has no such table."""
+    """By method and trap, over all walks; the paper has no such table."""
     return {
         "summary": {m: {name: _figures([r["traps"][name][m] for r in results]) for name in TRAPS} for m in METHODS},
         "paper": {},
@@ -176,7 +176,7 @@ def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Predicted classes by trap, as lines of text; every true one is LG."""
+    """Predicted modes by trap, as lines of text; every true one is LG."""
     ours, published = (result["summary"][m] for m in METHODS)
     lines = [
         f"{len(result['cases'])} walks a trap; every step is LG; alarms: estimates that tell of anything else to come",

@@ -1,4 +1,4 @@
-"""The figures and tables of Zhao et al. 2023 on walks with told steps, as a page beside the table."""
+"""The figures and tables of Zhao et al. 2023 on walks with predicted steps, as an HTML page."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
 
 
 def _two(value: str, below: str) -> Markup:
-    """A cell with a second value in small below."""
+    """A cell with a second value in small print below."""
     return Markup("{}<br><small>{}</small>").format(value, below)
 
 

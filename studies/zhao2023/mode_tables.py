@@ -1,4 +1,4 @@
-"""What walks with told steps come to together, beside the figures of Zhao et al. 2023."""
+"""Summary of walks with predicted steps, and the figures of Zhao et al. 2023."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stridetwin.studies.zhao2023.zhao_trials import TRIALS
 
 Walk = tuple[dict[str, Any], ModeScores]
 WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one picture"}
-"""A method's name over its column."""
+"""Column headers of the methods."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
 _ACCURACIES = (
     ("accuracy %", ("walks_accuracy_pct", "mean")),
@@ -29,7 +29,7 @@ _ACCURACIES = (
     ("straddling %", ("straddling_pct",)),
     ("transitions %", ("transition_accuracy_pct",)),
 )
-"""The first two are means of walks, as the paper has them; the others are shares of all steps."""
+"""The first two are means over walks, as in the paper; the others are shares of all steps."""
 _AHEAD = (
     ("changes found %", ("changes_found_pct",), 1.0),
     ("stairs, ramps found %", ("begins_found_pct",), 1.0),
@@ -43,15 +43,15 @@ _AHEAD = (
 _NAME = 34
 _CELL = ("height_group", "pattern", "terrain", "mount")
 _WHO = ("height_group", "member", "subject")
-"""Keys of a row that tell who walks."""
+"""Keys of a row that identify the walker."""
 
 
 def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Figures by method over all walks, by condition and cell; the paper's beside.
+    """Figures by method over all walks, by condition and cell; with the paper's.
 
     Args:
         name: Of the experiment.
-        results: One a walk.
+        results: One per walk.
     """
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
@@ -71,7 +71,7 @@ def collect(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Rows of Table III: name to the key of a case and its values; the groups besides."""
+    """Rows of Table III: name to the key of a case and its values; also the groups."""
     stairs, ramps = (tuple(t for t in TERRAINS if t.startswith(kind)) for kind in ("stair", "ramp"))
     return {
         **{t: ("terrain", (t,)) for t in TERRAINS},
@@ -84,15 +84,15 @@ def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
 
 
 def _share(walk: ModeScores, *, strict: bool = False) -> float:
-    """Of its steps, those that are right, %."""
+    """Share of its steps that are right, %."""
     return 100.0 * sum(s.strictly_right if strict else s.right for s in walk.steps) / max(len(walk.steps), 1)
 
 
 def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, Any]:
-    """Mean and deviation over walks, and half of the mean's 95 % interval.
+    """Mean and standard deviation over walks, and half of the mean's 95 % interval.
 
-    Walks of one person are not independent: the interval is Student's over the persons' means, or over walks where it
-    is not told who walks.
+    Walks of one person are not independent: the interval is Student's over the persons' means, or over walks if the
+    walker is unknown.
     """
     of: dict[Any, list[float]] = {}
     is_told = any(k in rows[0] for k in _WHO)
@@ -111,13 +111,13 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
 
 
 def _by_condition(walks: Sequence[Walk]) -> dict[str, float]:
-    """Accuracy by row of `conditions`, where a walk has it."""
+    """Accuracy by row of `conditions`, if any walk has it."""
     shares = {name: [_share(w) for r, w in walks if r.get(k) in values] for name, (k, values) in conditions().items()}
     return {name: float(np.mean(found)) for name, found in shares.items() if found}
 
 
 def _cells(walks: Sequence[Walk]) -> dict[str, float]:
-    """Accuracy by cell of Table II, of walks that have one."""
+    """Accuracy by cell of Table II, over walks that belong to one."""
     found: dict[str, list[float]] = {}
     for r, w in walks:
         if all(k in r for k in _CELL):
@@ -155,7 +155,7 @@ def paper(name: str) -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Tables III and II beside the paper, Figure 4, and the confusion matrix, as lines of text."""
+    """Tables III and II with the paper's, Figure 4, and the confusion matrix, as lines of text."""
     blocks = [overall(result), [*ahead(result), "", *spreads(result)], confusion(result)]
     if len(by_condition(result)) > 1:
         blocks[1:1] = [[conditions_title(result), *by_condition(result)]]
@@ -165,7 +165,7 @@ def table(result: dict[str, Any]) -> list[str]:
 
 
 def overall(result: dict[str, Any]) -> list[str]:
-    """How many walks and steps, accuracy and lead."""
+    """Number of walks and steps, accuracy and lead time."""
     summary, theirs = result["summary"], result["paper"]["published"]["accuracy_pct"]
     columns, time_ms = methods(result), summary["time_ms"]
     ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
@@ -197,7 +197,7 @@ def overall(result: dict[str, Any]) -> list[str]:
 
 
 def ahead(result: dict[str, Any]) -> list[str]:
-    """What ours knew of the changes ahead 1.5 s before a foot landed beyond them, and of the next footprint."""
+    """Our estimates of terrain changes 1.5 s before a foot landed beyond them, and of the next footprint."""
     ours = result["summary"][methods(result)[0]]
     return [
         f"1.5 s before: {ours['changes']} changes",
@@ -253,7 +253,7 @@ def spreads(result: dict[str, Any]) -> list[str]:
 
 
 def confusion(result: dict[str, Any]) -> list[str]:
-    """Steps of ours by true and told mode."""
+    """Steps of our method by true and predicted mode."""
     counts = result["summary"][methods(result)[0]]["confusion"]
     lines = [f"{'true / told':<12}" + "".join(f"{m:>7}" for m in MODES) + f"{'nothing':>9}"]
     return lines + [
@@ -262,7 +262,7 @@ def confusion(result: dict[str, Any]) -> list[str]:
 
 
 def methods(result: dict[str, Any]) -> list[str]:
-    """Methods of a result, ours first."""
+    """Methods of a result; ours first."""
     return [m for m in WORDS if m in result["summary"]]
 
 

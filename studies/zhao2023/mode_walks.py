@@ -1,11 +1,8 @@
-"""Walks whose coming steps are told: recorded with camera and insoles, predicted by each method, scored.
+"""Records walks with camera and insoles, predicts their steps by each method, and scores them.
 
-The whole chain: pictures with noise, visual-inertial odometry, map, prediction. Every method reads the same samples,
-and but for the one that forgets, the same map.
-
-How a walker's camera pitched and how fast he went, as moments and histograms that add up over walks.
-
-Figure 4 of Zhao et al. 2023, from the truth: between the first step and the last one, the pitch of the camera's axis
+The whole chain: noisy images, visual-inertial odometry, map, prediction. Every method reads the same samples and,
+except the one without memory, the same map. Camera pitch and speed (Figure 4 of Zhao et al. 2023) are moments and
+histograms of the truth that add up over walks: between the first step and the last one, the pitch of the camera's axis
 below the horizon, and the horizontal speed of the camera over a second.
 """
 
@@ -41,7 +38,7 @@ from stridetwin.studies.walks import fell_at_s
 from stridetwin.studies.zhao2023.odometry_walks import HEALTHY, dvio, recorded
 
 EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspace(0.0, 2.4, 25)}
-"""Edges of the histograms' bins; what lies beyond counts in the outermost."""
+"""Edges of the histograms' bins; values beyond count in the outermost bins."""
 _RATE_HZ = 30.0
 _OVER_S = 1.0
 
@@ -50,15 +47,15 @@ Spread = Mapping[str, Any]
 
 
 def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
-    """Of one walk, by quantity (`EDGES`).
+    """The spread of one walk, by quantity (`EDGES`).
 
     Args:
         recording: Of the walk, with its truth.
-        mount: Where the camera sits.
+        mount: Mount of the camera.
     """
     truth = TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))  # its axes are the camera's
     half = round(_OVER_S / 2 * 1e9)
-    steps = recording.block(FOOTPRINTS).t_ns[2:]  # those of the feet that stand at the start come first
+    steps = recording.block(FOOTPRINTS).t_ns[2:]  # the two initial footprints come first
     first, last = (steps[0], steps[-1]) if len(steps) else (truth.t_ns[0], truth.t_ns[-1])
     t_ns = np.arange(max(first, truth.t_ns[0] + half), min(last, truth.t_ns[-1] - half), round(1e9 / _RATE_HZ))
     way = truth.at(t_ns + half).p_frame_in_world - truth.at(t_ns - half).p_frame_in_world
@@ -70,13 +67,13 @@ def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
 
 
 def pitch_down(q_world_camera: Array) -> Array:
-    """(N,) rad, how far the axis of an optical frame points below the horizon, of (N, 4) quaternions."""
+    """(N,) rad, pitch of an optical frame's axis below the horizon, from (N, 4) quaternions."""
     w, x, y, z = q_world_camera.T
     return -np.arcsin(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0))
 
 
 def spread(values: Array, edges: Array) -> Spread:
-    """Of (N,) values, N > 0."""
+    """The spread of (N,) values, N > 0."""
     bins = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0]
     return {
         "count": len(values), "mean": float(np.mean(values)), "sd": float(np.std(values)),
@@ -85,7 +82,7 @@ def spread(values: Array, edges: Array) -> Spread:
 
 
 def together(parts: Sequence[Spread]) -> Spread:
-    """Of all values of the parts, one part at least."""
+    """The combined spread of the parts, at least one."""
     counts = np.array([p["count"] for p in parts], float)
     means, sds = (np.array([p[name] for p in parts]) for name in ("mean", "sd"))
     mean = float(counts @ means / counts.sum())
@@ -102,17 +99,17 @@ GROUPS = ("I", "II", "III", "IV", "V")
 POSES = ("dvio", "given")
 SENSORS = ("insole", "head_imu", "head_camera")
 FORGETFUL = "single_picture"
-"""Our prediction without a map: what it knows of the ground is the last picture."""
+"""Our prediction without a map over time: it knows the ground only from the last image."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Telling:
-    """How the steps of a walk are told.
+    """How the steps of a walk are predicted.
 
     Attributes:
         poses: Of `POSES`.
-        methods: Of the predictor's `METHODS`, or `FORGETFUL`; the first one's time counts the map's too.
-        pitch_down: How far the camera looks down: a name in `reference/zhao2023.yaml`.
+        methods: Of the predictor's `METHODS`, or `FORGETFUL`; the first one's time includes the map's.
+        pitch_down: Pitch of the camera: a name in `reference/zhao2023.yaml`.
     """
 
     poses: str = "dvio"
@@ -124,9 +121,9 @@ def told_walk(config: TwinConfig, case: Case, telling: Telling) -> dict[str, Any
     """One walk, by each method.
 
     Args:
-        config: Who walks where, and how; sensors, physics and the camera's pitch are set here.
-        case: Which seed, and how.
-        telling: How its steps are told.
+        config: Walker, route and gait; sensors, physics and the camera's pitch are set here.
+        case: Seed and options.
+        telling: How its steps are predicted.
 
     Returns:
         `seed`, `physics`, `fell_at_s`, `mount`, `spread` (`walk_spread`), and `methods`: method to `steps`,
@@ -149,20 +146,20 @@ def told_walk(config: TwinConfig, case: Case, telling: Telling) -> dict[str, Any
 
 
 class SharedMap(TerrainMap):
-    """A map that several predictors feed with the same samples: it takes each once."""
+    """A map that several predictors feed with the same samples; it processes each once."""
 
     _last: Sample | None = None
     _told: TerrainEstimate | None = None
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
-        """As `TerrainMap.update`; the same sample again tells the same."""
+        """As `TerrainMap.update`; a repeated sample returns the same result."""
         if sample is not self._last:
             self._told, self._last = super().update(sample), sample
         return self._told
 
 
 class ForgetfulMap(TerrainMap):
-    """A map that is empty before every picture: planes of that picture alone."""
+    """A map that is cleared before every image, with the planes of that image alone."""
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """As `TerrainMap.update`, of this sample alone."""
@@ -174,12 +171,12 @@ class ForgetfulMap(TerrainMap):
 
 
 def predicted(recording: Recording, mount: str, telling: Telling, sole_m: float) -> dict[str, dict[str, Any]]:
-    """By method: rows of the scored steps and changes, and time a depth picture, ms.
+    """By method: rows of the scored steps and changes, and time per depth image, ms.
 
     Args:
         recording: Of the walk.
-        mount: Where the camera sits.
-        telling: How its steps are told.
+        mount: Mount of the camera.
+        telling: How its steps are predicted.
         sole_m: Length of the walker's soles.
     """
     told = tell(posed(recording, mount, telling.poses), recording, telling.methods)
@@ -191,12 +188,12 @@ def predicted(recording: Recording, mount: str, telling: Telling, sole_m: float)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Told:
-    """What was told of a walk.
+    """Predictions of a walk.
 
     Attributes:
         estimates: By method, in order.
-        frame_ms: By method, time a depth picture; that of the first one holds the map's.
-        path: Poses as they were given.
+        frame_ms: By method, time per depth image; that of the first one includes the map's.
+        path: Poses that the methods received.
     """
 
     estimates: Mapping[str, list[ModeEstimate]]
@@ -205,7 +202,7 @@ class Told:
 
 
 def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS) -> Told:
-    """Lets every method take a walk's poses, depth and insoles, and steps that legs felt, in order of time."""
+    """Runs every method on a walk's poses, depth and insoles, and on step estimates from the legs, in time order."""
     rig = recording.rig
     options = Options(poses_of=given_poses(recording, depth_camera(rig))[1])
     shared, forgetful = SharedMap(rig, options=options), ForgetfulMap(rig, options=options)
@@ -233,7 +230,7 @@ def tell(samples: Iterable[Sample | StepEstimate], recording: Recording, methods
 
 
 def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
-    """What was told beside the truth, by method; `sole_m` is the length of the walker's soles."""
+    """Scores of the predictions, by method; `sole_m` is the length of the walker's soles."""
     truth = TruePath.of(recording.block(given_poses(recording, depth_camera(recording.rig))[0]))
     there = (told.path.t_ns >= truth.t_ns[0]) & (told.path.t_ns <= truth.t_ns[-1])
     path = told.path[there]
@@ -245,13 +242,13 @@ def scored(told: Told, recording: Recording, sole_m: float) -> dict[str, ModeSco
 def posed(
     recording: Recording, mount: str, poses: str, spoil: Callable[[Samples], Samples] = lambda samples: samples
 ) -> Samples:
-    """Poses of the camera's IMU, depth and insoles in order of time.
+    """Poses of the camera's IMU, depth and insoles in time order.
 
     Args:
         recording: Of the walk.
-        mount: Where the camera sits.
+        mount: Mount of the camera.
         poses: Of `POSES`.
-        spoil: What becomes of the samples before anybody sees them.
+        spoil: Change of the samples before any estimator reads them.
     """
     camera = depth_camera(recording.rig)
     if poses == "given":

@@ -1,7 +1,7 @@
-"""Walks with the camera on head or chest, recorded once, and what odometries make of them.
+"""Runs and scores odometries on recorded walks with the camera on head or chest.
 
-Every method reads the same samples in the same order. Time is that of `update` alone, summed from picture to picture:
-reading and decoding a recording is not the estimator's work.
+Every method reads the same samples in the same order. Time is that of `update` alone, summed from image to image,
+without reading and decoding of the recording.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class Estimate(Protocol):
     """What an odometry estimates at one instant.
 
     Attributes:
-        t_ns: When.
+        t_ns: Its time.
         pose: Of the IMU in a world of its own, z up.
-        health: `tracking`, `coasting` (the IMU alone, for a while), or anything else where it is lost.
+        health: `tracking`, `coasting` (IMU-only propagation for a short time), or anything else if it is lost.
     """
 
     @property
@@ -53,23 +53,23 @@ class Estimate(Protocol):
 
 
 class Odometer(Protocol):
-    """An odometry at work."""
+    """A running odometry."""
 
     def update(self, sample: Imu | Image | Depth) -> Estimate | None:
-        """Takes a sample in order of time."""
+        """Processes a sample; samples come in time order."""
 
 
 Maker = Callable[[str, Rig, str], Odometer]
-"""From a method, what it is told of the rig, and where the camera sits, to an odometry."""
+"""Makes an odometry from a method, the nominal rig, and the mount of the camera."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ride:
-    """What an odometry made of a recording.
+    """Result of an odometry on a recording.
 
     Attributes:
         told: Its path.
-        frame_ms: (N,) time spent from one picture to the next.
+        frame_ms: (N,) processing time from one image to the next.
     """
 
     told: Odometry
@@ -82,7 +82,7 @@ def dvio(method: str, rig: Rig, mount: str) -> Odometer:
 
 
 def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
-    """Lets an odometry take samples in order of time."""
+    """Runs an odometry on samples in time order."""
     estimates: dict[int, Estimate] = {}
     frame_ms: list[float] = []
     spent = 0.0
@@ -95,7 +95,7 @@ def follow(odometer: Odometer, samples: Iterable[Sample]) -> Ride:
         estimate = odometer.update(sample)
         spent += 1e3 * (time.perf_counter() - began)
         if estimate is not None:
-            estimates[estimate.t_ns] = estimate  # the last one of an instant knows most
+            estimates[estimate.t_ns] = estimate  # the last one at an instant uses most samples
     return Ride(told=_odometry(estimates), frame_ms=np.array(frame_ms[1:]))
 
 
@@ -107,7 +107,7 @@ def _odometry(estimates: Mapping[int, Estimate]) -> Odometry:
 
 @contextmanager
 def recorded(config: TwinConfig, case: Case, name: str) -> Iterator[Recording]:
-    """A walk, recorded into the case's folder; afterwards the file goes unless kept."""
+    """A walk, recorded into the case's folder; the file is deleted afterwards unless kept."""
     file = case.file(f"_{name}.mcap")
     if not (case.resume and file.exists()):
         record(Twin(config, case.seed), file, lambda stage, share: None)
@@ -117,17 +117,17 @@ def recorded(config: TwinConfig, case: Case, name: str) -> Iterator[Recording]:
 
 
 def odometry_samples(recording: Recording, mount: str) -> Iterator[Sample]:
-    """IMU, pictures and depth, in order of time."""
+    """IMU, images and depth, in time order."""
     return recording.samples([f"/{mount}/{stream}" for stream in ("imu", "color", "depth")])
 
 
 def true_path(recording: Recording, mount: str) -> TruePath:
-    """True path of the IMU beside the camera."""
+    """True path of the camera's IMU."""
     return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
 
 
 def figures(ride: Ride, truth: TruePath) -> dict[str, Any]:
-    """`drift_figures`, and `time_ms` a frame."""
+    """`drift_figures`, and `time_ms` per frame."""
     return drift_figures(ride.told, truth) | {"time_ms": time_of(ride.frame_ms)}
 
 
@@ -150,12 +150,12 @@ def time_of(frame_ms: NDArray[np.float64]) -> dict[str, float]:
 
 
 def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
-    """Mean of a figure over those walks that have it."""
+    """Mean of a figure over the walks that have it."""
     values = [w[name] for w in walks if w.get(name) is not None]
     return float(np.mean(values)) if values else None
 
 
 def worst_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """Mean time a frame, and the largest 99th percentile of any walk."""
+    """Mean time per frame, and the largest 99th percentile of any walk."""
     times = [w["time_ms"] for w in walks]
     return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}

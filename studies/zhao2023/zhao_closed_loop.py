@@ -1,9 +1,10 @@
-"""The closed-loop test of Zhao et al. 2023 (Table V): who comes back to where he started, and where the odometry says.
+"""The closed-loop test of Zhao et al. 2023 (Table V): odometry drift when the walker returns to the start.
 
-The paper tells neither the length of its loop nor its calibration errors. Ours is 60 m with a stair up and down
+The paper reports neither the length of its loop nor its calibration errors. Ours is 60 m with a stair up and down
 (`zhao_loop`), walked once by each of the paper's fifteen subjects with the camera on the head and once on the chest;
-what is told of camera and IMU is a little off on every walk. `zhao_loop_stress` is the same loop with everything
-against an odometry at once. A closed loop hides wrong scale and extrinsics: the error over 5 m is printed beside.
+the nominal calibration of camera and IMU has errors on every walk. `zhao_loop_stress` is the same loop with all
+difficulties for an odometry at once. A closed loop hides wrong scale and extrinsics, so the error over 5 m is printed
+as well.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ VARIANTS = {"zhao_closed_loop": (SEEDS, "zhao_loop"), "zhao_closed_loop_stress":
 
 
 def who_and_where(seed: int) -> tuple[str, str]:
-    """Whose turn it is, and where the camera sits: each subject with the one, then each with the other."""
+    """Subject and camera mount: each subject with one mount, then each with the other."""
     turn, subject = divmod(seed - SEEDS[0], len(SUBJECTS))
     return SUBJECTS[subject], MOUNTS[turn % len(MOUNTS)]
 
@@ -49,7 +50,7 @@ def run_case(scenario: str, case: Case, make: Maker = dvio) -> dict[str, Any]:
 
     Args:
         scenario: Name in the catalogue.
-        case: Which seed, and how.
+        case: Seed and options.
         make: Makes the odometries.
 
     Returns:
@@ -71,7 +72,7 @@ def run_case(scenario: str, case: Case, make: Maker = dvio) -> dict[str, Any]:
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Means by method over the walks, over those of each mount, and how many failed; the paper's beside."""
+    """Means by method over all walks and over those of each mount, and the number of failures; with the paper's."""
     summary: dict[str, Any] = {m: _summary([r["methods"][m] for r in results]) for m in METHODS}
     for method in METHODS:
         by_mount = {mount: [r["methods"][method] for r in results if r["mount"] == mount] for mount in MOUNTS}
@@ -95,7 +96,7 @@ def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def paper() -> dict[str, Any]:
-    """Table V: drift along x, y and z, and its norm where it is told."""
+    """Table V: drift along x, y and z, and its norm if reported."""
     drifts = reference("zhao2023")["zhao_closed_loop_drift_m"]
     told: dict[str, Any] = {}
     for method, xyz in drifts.items():
@@ -105,7 +106,7 @@ def paper() -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each method beside the paper, as lines of text; means over the walks."""
+    """Each method and the paper, as lines of text; means over the walks."""
     summary, theirs = result["summary"], result["paper"]
     time_ms = summary["time_ms"]
     lines = [

@@ -1,12 +1,12 @@
-"""The generality test of Zhao et al. 2023 (Tables II and III): what the next step is, over 540 walks.
+"""The generality test of Zhao et al. 2023 (Tables II and III): mode prediction on 540 walks.
 
 Five groups of height, six terrains, the camera on head or chest, three patterns of walking: 180 conditions, three walks
-each, one by each member of the group. Every walk goes level, up, level, down, level; where the paper is silent on the
-terrain, `reference/zhao2023.yaml` says what is taken. The gaze wanders. Poses come from the visual-inertial odometry,
-or are given: then they are the true ones. The camera looks 25 degrees down, or 8, as in the paper's mean.
+each, one by each member of the group. Every walk goes level, up, level, down, level; `reference/zhao2023.yaml` states
+the terrain where the paper does not. The gaze wanders. Poses come from the visual-inertial odometry, or are the true
+ones. The camera looks 25 degrees down, or 8, as in the paper's mean.
 
-The order of the walks is such that any sixty in a row hold every terrain, mount and group alike, and the first
-sixty, the second sixty, ... the patterns too.
+Any sixty consecutive walks are balanced over terrains, mounts and groups; the first sixty, the second sixty, ... also
+over the patterns.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TERRAINS = {
     "ramp_15.8deg": "zhao_ramp_15_8",
     "ramp_17.8deg": "zhao_ramp_17_8",
 }
-"""The paper's terrains and the scenarios that have them."""
+"""The paper's terrains and their scenarios."""
 PATTERNS = ("wander", "walk", "jog")
 SEEDS = range(1000, 1000 + 9 * len(TERRAINS) * len(MOUNTS) * len(GROUPS))
 VARIANTS = {
@@ -43,7 +43,7 @@ _BLOCK = len(TERRAINS) * len(MOUNTS) * len(GROUPS)
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What a walk is: as the columns of Table II name it."""
+    """Condition of a walk, as in the columns of Table II."""
 
     height_group: str
     pattern: str
@@ -53,7 +53,7 @@ class Condition:
 
 
 def condition(seed: int) -> Condition:
-    """The condition of a seed; those below the first go through them alike."""
+    """The condition of a seed; seeds below the first cycle through them likewise."""
     i = (seed - SEEDS[0]) % len(SEEDS)
     turn, place = divmod(i, _BLOCK)
     terrain, mount, group = place % 6, place // 6 % 2, place // 12
@@ -70,8 +70,8 @@ def run_case(telling: Telling, case: Case) -> dict[str, Any]:
     """One walk.
 
     Args:
-        telling: How its steps are told.
-        case: Which seed, and how.
+        telling: How its steps are predicted.
+        case: Seed and options.
 
     Returns:
         What `told_walk` does, and the condition.

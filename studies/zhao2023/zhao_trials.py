@@ -1,16 +1,16 @@
-"""Three tests of Zhao et al. 2023 beside the generality test: camera views, directions outdoors, people in the way.
+"""Three further tests of Zhao et al. 2023: camera views, directions outdoors, people in the way.
 
-Each of the paper's fifteen subjects walks twice, by the first letter of Fig. 3:
+Each of the paper's fifteen subjects walks twice; the letters refer to Fig. 3:
 
 - `zhao_view` (a): up two flights between walls with an abrupt turn between them, to the left and then to the right. The
-  head looks about all the time, up to a radian to either side, which leaves a picture of 80 degrees altogether. A
-  camera on the chest hardly turns, so that it is on the head in both walks.
+  head looks around all the time, up to a radian to either side, so that the route leaves the 80 degree image. A
+  camera on the chest hardly rotates, so that it is on the head in both walks.
 - `zhao_directions` (b): upwards outdoors, from stair to ramp to stair side by side, camera on head and chest. Sunlight
-  drowns the projector of the depth camera (part `D455-sunlight`).
+  overpowers the projector of the depth camera (part `D455-sunlight`).
 - `zhao_disturbance` (c): a stair up and down while two people walk around the walker, camera on head and chest.
 
-Where a scenario says nothing else the gaze wanders, as in the generality test; of patterns of walking the paper tells
-none, and it is a plain walk.
+Unless a scenario states otherwise the gaze wanders, as in the generality test. The paper reports no walking patterns;
+ours is a plain walk.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Trial:
 
     Attributes:
         scenario: Name in the catalogue.
-        second: What is other on a subject's second walk.
+        second: The change on a subject's second walk.
         paper: Its key in `reference/zhao2023.yaml`.
     """
 
@@ -50,7 +50,7 @@ def _on_chest(config: TwinConfig) -> TwinConfig:
 
 
 def _mirrored(config: TwinConfig) -> TwinConfig:
-    """Turns to the other side."""
+    """The configuration with turns to the other side."""
     segments = [replace(s, angle_rad=-s.angle_rad) if isinstance(s, Turn) else s for s in config.route.segments]
     return replace(config, route=replace(config.route, segments=tuple(segments)))
 
@@ -65,9 +65,9 @@ VARIANTS = {name: (SEEDS, name) for name in TRIALS}
 
 
 def subject_and_turn(seed: int) -> tuple[str, int]:
-    """Whose turn it is, and whether it is the first walk (0) or the second (1).
+    """Subject, and whether it is the first walk (0) or the second (1).
 
-    The first ten, the second ten and the third hold every group twice, once each way.
+    The first, second and third ten walks contain every group twice, once per variant.
     """
     i = (seed - SEEDS[0]) % len(SEEDS)
     block, place = divmod(i, 2 * len(GROUPS))
@@ -76,7 +76,7 @@ def subject_and_turn(seed: int) -> tuple[str, int]:
 
 
 def trial_config(name: str, seed: int) -> TwinConfig:
-    """Who walks where, and how.
+    """Walker, route and gait.
 
     Args:
         name: Of `TRIALS`.
@@ -94,7 +94,7 @@ def run_case(name: str, case: Case) -> dict[str, Any]:
 
     Args:
         name: Of `TRIALS`.
-        case: Which seed, and how.
+        case: Seed and options.
 
     Returns:
         What `told_walk` does, `subject`, `height_group` and `turn`.
