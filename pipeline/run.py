@@ -61,12 +61,12 @@ def fed(found: Found, recording: Recording) -> list[Options]:
 
 
 def missing(streams: Iterable[Stream], recording: Recording) -> list[str]:
-    """The first topic of each required role that the recording lacks entirely; poses come from elsewhere."""
+    """The topics of each required role that the recording lacks entirely, joined by "or"; poses come from elsewhere."""
     roles: dict[str, list[str]] = {}
     for stream in streams:
         if stream.required and stream.topic != POSES:
             roles.setdefault(stream.role, []).append(stream.topic)
-    return [topics[0] for topics in roles.values() if not any(topic in recording.topics for topic in topics)]
+    return [" or ".join(topics) for topics in roles.values() if not any(topic in recording.topics for topic in topics)]
 
 
 def paths(

@@ -20,6 +20,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
+from stridetwin.streams.yaml_file import FastDumper
 from stridetwin.streams.yaml_node import Node, parse_node, read_node
 
 KINDS = ("range", "insole", "ahrs", "encoder", "interaction", "actuator")
@@ -32,7 +33,6 @@ _NOISE = (
     "accelerometer_noise_density",
     "accelerometer_random_walk",
 )
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the compiled one, if available
 _BEYOND_NOISE = ("gyroscope_bias_sd", "accelerometer_bias_sd", "gyroscope_range", "accelerometer_range")
 
 
@@ -91,7 +91,7 @@ def rig_to_yaml(rig: Rig) -> str:
         for s in rig.others.values()
     ]
     text: str = yaml.dump(
-        document | {_OURS: ours}, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120
+        document | {_OURS: ours}, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120
     )  # fmt: skip
     return text
 

@@ -33,7 +33,20 @@ _StrictLoader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag != _TIMESTAMP]
     for first, resolvers in SafeLoader.yaml_implicit_resolvers.items()
 }
-_StrictLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+_NUMBERS = ("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+_StrictLoader.add_implicit_resolver(*_NUMBERS)
+
+
+class Dumper(yaml.SafeDumper):
+    """Writes what `read_yaml` reads back: a text such as 1e3 is quoted, as it would be a number."""
+
+
+class FastDumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    """The same in compiled code; it may break long lines elsewhere."""
+
+
+Dumper.add_implicit_resolver(*_NUMBERS)
+FastDumper.add_implicit_resolver(*_NUMBERS)
 
 
 def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> Any:

@@ -15,9 +15,9 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
-EXTRAS = frozenset(
-    ["mujoco", "dm_control", "dm_env", "trimesh", "rerun", "rerun_sdk", "dask", "distributed", "cma", "sklearn"]
-)  # fmt: skip
+EXTRAS = frozenset({
+    "mujoco", "dm_control", "dm_env", "trimesh", "rerun", "rerun_sdk", "dask", "distributed", "cma", "sklearn", "pandas",
+})  # fmt: skip
 """Import names of the extras' packages."""
 
 

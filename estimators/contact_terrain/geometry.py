@@ -17,6 +17,7 @@ import yaml
 
 from stridetwin.streams.errors import check_numbers
 from stridetwin.streams.samples import Array
+from stridetwin.streams.yaml_file import Dumper
 from stridetwin.streams.yaml_node import Node, parse_node, read_node
 
 SIDES = ("l", "r")
@@ -228,7 +229,7 @@ def to_text(exo: Exoskeleton) -> str:
     }  # fmt: skip
     back = {"topic": exo.back.topic, "R_frame_sensor": exo.back.R_frame_sensor.tolist()}
     values = {"description": exo.description, "back": back, "legs": legs, "compliance": _told(exo.compliance)}
-    return yaml.safe_dump(values, sort_keys=False)
+    return yaml.dump(values, Dumper=Dumper, sort_keys=False)
 
 
 def _told(compliance: Compliance) -> dict[str, float | list[float]]:

@@ -12,13 +12,14 @@ import yaml
 from stridetwin.scenarios.campaign.named_files import FILES
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario
 from stridetwin.streams.files import whole_file
+from stridetwin.streams.yaml_file import Dumper
 
 FOLDER = "scenarios"
 
 
 def scenario_text(scenario: dict[str, Any]) -> str:
     """A scenario's plain data as YAML."""
-    return yaml.safe_dump(scenario, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+    return yaml.dump(scenario, Dumper=Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
 
 def lay_files(folder: Path, own: Mapping[str, Path]) -> None:

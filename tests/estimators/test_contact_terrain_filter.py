@@ -214,7 +214,9 @@ def test_compliance_survives_its_file_bit_by_bit_and_files_without_it_mean_the_d
     exo, _, _ = walk
     text = to_text(exo)
     assert parse_exoskeleton(text, "exo.yaml").compliance == exo.compliance == Compliance()
-    other = replace(exo, compliance=Compliance(vector_sd_m=(0.01, 0.02, 0.0), slope_sd_rad=0.1, spread_gain=0.0))
+    other = replace(
+        exo, compliance=Compliance(vector_sd_m=(0.01, 0.02, 0.0), slope_sd_rad=np.radians(6.0), spread_gain=0.0)
+    )
     assert parse_exoskeleton(to_text(other), "exo.yaml").compliance == other.compliance
     before = text[: text.index("compliance:")]
     assert parse_exoskeleton(before, "exo.yaml").compliance == Compliance()

@@ -3,13 +3,15 @@ from fake_twin import FakeTwin
 
 from stridetwin.cli.main import main
 from stridetwin.report import runner
+from stridetwin.scenarios import record as recorder
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 
 
 def fake(patch):
-    patch.setattr(runner, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
+    for module in (recorder, runner):
+        patch.setattr(module, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
 
 
 @pytest.fixture

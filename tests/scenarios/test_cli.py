@@ -12,6 +12,7 @@ from fake_twin import FakeTwin
 
 from stridetwin.cli.main import main
 from stridetwin.report import runner
+from stridetwin.scenarios import record
 from stridetwin.streams.formats.imu_table import read_imu_table
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
@@ -42,7 +43,8 @@ def other(tmp_path_factory):
     """Folder of a run without cameras or film, of another seed than `walk`; what it said is in `said.json`."""
     folder, said = tmp_path_factory.mktemp("other"), StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
-        patch.setattr(runner, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
+        for module in (record, runner):
+            patch.setattr(module, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
         words = ["run", "level_20m", "--seed", "4", "--no-cameras", "--no-film", "--json", "-o", str(folder / "walk")]
         assert main(words) == 0
     (folder / "said.json").write_text(said.getvalue())

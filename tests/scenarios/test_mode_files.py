@@ -62,5 +62,5 @@ def test_a_recording_without_insoles_is_refused(walk, tmp_path, capsys):
     assert main(["estimate", "locomotion_mode", str(without), "-o", str(tmp_path / "modes.csv")]) == 2
     told = capsys.readouterr().err
     assert "walk.mcap" in told
-    assert "/foot_l/insole or /foot_r/insole" in told
+    assert "no topic /foot_l/insole or /foot_r/insole: locomotion_mode needs it" in told
     assert not (tmp_path / "modes.csv").exists()

@@ -15,6 +15,7 @@ from page_commands import PAGES, ROOT, fenced, in_text, name, rows_of_the_comman
 from stridetwin.cli import COMMANDS, main
 from stridetwin.estimators import registry
 from stridetwin.report import runner
+from stridetwin.scenarios import record
 from stridetwin.scenarios.campaign.campaign_file import campaigns
 from stridetwin.scenarios.scenario_file import PHYSICS, catalogue
 from stridetwin.streams.recording.reader import Recording
@@ -213,7 +214,8 @@ def steps(tmp_path_factory):
     """Recording of a stand-in's walk without cameras."""
     path = tmp_path_factory.mktemp("steps") / "walk.mcap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
+        for module in (record, runner):
+            patch.setattr(module, "make_twin", lambda scenario, seed: FakeTwin(scenario.config, seed))
         assert main.main(["generate", "level_20m", "--no-cameras", "-o", str(path)]) == 0
     return path
 

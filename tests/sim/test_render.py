@@ -225,7 +225,7 @@ def test_a_piece_is_those_pixels_of_the_whole_picture(world, box):
     _, model, data = world
     with SensorView(model, 640, 480) as view:
         T = looking([1.0, 0.2, 1.6], 25.0, 10.0)
-        whole, piece = view.color(data, T, OFF_CENTRE), view.piece(data, T, OFF_CENTRE, *box)
+        whole, piece = view.color(data, T, OFF_CENTRE), view.crop(data, T, OFF_CENTRE, *box)
     assert np.mean(np.any(whole[box] != piece, axis=-1)) < 0.02  # a texel's edge may fall to either side
     assert np.mean(np.abs(whole[box].astype(int) - piece)) < 0.3
 

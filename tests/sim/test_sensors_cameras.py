@@ -165,7 +165,7 @@ def depth_model(sensor: DepthSensor = D455.depth, seed=1, shape=(240, 320)):
 @pytest.mark.parametrize("z", [0.6, 1.0, 2.0, 4.0])
 def test_depth_residuals_grow_with_the_square_of_the_range(z):
     model = depth_model()
-    told = np.stack([model.picture(k, np.full((240, 320), z, np.float32)) for k in range(8)])
+    told = np.stack([model.image(k, np.full((240, 320), z, np.float32)) for k in range(8)])
     kept = told[(told > 0) & (told < 6)]
     sensor = D455.depth
     step = sensor.disparity_step * z * z
@@ -180,7 +180,7 @@ def test_there_is_no_depth_too_near_too_far_in_the_sky_on_black_or_at_a_glance()
     depth[:80, :100], depth[:80, 100:200], depth[:80, 200:] = D455.depth.range_min / 2, D455.depth.range_max + 2, 0
     grey = np.full((240, 320), 128, np.uint8)
     grey[160:, :] = 2
-    told = depth_model().picture(1, depth, grey)
+    told = depth_model().image(1, depth, grey)
     for columns in (slice(0, 95), slice(105, 195), slice(205, 320)):  # away from outlines
         assert np.all(told[:75, columns] == 0)
     assert np.all(told[162:] == 0)
@@ -189,13 +189,13 @@ def test_there_is_no_depth_too_near_too_far_in_the_sky_on_black_or_at_a_glance()
     for degrees, share in ((5.0, 0.0), (30.0, 1.0)):
         slope = np.radians(degrees)  # a floor that falls away from the line of sight in the middle by this angle
         floor = (0.8 * np.sin(slope) / (np.sin(slope) + v * np.cos(slope) + 1e-9)).astype(np.float32)
-        seen = (depth_model().picture(1, floor) > 0)[112:128, 20:-20]
+        seen = (depth_model().image(1, floor) > 0)[112:128, 20:-20]
         assert np.mean(seen) == pytest.approx(share, abs=0.1)
 
 
 def test_what_is_nearer_than_the_finest_steps_can_tell_has_no_depth():
     sensor = replace(D455.depth, range_min=0.1, disparity_step=1e-4)
-    near, far = (depth_model(sensor).picture(1, np.full((240, 320), z, np.float32)) for z in (0.2, 0.5))
+    near, far = (depth_model(sensor).image(1, np.full((240, 320), z, np.float32)) for z in (0.2, 0.5))
     assert not near.any()  # 1 / (1e-4 * 32767) is 0.305 m
     assert np.median(far[far > 0]) == pytest.approx(0.5, abs=0.01)
 
@@ -203,7 +203,7 @@ def test_what_is_nearer_than_the_finest_steps_can_tell_has_no_depth():
 def test_beside_an_outline_depth_is_missing_or_between_the_surfaces():
     depth = np.full((240, 320), 1.0, np.float32)
     depth[:, 160:] = 2.0
-    told = depth_model(replace(D455.depth, noise=1e-5)).picture(1, depth)
+    told = depth_model(replace(D455.depth, noise=1e-5)).image(1, depth)
     beside = told[:, 156:164]
     assert 0.2 < np.mean(beside == 0) < 0.8
     between = (beside > 1.05) & (beside < 1.9)
@@ -217,7 +217,7 @@ def test_told_depth_is_that_of_the_formula():
     depth[60:180, 100:200] *= 1.6
     sensor, noise = D455.depth, Noise.of_topic(1, "/head/depth")
     model = depth_model()
-    told = model.picture(3, depth)
+    told = model.image(3, depth)
     row, column = noise.at(3).integers((SPARE, SPARE))
     cut = (slice(row, row + 240), slice(column, column + 320))
     counts = np.where(depth > 0, np.float32(1 / sensor.disparity_step) / np.where(depth > 0, depth, 1), 0)
@@ -245,7 +245,7 @@ def test_told_depth_is_that_of_the_formula():
 
 def test_ideal_depth_is_exact_within_its_range():
     depth = np.linspace(0.1, 8.0, 240 * 320, dtype=np.float32).reshape(240, 320)
-    told = depth_model(ideal(D455).depth).picture(1, depth)
+    told = depth_model(ideal(D455).depth).image(1, depth)
     within = (depth >= D455.depth.range_min) & (depth <= D455.depth.range_max)
     np.testing.assert_array_equal(told[within], depth[within])
     assert np.all(told[~within] == 0)

@@ -11,7 +11,8 @@ from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.yaml_file import parse_yaml
 
 ROOT = Path(__file__).parents[2]
-SOURCES = [p for part in ("streams", "sim", "estimators", "scenarios", "examples") for p in (ROOT / part).rglob("*.py")]
+PARTS = ("streams", "sim", "estimators", "scenarios", "pipeline", "evaluation", "report", "studies", "cli", "examples")
+SOURCES = [p for part in PARTS for p in (ROOT / part).rglob("*.py")]
 PIPES = {
     "sim/rendering/rendering.py",
     "sim/rendering/camera_processes.py",

@@ -30,7 +30,7 @@ def refused(path) -> str:
         ("seed: 3", "sed: 3", "'sed' is not valid; valid: keys campaign, walks, seed, "),
         ("seed: 3", "sampling: sobel", "sampling: 'sobel' is not valid; valid: sobol, latin_hypercube (did you mean"),
         ("short.yaml", "demoo", "scenarios[0].scenario: 'demoo' is not valid; valid: bystanders, "),
-        ("short.yaml", "gone.yaml", "scenarios[0].scenario: 'gone.yaml' is not valid; valid: a file that there is"),
+        ("short.yaml", "gone.yaml", "scenarios[0].scenario: 'gone.yaml' is not valid; valid: an existing file"),
         (
             "gait.speed_mps",
             "gait.speed mps",

@@ -112,7 +112,7 @@ def test_a_seed_is_any_whole_number_or_one_a_walk(seed: object, walks: list[int]
 def test_seeds_that_are_used_up_are_told() -> None:
     env = environment(WALK, [3], sensors=SENSORS)
     env.reset()
-    with pytest.raises(ConfigError, match=r"environment: seed: 'used up' is not valid; valid: .* one for each walk"):
+    with pytest.raises(ConfigError, match=r"environment: seed: 'used up' is not valid; valid: .* one per walk"):
         env.reset()
 
 

@@ -15,7 +15,18 @@ GENERALITY = "stridetwin.studies.zhao2023.zhao_generality"
 @pytest.fixture
 def copied(tmp_path, monkeypatch):
     """A copy of the sources, which may be changed; a function that adds a line to one of them."""
-    for package in ("streams", "sim", "assets", "estimators", "scenarios"):
+    for package in (
+        "streams",
+        "sim",
+        "assets",
+        "estimators",
+        "scenarios",
+        "pipeline",
+        "evaluation",
+        "report",
+        "studies",
+        "cli",
+    ):
         real = versions._root(f"stridetwin.{package}")
         for file in real.rglob("*"):
             if file.is_file() and "__pycache__" not in file.parts:
