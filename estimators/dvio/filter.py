@@ -95,9 +95,9 @@ class Dvio:
     """Visual-inertial odometry with depth for a camera on head or chest: causal, of constant memory, deterministic.
 
     After Zhao et al. 2023, §II-C, with extensions (`DvioParameters`). It starts at once if the sensor is stationary,
-    and in motion once vision and IMU align (`starter`), after about half a second. An image is processed once the IMU has
-    reached its time and its depth has arrived or timed out; one more than 6 s late is discarded. A sample is ignored
-    if it is not finite, of an unexpected size, or not later than the last one of its topic.
+    and in motion once vision and IMU align (`initializer`), after about half a second. An image is processed once the
+    IMU has reached its time and its depth has arrived or timed out; one more than 6 s late is discarded. A sample is
+    ignored if it is not finite, of an unexpected size, or not later than the last one of its topic.
 
     Args:
         rig: Calibration.

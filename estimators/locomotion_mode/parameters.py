@@ -13,6 +13,8 @@ _ORDERED = (("lift_n", "touch_n"), ("grid_m", "behind_m"), ("kerb_m", "riser_max
 class LocomotionModeParameters:
     """One set serves every walker, mount, pattern and terrain.
 
+    All values from `kept_s` on are hand-chosen on tuning seeds (below 1000).
+
     Attributes:
         lift_n: A foot whose load falls below this has left the ground, N over the unloaded insole.
         lift_share: Or whose load falls below this share of its largest load.
@@ -104,7 +106,6 @@ class LocomotionModeParameters:
         begin_sd_m: Standard deviation of that beginning.
         hidden_per_sd: Length occluded behind an edge, divided by the edge's standard deviation in the map.
 
-        All from `kept_s` on are hand-chosen on tuning seeds (below 1000).
     """
 
     lift_n: float = 12.0

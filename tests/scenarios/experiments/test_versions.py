@@ -68,7 +68,6 @@ def test_pages_tables_and_other_experiments_do_not(copied) -> None:
         "report/run_report.py",
         "cli/main.py",
         "studies/registry.py",
-        "evaluation/mode_scores.py",
         "studies/zhao2023/mode_tables.py",
         "studies/zhao2023/mode_report.py",
         "studies/zhao2023/zhao_trials.py",
