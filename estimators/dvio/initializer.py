@@ -3,7 +3,8 @@
 After Qin et al. 2018, §V-B, on which Zhao et al. 2023 build: gyroscope bias from the rotations; velocities, gravity
 and, without depth, scale from one linear problem; then gravity of fixed magnitude. The last step here is the least
 squares of all of them, weighted with the uncertainty of the cameras, the IMU noise, and the priors of biases and
-calibration. Its covariance is that of the whole problem."""
+calibration. Its covariance is that of the whole problem.
+"""
 
 from __future__ import annotations
 

@@ -273,7 +273,10 @@ class FootIns:
 
     @property
     def nis(self) -> float:
-        """Mean normalised innovation squared of zero-velocity updates, per degree of freedom: 1 if consistent."""
+        """Mean normalised innovation squared of zero-velocity updates, per degree of freedom: 1 if consistent.
+
+        NaN before the first update.
+        """
         return standing_nis(self._memory)
 
     def run(self, block: Block[Imu]) -> FootInsPath:
