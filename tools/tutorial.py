@@ -21,7 +21,6 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,7 +119,7 @@ def in_a_shell(command: str, environment: dict[str, str]) -> Said:
 
 def strangers(folder: Path) -> None:
     """Writes packages with the project's package names into a folder; they raise an error when they are imported."""
-    for name in ("sim", "estimators", "streams", "scenarios"):
+    for name in ("sim", "estimators", "streams", "scenarios", "pipeline", "evaluation", "report", "studies", "cli"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text(_HARM, encoding="utf-8")
 
@@ -129,8 +128,7 @@ def of_the_wheel(folder: Path) -> dict[str, str]:
     """An environment with the wheel, as `pip install` makes it."""
     source, home = folder / "source", folder / "venv"
     source.mkdir(parents=True)
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    for name in ["pyproject.toml", "README.md", "LICENSE", *project["tool"]["setuptools"]["package-dir"].values()]:
+    for name in ("pyproject.toml", "README.md", "LICENSE", "stridetwin"):  # its links become folders in the copy
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
