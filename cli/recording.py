@@ -46,7 +46,7 @@ def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
 def _mapped(text: str) -> tuple[str, str]:
     old, equals, new = text.partition("=")
     if not (old and equals and new):
-        raise StrideTwinError(f"--map: {text!r} is not valid; valid: FROM=TO")
+        raise StrideTwinError(f"--map: invalid {text!r}: expected FROM=TO")
     return old, new
 
 

@@ -221,7 +221,7 @@ def _check_topic(recording: Recording, topic: str) -> tuple[dict[str, Any], list
     if block is not None and not topic.startswith("/truth/"):
         row["range_hits_pct"] = hits = range_hits(block, recording.rig if recording.has_rig else None)
         if hits is not None and hits > RANGE_HITS_PCT:
-            spoils(f"{hits:.1f} % of the samples at the end of the range; valid: up to {RANGE_HITS_PCT:g} %")
+            spoils(f"{hits:.1f} % of the samples at the end of the range: expected up to {RANGE_HITS_PCT:g} %")
     if block is not None and info.kind in (Imu, Accelerometer) and info.count >= _FEWEST:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
         doubts = (*implausible_rates(t_ns, IMU_RATES_HZ), *_units(block))

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import Missing, StrideTwinError
 
 DEG, MM = 0.017453292519943295, 1e-3
 TAG = "="
@@ -114,7 +114,7 @@ class Required:
         if isinstance(node, dict):
             for key in self._keys:
                 if key not in node:
-                    raise refused(f"no {key}", f"the key {key} is required")
+                    raise refused(Missing(), "this key", key)
         return node
 
 

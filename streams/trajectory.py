@@ -33,7 +33,7 @@ class Trajectory:
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value is not None and value.shape != shape:
-                raise StrideTwinError(f"Trajectory.{name}: shape {value.shape} is not valid; valid: {shape}")
+                raise StrideTwinError(f"Trajectory.{name}: invalid shape {value.shape}: expected {shape}")
         if np.any(np.diff(self.t_ns) <= 0):
             raise StrideTwinError("Trajectory.t_ns: stamps must increase strictly")
 

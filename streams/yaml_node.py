@@ -43,7 +43,7 @@ class Node:
     value: Any
 
     def error(self, valid: str) -> ConfigError:
-        """The error that this value is not valid."""
+        """The error that this value is invalid."""
         return ConfigError(self.source, self.path, self.value, valid)
 
     def __contains__(self, key: str) -> bool:

@@ -89,7 +89,7 @@ class PythonClass:
         """
         module, colon, attribute = self.place.partition(":")
         if not (module and colon and attribute):
-            raise StrideTwinError(f"--estimator {self.name}: {self.place!r} is not valid; valid: module:Class")
+            raise StrideTwinError(f"--estimator {self.name}: invalid {self.place!r}: expected module:Class")
         here = str(Path.cwd())
         if here not in sys.path:
             sys.path.append(here)  # installed modules take precedence over the working folder
@@ -144,7 +144,9 @@ class Program:
         except ValueError as error:
             raise StrideTwinError(f"--program {self.name}: {self.command!r}: {error}") from None
         if not all(any(place in word for word in words) for place in ("{recording}", "{output}")):
-            raise StrideTwinError(f"--program {self.name}: {self.command!r}: valid: COMMAND {{recording}} {{output}}")
+            raise StrideTwinError(
+                f"--program {self.name}: invalid {self.command!r}: expected COMMAND {{recording}} {{output}}"
+            )
         if shutil.which(words[0]) is None:
             raise StrideTwinError(f"--program {self.name}: {words[0]}: there is no such program")
         return words
@@ -193,7 +195,9 @@ def lead(estimator: Any, recording: Recording) -> Trajectory:
         wanted = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
     truths = [topic for topic in wanted if topic.startswith(TRUTH)]
     if truths:
-        raise StrideTwinError(f"{type(estimator).__name__}.topics: {truths[0]} is the truth; valid: what sensors say")
+        raise StrideTwinError(
+            f"{type(estimator).__name__}.topics: {truths[0]} is the truth: expected topics of sensors"
+        )
     name, poses = type(estimator).__name__, []
     for sample in recording.samples(wanted):
         if (pose := pose_of(estimator.update(sample), name)) is not None:

@@ -51,7 +51,7 @@ def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
     if figures["fell_at_s"] is not None and quality.falls == "reject":
         found.append(f"fell: at {figures['fell_at_s']:.2f} s")
     if (help_pct := figures["help_mean_pct"]) > quality.help_pct:
-        found.append(f"help: {help_pct:g} % of the body weight at the root; valid: up to {quality.help_pct:g} %")
+        found.append(f"help: {help_pct:g} % of the body weight at the root: expected up to {quality.help_pct:g} %")
     if quality.sensors == "reject":
         found += [f"sensors: {words}" for words in figures["findings"]]
     return found

@@ -79,7 +79,7 @@ class BoundedReader(rosbag1.Reader):
         """
         chunk = super().read_chunk()
         if chunk.datasize > LARGEST_CHUNK:
-            raise ValueError(f"a chunk of {chunk.datasize} bytes; valid: up to {LARGEST_CHUNK}")
+            raise ValueError(f"a chunk of {chunk.datasize} bytes: expected up to {LARGEST_CHUNK}")
         return chunk._replace(decompressor=partial(self._unpacked, _KINDS[chunk.decompressor]))
 
     def read_index_data(self, pos: int, indexes: Any) -> None:
@@ -114,7 +114,7 @@ def _header(file: BinaryIO, size: int) -> Header:
     """The header of the record at this position, checked, because the library allocates any declared length."""
     length = int.from_bytes(file.read(4), "little")
     if length > min(size, _LONGEST_HEADER):
-        raise ValueError(f"a header of {length} bytes; valid: up to {_LONGEST_HEADER}")
+        raise ValueError(f"a header of {length} bytes: expected up to {_LONGEST_HEADER}")
     file.seek(-4, os.SEEK_CUR)
     return Header.read(file)
 
@@ -244,7 +244,7 @@ def check_tables(path: Path) -> None:
             for name, kind, text in kinds:
                 columns = connection.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
                 if kind != "table" or "virtual" in text.lower().split()[:2] or any(hidden for (hidden,) in columns):
-                    raise RecordingError(f"{path}: {kind} {name[:60]!r} is not valid; valid: tables of plain columns")
+                    raise RecordingError(f"{path}: invalid {kind} {name[:60]!r}: expected tables of plain columns")
         finally:
             connection.close()
 

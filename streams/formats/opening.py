@@ -322,5 +322,5 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
         if info.last_ns < longest[1].first_ns or info.first_ns > longest[1].last_ns:
             what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest[1].first_ns else "begins only here"
             other = f"{longest[1].first_ns * 1e-9:.6f} to {longest[1].last_ns * 1e-9:.6f} s"
-            words = f"{what}, where {longest[0]} runs from {other}; valid: stamps of one clock"
+            words = f"{what}, where {longest[0]} runs from {other}: expected stamps of one clock"
             notes.problem(Problem(topic, info.first_ns, words))

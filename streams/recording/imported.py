@@ -196,7 +196,7 @@ class ImportedContents:
         on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
         if not on_clock.all():
             at = int(np.argmin(on_clock))
-            what = f"the stamp of row {at + 1} is not valid; valid: 0 to {LATEST_NS // 10**9} s"
+            what = f"invalid stamp of row {at + 1}: expected 0 to {LATEST_NS // 10**9} s"
             self._notes.problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
         rising = increasing(np.where(on_clock, t_ns, -1), -1)
         late = on_clock & ~rising

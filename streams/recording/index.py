@@ -48,7 +48,7 @@ def read(values: Mapping[str, str], source: object) -> str:
     major, _, minor = version.partition(".")
     if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
         raise RecordingError(
-            f"{source}: schema version {version[:40]!r} is not valid; valid: MAJOR.MINOR, up to {VERSION}"
+            f"{source}: invalid schema version {version[:40]!r}: expected MAJOR.MINOR, up to {VERSION}"
         )
     if int(major) > int(VERSION.partition(".")[0]):
         raise RecordingError(
@@ -136,7 +136,7 @@ def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[
     for topic, rate in declared.items():
         info = topics.get(topic)
         if info and rate > 0 and info.count >= _RATE_SAMPLES and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
-            what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
+            what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz: expected ±{RATE_TOLERANCE:.0%}"
             yield Problem(topic, info.first_ns, what)
 
 
@@ -220,7 +220,7 @@ class RecordingIndex:
             self._unpacking.took(0, 1)
             self._register(parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body))
         elif opcode == Opcode.MESSAGE:
-            raise RecordingError(f"{self.path}: messages outside chunks are not read; valid: chunked MCAP")
+            raise RecordingError(f"{self.path}: messages outside chunks are not read: expected chunked MCAP")
 
     def _attachment(self, body: bytes) -> None:
         attachment = parse(records.Attachment, body)

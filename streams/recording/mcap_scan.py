@@ -147,7 +147,7 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             if opcode == 0 or length > size - file.tell():
                 raise CutOffError(f"the file is cut off or damaged at byte {offset}")
             if length > _LARGEST_RECORD:
-                raise CutOffError(f"a record of {length} bytes at byte {offset}; valid: up to {_LARGEST_RECORD}")
+                raise CutOffError(f"a record of {length} bytes at byte {offset}: expected up to {_LARGEST_RECORD}")
             body = file.read(length)
             if opcode == Opcode.DATA_END:
                 (told,) = struct.unpack("<I", body)
@@ -195,7 +195,7 @@ def decompress(chunk: records.Chunk) -> bytes:
     """
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
-        raise DamagedError(f"a chunk of {size} bytes unpacked; valid: up to {LARGEST_CHUNK}")
+        raise DamagedError(f"a chunk of {size} bytes unpacked: expected up to {LARGEST_CHUNK}")
     try:
         if chunk.compression == "zstd":
             frame = zstandard.frame_content_size(chunk.data)

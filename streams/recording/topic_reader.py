@@ -87,7 +87,7 @@ class TopicReader:
                 self._layout = layout
                 return self._decode(layout, rows.view(layout.dtype), messages.log_time)
         if len(messages) > _MOST_UNEQUAL:
-            raise ValueError(f"{len(messages)} messages of unequal layout together; valid: up to {_MOST_UNEQUAL}")
+            raise ValueError(f"{len(messages)} messages of unequal layout together: expected up to {_MOST_UNEQUAL}")
         return concatenated([self._single(messages, i) for i in range(len(messages))])
 
     def _single(self, messages: Messages, i: int) -> Block[Any]:
