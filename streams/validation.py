@@ -54,7 +54,12 @@ def config_error(error: ValidationError, kind: Any, data: object, source: object
     """A pydantic error as errors of ours."""
     root = schema_of(kind)
     every = [_one(entry, root, data, source, at) for entry in error.errors(include_url=False)]
-    found = list({str(e): e for e in every if e is not None}.values())
+    return combined([e for e in every if e is not None])
+
+
+def combined(errors: Iterable[StrideTwinError]) -> StrideTwinError:
+    """One error of several, at least one; each message once."""
+    found = list({str(e): e for e in errors}.values())
     return found[0] if len(found) == 1 else ConfigFileError(found)
 
 

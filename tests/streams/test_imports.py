@@ -216,9 +216,9 @@ def test_streams_can_be_given_other_topics_and_calibrations(sources, tmp_path):
     by_our_name = open_any(sources["rosbag1"], options=ImportOptions(names={"/head/imu": topic}))
     assert topic in by_our_name.topics
     for names, says in (
-        ({"/nothing": "/a"}, "--map: '/nothing' .*one of /camera/imu"),
-        ({"/camera/imu": "imu"}, "--map: 'imu' .*begins with /"),
-        ({"/camera/imu": "/a/b", "/vicon/head": "/a/b"}, "--map: '/a/b' .*of its own"),
+        ({"/nothing": "/a"}, "--map: invalid '/nothing': .*one of /camera/imu"),
+        ({"/camera/imu": "imu"}, "--map: invalid 'imu': .*begins with /"),
+        ({"/camera/imu": "/a/b", "/vicon/head": "/a/b"}, "--map: invalid '/a/b': .*of its own"),
     ):
         with pytest.raises(StrideTwinError, match=says):
             open_any(sources["rosbag1"], options=ImportOptions(names=names))
@@ -421,10 +421,16 @@ def test_names_of_common_drivers():
         ("euroc", "mav0/imu0/data.csv", f"\n{START + 10**7},", f"\n{'9' * 19},", "line 3, time stamp: .*whole"),
         ("euroc", "mav0/cam0/data.csv", ".png", ".jpg", r"data\.csv: line 2, filename: .*no such file"),
         ("euroc", "mav0/cam0/data.csv", f"{START}.png", "../../../x.png", "filename: .*an image inside data/"),
-        ("euroc", "mav0/cam0/sensor.yaml", "pinhole", "omni", r"sensor\.yaml: camera_model: 'omni' .*pinhole"),
-        ("euroc", "mav0/cam0/sensor.yaml", "[32, 24]", "[64, 48]", "/head/color, size: '32 x 24' .*64 x 48"),
-        ("euroc", "mav0/imu0/sensor.yaml", "rate_hz: 100", "rate_hz: fast", r"sensor\.yaml: rate_hz: 'fast'"),
-        ("tum", "accelerometer.txt", FIRST, f"{FIRST} x", r"accelerometer\.txt: line 2, ax: 'x' .*a finite number"),
+        ("euroc", "mav0/cam0/sensor.yaml", "pinhole", "omni", r"sensor\.yaml: camera_model: invalid 'omni': .*pinhole"),
+        ("euroc", "mav0/cam0/sensor.yaml", "[32, 24]", "[64, 48]", "/head/color, size: invalid '32 x 24': .*64 x 48"),
+        ("euroc", "mav0/imu0/sensor.yaml", "rate_hz: 100", "rate_hz: fast", r"sensor\.yaml: rate_hz: invalid 'fast'"),
+        (
+            "tum",
+            "accelerometer.txt",
+            FIRST,
+            f"{FIRST} x",
+            r"accelerometer\.txt: line 2, ax: invalid 'x': .*a finite number",
+        ),
         (
             "tum",
             "accelerometer.txt",
