@@ -33,7 +33,7 @@ from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_ma
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.formats.tum import decimal_seconds
-from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
+from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Image

@@ -20,10 +20,10 @@ from stridetwin.scenarios.files import staged
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.euroc_export import write_euroc
 from stridetwin.streams.formats.imu_table import write_imu_table
+from stridetwin.streams.formats.mcap_export import write_rosbag2
 from stridetwin.streams.formats.opensim_export import write_opensim
-from stridetwin.streams.formats.ros2_export import write_rosbag2
 from stridetwin.streams.formats.tum import write_tum
-from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
+from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
 
 def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:
     """`import`."""
-    from stridetwin.streams.formats.rewrite import write_recording
+    from stridetwin.streams.formats.mcap_export import write_recording
 
     recording = imported(arguments)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)

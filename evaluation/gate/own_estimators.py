@@ -1,7 +1,7 @@
 """User-supplied estimators: a Python class, a program that writes a TUM file, or a TUM file.
 
 A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in time
-order and returns None, or a `streams.pose.Pose` with increasing stamps, or an object whose `pose` is one.
+order and returns None, or a `streams.trajectory.Pose` with increasing stamps, or an object whose `pose` is one.
 An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. The class may declare `topics`, the
 topics that it reads (default: all but the truth's), and `frame`, whose pose it estimates.
 """
@@ -27,9 +27,8 @@ from stridetwin.evaluation.evaluate import Estimate
 from stridetwin.pipeline.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
-from stridetwin.streams.pose import trajectory_of
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.trajectory import Trajectory
+from stridetwin.streams.trajectory import Trajectory, trajectory_of
 
 TRUTH = "/truth/"
 _TAIL = 600  # characters of a program's last output, or of a class's exception

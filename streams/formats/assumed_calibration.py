@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
-from stridetwin.streams.recording.imported import ImageStream, Notes
+from stridetwin.streams.recording.imported import ImageStream
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 

@@ -15,10 +15,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
-from stridetwin.streams.formats.poses import odometry
-from stridetwin.streams.formats.split_imu import joined, joined_name
-from stridetwin.streams.recording.imported import ImageStream, Notes, Source
-from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.formats.derived import joined, joined_name, odometry
+from stridetwin.streams.recording.imported import ImageStream, Source
+from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
 from stridetwin.streams.recording.ros_types import Definitions, deserialise, typestore_for
 from stridetwin.streams.recording.topic_reader import READABLE, TopicReader

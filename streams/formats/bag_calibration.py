@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
 from stridetwin.streams.plausible import mean_rate
-from stridetwin.streams.recording.imported import ImageStream, Notes
+from stridetwin.streams.recording.imported import ImageStream
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 

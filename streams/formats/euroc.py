@@ -20,10 +20,11 @@ from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, words
 from stridetwin.streams.formats.assumed_calibration import BODY
+from stridetwin.streams.formats.derived import odometry
 from stridetwin.streams.formats.image_files import read_image_list
-from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
-from stridetwin.streams.recording.imported import ImageStream, Notes, Source, unreadable
+from stridetwin.streams.recording.imported import ImageStream, Source
+from stridetwin.streams.recording.index import Notes, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
 from stridetwin.streams.validation import validated

@@ -14,15 +14,13 @@ from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinErr
 from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag import Bag, read_bag
-from stridetwin.streams.formats.bag_mcap import McapBag
-from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
+from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_table import read_imu_table
-from stridetwin.streams.formats.own_recordings import is_ours, read_calibration
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
-from stridetwin.streams.recording.imported import ImportedContents, Notes, Source, unreadable
-from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.recording.imported import ImportedContents, Source
+from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration, unreadable
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.topic_reader import finite, increasing

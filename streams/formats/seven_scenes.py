@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.assumed_calibration import BODY, image_size
+from stridetwin.streams.formats.derived import odometry
 from stridetwin.streams.formats.image_files import image_stream
-from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import read_text_rows
-from stridetwin.streams.recording.imported import ImageStream, Notes, Source
+from stridetwin.streams.recording.imported import ImageStream, Source
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block
 

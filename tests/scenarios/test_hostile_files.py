@@ -24,7 +24,7 @@ import json, os, resource, sys, traceback
 import stridetwin.scenarios.check, stridetwin.evaluation.evaluate
 import stridetwin.estimators.registry
 stridetwin.estimators.registry.estimators()
-import stridetwin.evaluation.gate.walk_scores, stridetwin.streams.formats.rewrite
+import stridetwin.evaluation.gate.walk_scores, stridetwin.streams.formats.mcap_export
 from stridetwin.cli.main import main
 from stridetwin.streams.recording.ros_types import typestore
 typestore()

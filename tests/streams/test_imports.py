@@ -12,11 +12,11 @@ from benchmarks import foreign_files
 from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, Walk, write_foreign_mcap
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.bag import bag_names
+from stridetwin.streams.formats.derived import joined
+from stridetwin.streams.formats.mcap_export import write_recording
 from stridetwin.streams.formats.opening import KINDS, ImportOptions, open_any, recognise
-from stridetwin.streams.formats.rewrite import write_recording
-from stridetwin.streams.formats.split_imu import joined
 from stridetwin.streams.kalibr import write_rig
-from stridetwin.streams.recording.imported import Notes
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry
