@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -25,9 +25,6 @@ from stridetwin.streams.formats.opensim_export import write_opensim
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
-
-if TYPE_CHECKING:
-    from stridetwin.streams.recording.reader import Recording
 
 
 def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
@@ -161,8 +158,6 @@ class ViewOptions(SourceOptions):
 
 def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     """`export`."""
-    pass
-
     recording = opened(arguments.source, arguments.lenient)
     progress("export", 0.0)
     rows = export(
@@ -211,7 +206,7 @@ def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
     progress("check", 0.0)
     recording = imported(replace(arguments, lenient=True), tell=False)  # a check reports every problem
     found = check_recording(recording, lambda share: progress("check", share))
-    return Outcome(data=found.data, lines=check_table(found), code=1 if found.spoilt else 0)
+    return Outcome(data=found.data, lines=check_table(found), code=0 if found.is_valid else 1)
 
 
 def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:

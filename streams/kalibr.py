@@ -110,10 +110,6 @@ def write_rig(rig: Rig, path: str | Path) -> None:
 def rig_from_yaml(text: str, source: str) -> Rig:
     """A rig from YAML text.
 
-    Args:
-        text: The YAML.
-        source: Name of the text in errors.
-
     Raises:
         StrideTwinError: The text is not YAML, or a value in it is invalid; names the key path and what is valid.
     """

@@ -52,8 +52,8 @@ def from_euler(yaw_pitch_roll: Array) -> Array:
 
 def between(R_a: Array, R_b: Array, share: Array) -> Array:
     """(N, 3, 3) rotations on the shortest path from one (3, 3) matrix to another, at (N,) shares of it."""
-    turn = Rotation.from_matrix(R_a.T @ R_b).as_rotvec()
-    return R_a @ Rotation.from_rotvec(share[:, None] * turn).as_matrix()
+    rotation = Rotation.from_matrix(R_a.T @ R_b).as_rotvec()
+    return R_a @ Rotation.from_rotvec(share[:, None] * rotation).as_matrix()
 
 
 def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:

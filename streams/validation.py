@@ -196,11 +196,13 @@ def _in_words(schema: Schema, root: Schema) -> str:
     if kind in ("number", "integer"):
         return ("a whole number, " if kind == "integer" else "") + _range(schema)
     if kind == "array":
-        item = expected(_forms(schema.get("items") or (schema.get("prefixItems") or [{}])[0], root), root)
-        least = schema.get("minItems", 0)
+        each = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
+        items = [expected(_forms(one, root), root) for one in each]
+        least, alike = schema.get("minItems", 0), len(set(items)) == 1
         if least and least == schema.get("maxItems"):
-            return f"a list of {_COUNTED.get(least, least)} items, each {item}"
-        return f"a list with at least one item, each {item}" if least else f"a list of {item}"
+            words = f", each {items[0]}" if alike else f": {', '.join(items)}"
+            return f"a list of {_COUNTED.get(least, least)} items{words}"
+        return f"a list with at least one item, each {items[0]}" if least else f"a list of {items[0]}"
     return {"boolean": "true, false", "string": "text", "object": "keys with values"}.get(str(kind), "a value")
 
 

@@ -30,13 +30,13 @@ def measured(recording: Recording, person: Person, fell_at_s: float | None) -> d
         `expected_findings` about streams with an injected fault.
     """
     broken = {i.topic for i in injected.from_metadata(recording.metadata)}
-    spoils = [f for f in check_recording(recording).findings if f.spoils]
+    errors = [f for f in check_recording(recording).findings if f.is_error]
     return {
         "duration_s": _rounded(recording.duration),
         "fell_at_s": None if fell_at_s is None else _rounded(fell_at_s),
         "help_mean_pct": _root_help_pct(recording, person),
-        "findings": [_words(f) for f in spoils if f.topic not in broken],
-        "expected_findings": [_words(f) for f in spoils if f.topic in broken],
+        "findings": [_words(f) for f in errors if f.topic not in broken],
+        "expected_findings": [_words(f) for f in errors if f.topic in broken],
     }
 
 

@@ -96,9 +96,6 @@ _BEYOND = 1e-6  # coefficients after the fourth below this count as 0
 class BagCalibration:
     """Collects calibrations, and builds a rig from them.
 
-    Args:
-        notes: Collects warnings about omissions.
-
     Attributes:
         assumed: Assumptions in a camera's calibration, by topic.
     """

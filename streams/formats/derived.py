@@ -80,8 +80,8 @@ def _rates(t_ns: NDArray[np.int64], p: Array, attitude: Rotation) -> Array:
     i = np.arange(len(t_ns))
     before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)
     span = (t_ns[after] - t_ns[before])[:, None] * 1e-9
-    turn = (attitude[before].inv() * attitude[after]).as_rotvec()
-    return np.stack(((p[after] - p[before]) / span, turn / span))
+    rotation = (attitude[before].inv() * attitude[after]).as_rotvec()
+    return np.stack(((p[after] - p[before]) / span, rotation / span))
 
 
 _GYRO = re.compile(r"gyro(?:/sample)?", re.IGNORECASE)

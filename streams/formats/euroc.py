@@ -59,10 +59,6 @@ def euroc_root(path: Path) -> Path | None:
 def read_euroc(path: Path, notes: Notes) -> Source:
     """Reads a folder in the ASL layout.
 
-    Args:
-        path: The folder, or the parent of `mav0`.
-        notes: Collects problems.
-
     Returns:
         Its IMUs, cameras and the first ground truth of `GROUND_TRUTHS`, under our topics (further sensors
         under their folder's name).

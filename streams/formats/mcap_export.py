@@ -29,11 +29,6 @@ _SECOND_NS = 1_000_000_000
 def write_recording(recording: Recording, path: Path, progress: Callable[[float], None] = lambda _: None) -> None:
     """Writes every sample of a recording as an MCAP file, atomically: images as PNG, depth as float metres.
 
-    Args:
-        recording: The source.
-        path: Output file.
-        progress: Called with the completed share (0-1).
-
     Raises:
         StrideTwinError: There is nothing to write, an image is damaged (unless lenient), or the path is not writable.
     """

@@ -285,8 +285,8 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     for topic, images in source.images.items():
         rising = images.t_ns[increasing(images.t_ns, -1)]
         if len(rising) >= _FEWEST:
-            for doubt in implausible_rates(rising, IMAGE_RATES_HZ):
-                notes.problem(Problem(topic, int(rising[0]), str(doubt)))
+            for found in implausible_rates(rising, IMAGE_RATES_HZ):
+                notes.problem(Problem(topic, int(rising[0]), str(found)))
 
 
 def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
@@ -295,11 +295,11 @@ def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
     if len(t_ns) < _FEWEST:
         return
     columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
-    for doubt in (
+    for found in (
         *implausible_rates(t_ns, IMU_RATES_HZ),
         *implausible_units(t_ns, columns["specific_force"], columns.get("angular_rate")),
     ):
-        notes.problem(Problem(topic, int(t_ns[0]), str(doubt)))
+        notes.problem(Problem(topic, int(t_ns[0]), str(found)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:

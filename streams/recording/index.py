@@ -110,10 +110,6 @@ class Problem:
 class Notes:
     """Problems of a source, and assumptions about it.
 
-    Args:
-        path: The source.
-        lenient: Collect problems instead of rejecting the source at the first one.
-
     Attributes:
         problems: Problems that would corrupt an estimate, when lenient.
         warnings: Assumptions and unusual values.
@@ -183,10 +179,6 @@ def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[
 class RecordingIndex:
     """The contents of one MCAP file.
 
-    Args:
-        path: The file.
-        lenient: Collect problems instead of rejecting the file at the first one.
-
     Attributes:
         notes: Collects problems.
         topics: Summary of each topic that is read.
@@ -199,7 +191,6 @@ class RecordingIndex:
         channels: Topic of every channel.
         readers: Decoder of every topic.
         chunks: Positions of the samples.
-        image_times: (N,) ns per chunk, for every image topic.
 
     Raises:
         RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
@@ -216,7 +207,7 @@ class RecordingIndex:
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
-        self.image_times: dict[str, list[NDArray[np.int64]]] = {}
+        self._image_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
         self._scan()
@@ -321,7 +312,7 @@ class RecordingIndex:
         if not len(kept) or reader.kind is None:
             return None
         if block is None:
-            self.image_times.setdefault(topic, []).append(kept)
+            self._image_times.setdefault(topic, []).append(kept)
         part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)

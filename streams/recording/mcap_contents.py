@@ -62,7 +62,7 @@ class McapContents(RecordingIndex):
 
     def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""
-        return np.concatenate(self.image_times[topic]) if self.readers[topic].is_image else None
+        return np.concatenate(self._image_times[topic]) if self.readers[topic].is_image else None
 
     def _messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
         _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))

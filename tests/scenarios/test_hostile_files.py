@@ -78,7 +78,7 @@ def outcomes(tmp_path_factory):
 
 @pytest.mark.parametrize("command", list(COMMANDS))
 def test_hostile_files_are_refused_in_one_line(outcomes, command):
-    """`check` may say not fit for use instead."""
+    """`check` may say invalid instead."""
     wrong = {}
     for (name, by), o in outcomes.items():
         lines = o["said"].strip().splitlines()

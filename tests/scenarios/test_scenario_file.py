@@ -217,10 +217,10 @@ def test_all_errors_of_a_file_are_reported_at_once(tmp_path):
         "terrain[1].stairs.riser_mm: invalid 500", "terrain[1].stairs: invalid 'tread'",
         "gait.speed_mps: invalid 'fast'",
         "gait.gaze.yaw_deg: invalid 90", "sensors.sonar.rate_hz: invalid 0",
-        "faults[0].at_s: invalid -1", "faults[1].kind: invalid 'nam'", "'terrian'", "description: missing",
+        "faults[0].at_s: invalid -1", "faults[1].kind: invalid 'nam'", "invalid 'terrian'", "description: missing",
     )  # fmt: skip
     assert len(lines) == len(wanted)
-    assert all(sum(line.startswith(f"{path}: {place} ") for line in lines) == 1 for place in wanted)
+    assert all(sum(line.startswith(f"{path}: {place}: expected") for line in lines) == 1 for place in wanted)
 
 
 @pytest.mark.parametrize(

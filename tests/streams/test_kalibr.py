@@ -118,7 +118,8 @@ def change(path, value):
     ("path", "value", "says"),
     [
         (("cam0", "camera_model"), "omni", "cam0.camera_model: invalid 'omni': expected pinhole"),
-        (("cam0", "intrinsics"), [1, 2, 3], "cam0.intrinsics: .*expected a list of 4 items, each a number"),
+        (("cam0", "intrinsics"), [1, 2, 3],
+         "cam0.intrinsics: .*expected a list of four items: a number above 0, a number above 0"),
         (("cam0", "intrinsics"), [-1, 2, 3, 4], r"cam0.intrinsics\[0\]: invalid -1: expected a number above 0"),
         (("cam0", "resolution"), [640.5, 480], r"cam0.resolution\[0\]: invalid 640.5: expected a whole number"),
         (("cam0", "distortion_model"), "fov", "cam0.distortion_model: invalid .fov.: expected radtan, equidistant"),
