@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import BODY, image_size
+from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
 from stridetwin.streams.formats.derived import joined_at_rates, odometry
 from stridetwin.streams.formats.image_files import chosen_camera, read_image_list, write_depth, write_image
 from stridetwin.streams.formats.text_rows import numbers, read_text_rows
@@ -27,7 +27,7 @@ from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.writer import RIG_NAME
-from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
 from stridetwin.streams.trajectory import Trajectory
 
@@ -127,17 +127,8 @@ def _rig(path: Path, images: dict[str, ImageStream]) -> Rig:
         sound = False
     if not sound:
         raise ConfigError(file, "calibration", " ".join(words[:8]), "fx fy cx cy, focal lengths above 0")
-    camera = CameraCalibration(
-        topic=topic,
-        part="",
-        rate_hz=mean_rate(images[topic].t_ns),
-        mount=Mount(body=BODY),
-        width=size[0],
-        height=size[1],
-        intrinsics=(fu, fv, pu, pv),
-        depth_topic=DEPTH if DEPTH in images else "",
-    )
-    return Rig(cameras={topic: camera})
+    rate, depth = mean_rate(images[topic].t_ns), DEPTH if DEPTH in images else ""
+    return Rig(cameras={topic: pinhole(topic, size, (fu, fv, pu, pv), rate, depth)})
 
 
 def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None = None) -> dict[str, int]:
@@ -213,9 +204,8 @@ def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory |
 def _both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
     """Camera and IMU under their own topics, and under the topics that an import of this layout uses."""
     read_as = replace(camera, topic=COLOR, depth_topic=DEPTH, imu_topic=IMU if imu else "")
-    cameras = {c.topic: c for c in (camera, read_as)}
     imus = {i.topic: i for i in (imu, replace(imu, topic=IMU))} if imu else {}
-    return Rig(cameras=cameras, imus=imus)
+    return Rig(cameras={c.topic: c for c in (camera, read_as)}, imus=imus)
 
 
 def _write_images(recording: Recording, topic: str, folder: Path, name: str) -> int:
