@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -32,12 +33,6 @@ _OURS = "stridetwin"
 _WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
 _LARGEST = 1e300
 _Squares = Annotated[int, whole(2, 2**31 - 1)]
-_NOISE = (
-    "gyroscope_noise_density",
-    "gyroscope_random_walk",
-    "accelerometer_noise_density",
-    "accelerometer_random_walk",
-)
 _BEYOND_NOISE = ("gyroscope_bias_sd", "accelerometer_bias_sd", "gyroscope_range", "accelerometer_range")
 
 
@@ -48,9 +43,9 @@ def rig_to_yaml(rig: Rig) -> str:
     for i, camera in enumerate(rig.cameras.values()):
         document[f"cam{i}"] = {
             "camera_model": "pinhole",
-            "intrinsics": _floats(camera.intrinsics),
+            "intrinsics": _plain(camera.intrinsics),
             "distortion_model": camera.distortion_model,
-            "distortion_coeffs": _floats(camera.distortion),
+            "distortion_coeffs": _plain(camera.distortion),
             "resolution": [int(camera.width), int(camera.height)],
             "rostopic": camera.topic,
             "timeshift_cam_imu": float(camera.timeshift_cam_imu_s),
@@ -60,7 +55,7 @@ def rig_to_yaml(rig: Rig) -> str:
         ours[f"cam{i}"] = {
             "part": camera.part,
             "rate_hz": float(camera.rate_hz),
-            "mount": _mount(camera.mount),
+            "mount": _plain(camera.mount),
             "depth_topic": camera.depth_topic,
             "imu_topic": camera.imu_topic,
         }
@@ -68,37 +63,30 @@ def rig_to_yaml(rig: Rig) -> str:
         document[f"imu{i}"] = {
             "rostopic": imu.topic,
             "update_rate": float(imu.rate_hz),
-            **{name: float(getattr(imu, name)) for name in _NOISE},
+            **{name: float(getattr(imu, name)) for name in ImuNoise.model_fields},
             "T_i_b": np.eye(4).tolist(),
         }
         ours[f"imu{i}"] = {
             "part": imu.part,
-            "mount": _mount(imu.mount),
+            "mount": _plain(imu.mount),
             **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
         }
     ours["boards"] = {
-        name: {
-            "mount": _mount(b.mount),
-            "squares": [int(n) for n in b.squares],
-            "square_m": float(b.square_m),
-        }
+        name: {"mount": _plain(b.mount), "squares": [int(n) for n in b.squares], "square_m": float(b.square_m)}
         for name, b in rig.boards.items()
     }
-    ours["sensors"] = [
-        {
-            "topic": s.topic,
-            "kind": s.kind,
-            "part": s.part,
-            "rate_hz": float(s.rate_hz),
-            "mount": _mount(s.mount),
-            "parameters": {k: np.asarray(v, float).tolist() for k, v in s.parameters.items()},
-        }
-        for s in rig.others.values()
-    ]
-    text: str = yaml.dump(
-        document | {_OURS: ours}, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120
-    )  # fmt: skip
-    return text
+    ours["sensors"] = [_plain(s) for s in rig.others.values()]
+    document[_OURS] = ours
+    return str(yaml.dump(document, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _plain(value: Any) -> Any:
+    """Plain data: dataclasses and mappings as mappings, numbers and arrays as floats."""
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return value if isinstance(value, str) else np.asarray(value, float).tolist()
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
@@ -159,13 +147,18 @@ class _Camera(_Kalibr):
     T_cn_cnm1: RigidTransform | None = None
 
 
-class _Imu(_Kalibr):
-    rostopic: str | None = None
-    update_rate: Positive
+class ImuNoise(_Kalibr):
+    """Noise densities of an IMU, the keys of Kalibr and of EuRoC."""
+
     gyroscope_noise_density: NotNegative
     gyroscope_random_walk: NotNegative
     accelerometer_noise_density: NotNegative
     accelerometer_random_walk: NotNegative
+
+
+class _Imu(ImuNoise):
+    rostopic: str | None = None
+    update_rate: Positive
 
 
 class _Mount(_Own):
@@ -344,16 +337,8 @@ def _T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
     return _inverse(camera.mount.T_body_sensor) @ imu.mount.T_body_sensor
 
 
-def _mount(mount: Mount) -> dict[str, Any]:
-    return {"body": mount.body, "T_body_sensor": np.asarray(mount.T_body_sensor, float).tolist()}
-
-
 def _inverse(T: Array) -> Array:
     R, p = T[:3, :3], T[:3, 3]
     inverse = np.eye(4)
     inverse[:3, :3], inverse[:3, 3] = R.T, -R.T @ p
     return inverse
-
-
-def _floats(values: Any) -> list[float]:
-    return [float(v) for v in values]

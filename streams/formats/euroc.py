@@ -23,6 +23,7 @@ from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import odometry
 from stridetwin.streams.formats.image_files import read_image_list
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
+from stridetwin.streams.kalibr import ImuNoise
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
@@ -37,12 +38,6 @@ POSE_UNITS = ("m",) * 3 + ("",) * 4 + ("m s^-1",) * 3
 VELOCITY_COLUMNS = ("v_RS_R_x", "v_RS_R_y", "v_RS_R_z")
 GROUND_TRUTHS = ("state_groundtruth_estimate0", "mocap0", "vicon0")
 TRUTH = "/truth/head/imu/odometry"
-NOISE = (
-    "gyroscope_noise_density",
-    "gyroscope_random_walk",
-    "accelerometer_noise_density",
-    "accelerometer_random_walk",
-)
 NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
 S = TypeVar("S", bound=BaseModel)
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
@@ -175,12 +170,8 @@ class _Sensor(BaseModel):
         return Mount(body=BODY, T_body_sensor=self.T_BS)
 
 
-class _ImuSensor(_Sensor):
+class _ImuSensor(_Sensor, ImuNoise):
     rate_hz: Positive
-    gyroscope_noise_density: NotNegative
-    gyroscope_random_walk: NotNegative
-    accelerometer_noise_density: NotNegative
-    accelerometer_random_walk: NotNegative
 
 
 class _CameraSensor(_Sensor):
@@ -209,7 +200,7 @@ def _sensor(folder: Path, kind: type[S]) -> S | None:
 def _imu_calibration(folder: Path, topic: str) -> ImuCalibration | None:
     if (found := _sensor(folder, _ImuSensor)) is None:
         return None
-    noise = {name: getattr(found, name) for name in NOISE}
+    noise = {name: getattr(found, name) for name in ImuNoise.model_fields}
     return ImuCalibration(topic=topic, part=found.comment, rate_hz=found.rate_hz, mount=found.mount, **noise)
 
 
