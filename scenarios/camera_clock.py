@@ -23,19 +23,18 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
-STRETCHES = 4
-IMAGES = 45
+STRETCHES, IMAGES = 4, 45
+"""Segments of a recording that are used, and images of each."""
 LARGEST_SHIFT_S = 0.15
 MOUNT_OFF_DEG = 5.0
-_STEP_S = 0.0025
-_WIDTH = 400
-_FEATURES = 150
-_FEWEST_TRACKS = 20
+_STEP_S = 0.0025  # between the shifts that are compared
+_WIDTH = 400  # px of the images that are tracked
+_FEATURES, _FEWEST_TRACKS = 150, 20
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
-_FEWEST_PAIRS = 30
-_SURE = 0.7
-_BETTER = 1.5
-_ROUNDS, _PRIOR_SHARE = 3, 0.01
+_FEWEST_PAIRS = 30  # of images with a known rotation
+_SURE = 0.7  # correlation from which a result counts
+_BETTER = 1.5  # ratio of costs from which another mount counts
+_ROUNDS, _PRIOR_SHARE = 3, 0.01  # of the alignment, and weight of the nominal mount in it
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -284,15 +284,15 @@ def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...
 
 
 def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[str, tuple[Link, ...]]) -> None:
-    """Refuses hips, knees and ankles that do not count flexion: laws and whoever reads a sensor take it to be so."""
+    """Refuses hips, knees and ankles that do not count flexion: control laws and readers of the sensors assume it."""
     for short, joint in joints.items():
         name, _, side = short.rpartition("_")
         y = _FLEXION_Y.get(name)
         axis = next(link.axis for link in legs[side] if link.joint == hinge_of(short))
         if y is not None and y * axis[1] < np.cos(np.radians(_MOST_ASLANT_DEG)):
             valid = (
-                f"within {_MOST_ASLANT_DEG:g} deg of [0, {y}, 0] (x forward, y left), flexion positive, as it is "
-                f"joints.{short} of {rig}; turn axis and range round"
+                f"within {_MOST_ASLANT_DEG:g} deg of [0, {y}, 0] (x forward, y left), flexion positive, as "
+                f"joints.{short} of {rig}; reverse axis and range"
             )
             raise ConfigError(model, f"joint {joint}, axis", (np.round(axis, 3) + 0.0).tolist(), valid)
 
