@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+)
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -22,6 +30,12 @@ from stridetwin.streams.samples import Array
 DEG, MM = 0.017453292519943295, 1e-3
 TAG = "="
 """First character of the tags of tagged unions; tags are not keys of a file."""
+
+
+class FileModel(BaseModel):
+    """A mapping in a file, without other keys than the model's."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
 
 def number(
@@ -232,8 +246,6 @@ NotNegative = Annotated[float, number(0)]
 Positive = Annotated[float, number(above=0)]
 Count = Annotated[int, whole(1, 2**31 - 1)]
 _Row = tuple[Number, Number, Number, Number]
-Vector = Annotated[Array, ReadAs(tuple[Number, Number, Number]), AfterValidator(np.array)]
-"""(3,) numbers."""
 RotationMatrix = Annotated[
     Array,
     ReadAs(tuple[tuple[Number, Number, Number], tuple[Number, Number, Number], tuple[Number, Number, Number]]),

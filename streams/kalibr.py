@@ -18,10 +18,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, create_model
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 from stridetwin.streams.errors import ConfigError, Missing
-from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, refused, whole
+from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, RigidTransform, refused, whole
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
@@ -129,12 +129,6 @@ class _Kalibr(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
-class _Own(BaseModel):
-    """A section of ours, below `stridetwin`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
 class _Camera(_Kalibr):
     camera_model: Literal["pinhole"]
     intrinsics: tuple[Positive, Positive, Number, Number]
@@ -161,17 +155,17 @@ class _Imu(ImuNoise):
     update_rate: Positive
 
 
-class _Mount(_Own):
+class _Mount(FileModel):
     body: str
     T_body_sensor: RigidTransform
 
 
-class _CameraMount(_Own):
+class _CameraMount(FileModel):
     body: str
     T_body_sensor: RigidTransform | None = None
 
 
-class _OwnCamera(_Own):
+class _OwnCamera(FileModel):
     part: str = ""
     rate_hz: NotNegative
     mount: _CameraMount
@@ -179,7 +173,7 @@ class _OwnCamera(_Own):
     imu_topic: str = ""
 
 
-class _OwnImu(_Own):
+class _OwnImu(FileModel):
     part: str = ""
     mount: _Mount
     gyroscope_bias_sd: NotNegative = 0.0
@@ -188,7 +182,7 @@ class _OwnImu(_Own):
     accelerometer_range: NotNegative = 0.0
 
 
-class _Board(_Own):
+class _Board(FileModel):
     mount: _Mount
     squares: tuple[_Squares, _Squares]
     square_m: Positive
@@ -202,13 +196,13 @@ def _parameter(node: Any) -> Any:
     return float(node)
 
 
-class _Sensor(_Own):
+class _Sensor(FileModel):
     topic: str
     kind: Literal["range", "insole", "ahrs", "encoder", "interaction", "actuator"]
     part: str = ""
     rate_hz: Positive
     mount: _Mount
-    parameters: dict[str, Annotated[Any, AfterValidator(_parameter)]] = {}
+    parameters: dict[str, Annotated[Any, AfterValidator(_parameter)]] = Field(default_factory=dict)
 
 
 @lru_cache(maxsize=16)
@@ -218,7 +212,7 @@ def _document(cameras: tuple[str, ...], imus: tuple[str, ...], has_own: bool) ->
     if has_own:
         own: dict[str, Any] = {name: (_OwnCamera, ...) for name in cameras} | {name: (_OwnImu, ...) for name in imus}
         own |= {"boards": (dict[str, _Board], {}), "sensors": (list[_Sensor], [])}
-        sections[_OURS] = (create_model(_OURS, __base__=_Own, **own), ...)
+        sections[_OURS] = (create_model(_OURS, __base__=FileModel, **own), ...)
     return create_model("Calibration", __base__=_Kalibr, **sections)
 
 

@@ -14,11 +14,12 @@ from typing import Annotated
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 
 from stridetwin.streams.errors import check_numbers
 from stridetwin.streams.fields import (
     DEG,
+    FileModel,
     NotNegative,
     Number,
     ReadAs,
@@ -278,11 +279,7 @@ def _told(compliance: Compliance) -> dict[str, float | list[float]]:
     return told
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _Ahrs(_Model):
+class _Ahrs(FileModel):
     """An AHRS.
 
     Attributes:
@@ -304,7 +301,7 @@ class _ThighAhrs(_Ahrs):
     frame: Annotated[int, whole(1, _FRAMES_MAX)]
 
 
-class _Leg(_Model):
+class _Leg(FileModel):
     """One leg.
 
     Attributes:
@@ -345,7 +342,7 @@ def _leg(leg: _Leg) -> Leg:
     )
 
 
-class _Legs(_Model):
+class _Legs(FileModel):
     """Both legs.
 
     Attributes:
@@ -356,7 +353,7 @@ class _Legs(_Model):
     r: Annotated[_Leg, AfterValidator(_leg)]
 
 
-class ExoskeletonFile(_Model):
+class ExoskeletonFile(FileModel):
     """The calibration of an exoskeleton.
 
     Attributes:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.exo_description import Cuff, Link, Module, OnLink, OwnExo, hinge_of
@@ -19,7 +19,7 @@ from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
 from stridetwin.sim.parts.library import kind_of, library, part, read_part
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.fields import MM, ReadAs, elsewhere, flag, folder_of, number, refused
+from stridetwin.streams.fields import MM, FileModel, ReadAs, elsewhere, flag, folder_of, number, refused
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import combined, suggest, validated
 from stridetwin.streams.yaml_file import read_yaml
@@ -101,11 +101,7 @@ def _on_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
     return cuffs
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
-
-
-class _Seat(_Model):
+class _Seat(FileModel):
     """A place on a link of the model.
 
     Attributes:
@@ -137,7 +133,7 @@ class _ImuSeat(_Seat):
     part: Annotated[ImuPart, _part_of("imu")]
 
 
-class _CuffFile(_Model):
+class _CuffFile(FileModel):
     """A tie of a link to the wearer; three values are fore-aft, sideways and along the limb.
 
     Attributes:
@@ -167,7 +163,7 @@ class _CuffFile(_Model):
         return np.array([np.diag(d if g is None else g) for g, d in zip(given, standard)])
 
 
-class _Motor(_Model):
+class _Motor(FileModel):
     """The motor of a joint; rotor, gear and mass are the model's.
 
     Attributes:
@@ -181,7 +177,7 @@ class _Motor(_Model):
     part: Annotated[ActuatorPart, _part_of("actuator")] = Field("actuation-module", validate_default=True)  # type: ignore[assignment]
 
 
-class OwnExoFile(_Model):
+class OwnExoFile(FileModel):
     """The rig of an exoskeleton of the user's own.
 
     Attributes:
@@ -202,11 +198,13 @@ class OwnExoFile(_Model):
         AfterValidator(_on_both_legs),
         Field(json_schema_extra={"propertyNames": {"enum": list(_BODIES)}}),
     ]
-    joints: Annotated[dict[str, str], _short_names("hip_l, knee_r"), AfterValidator(_each_once)] = {}
+    joints: Annotated[dict[str, str], _short_names("hip_l, knee_r"), AfterValidator(_each_once)] = Field(
+        default_factory=dict
+    )
     encoders: Annotated[tuple[str, ...], AfterValidator(_of_joints)] = ()
-    motors: Annotated[dict[str, _Motor], AfterValidator(_of_joints)] = {}
-    ahrs: Annotated[dict[str, _Seat], _short_names("back, thigh_l, foot_r", "back")] = {}
-    imus: Annotated[dict[str, _ImuSeat], _short_names("back, thigh_l, foot_r", "back")] = {}
+    motors: Annotated[dict[str, _Motor], AfterValidator(_of_joints)] = Field(default_factory=dict)
+    ahrs: Annotated[dict[str, _Seat], _short_names("back, thigh_l, foot_r", "back")] = Field(default_factory=dict)
+    imus: Annotated[dict[str, _ImuSeat], _short_names("back, thigh_l, foot_r", "back")] = Field(default_factory=dict)
 
 
 def read_own_exo(model: Path, rig: Path) -> OwnExo:
