@@ -164,7 +164,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
 
     name = arguments.estimator
     if name is None and arguments.record is None:
-        raise StrideTwinError("live: nothing to do; valid: an estimator, --record FILE, or both")
+        raise StrideTwinError("live: nothing to do: expected an estimator, --record FILE, or both")
     if name is None and arguments.output is not None:
         raise StrideTwinError("-o goes with an estimator; a recording is made with --record FILE")
     if name is None and arguments.foot:

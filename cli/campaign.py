@@ -21,7 +21,7 @@ def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
     name, names = arguments.scenario, [*catalogue(), *campaigns()]
     if name not in names and not Path(name).suffix and Path(name).parent == Path("."):
         valid = f"{suggest(name, names)}, or the path of a .yaml file"
-        raise StrideTwinError(f"there is no scenario or campaign {name!r}; valid: {valid}")
+        raise StrideTwinError(f"there is no scenario or campaign {name!r}: expected {valid}")
     path = find_campaign(name)
     if path is not None:
         return campaign_command(path, arguments, progress)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,14 +20,11 @@ from stridetwin.scenarios.files import staged
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.euroc_export import write_euroc
 from stridetwin.streams.formats.imu_table import write_imu_table
+from stridetwin.streams.formats.mcap_export import write_rosbag2
 from stridetwin.streams.formats.opensim_export import write_opensim
-from stridetwin.streams.formats.ros2_export import write_rosbag2
 from stridetwin.streams.formats.tum import write_tum
-from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
+from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
-
-if TYPE_CHECKING:
-    from stridetwin.streams.recording.reader import Recording
 
 
 def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
@@ -46,7 +43,7 @@ def imported(arguments: ImportableOptions, *, tell: bool = True) -> Recording:
 def _mapped(text: str) -> tuple[str, str]:
     old, equals, new = text.partition("=")
     if not (old and equals and new):
-        raise StrideTwinError(f"--map: {text!r} is not valid; valid: FROM=TO")
+        raise StrideTwinError(f"--map: invalid {text!r}: expected FROM=TO")
     return old, new
 
 
@@ -161,8 +158,6 @@ class ViewOptions(SourceOptions):
 
 def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     """`export`."""
-    pass
-
     recording = opened(arguments.source, arguments.lenient)
     progress("export", 0.0)
     rows = export(
@@ -181,7 +176,7 @@ def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
 
 def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:
     """`import`."""
-    from stridetwin.streams.formats.rewrite import write_recording
+    from stridetwin.streams.formats.mcap_export import write_recording
 
     recording = imported(arguments)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
@@ -211,7 +206,7 @@ def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
     progress("check", 0.0)
     recording = imported(replace(arguments, lenient=True), tell=False)  # a check reports every problem
     found = check_recording(recording, lambda share: progress("check", share))
-    return Outcome(data=found.data, lines=check_table(found), code=1 if found.spoilt else 0)
+    return Outcome(data=found.data, lines=check_table(found), code=0 if found.is_valid else 1)
 
 
 def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from importlib import resources
-from pathlib import Path
-from typing import Annotated, Any
+from pkgutil import resolve_name
+from typing import Annotated
 
 import typer
 
 from stridetwin.cli.options import Options, one_of
 from stridetwin.cli.outcome import Outcome, Progress
 
-SCHEMAS = ("scenario", "campaign", "placement", "part")
+SCHEMAS = {
+    "scenario": "stridetwin.scenarios.scenario_model:ScenarioFile",
+    "campaign": "stridetwin.scenarios.campaign.campaign_file:CampaignFile",
+    "placement": "stridetwin.studies.placement.problem_file:PlacementFile",
+    "part": "stridetwin.sim.parts.library:PartFile",
+    "own_exo": "stridetwin.sim.wearer.own_exo_rig:OwnExoFile",
+    "exo_geometry": "stridetwin.estimators.contact_terrain.geometry:ExoskeletonFile",
+}
+"""Kinds of files that users write, and the type of each; imported when it is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,40 +32,7 @@ class SchemaOptions(Options):
 
 def schema_command(arguments: SchemaOptions, progress: Progress) -> Outcome:
     """`schema`."""
-    found = file_schema(arguments.kind)
-    return Outcome(data=found, lines=as_text(found).splitlines())
+    from stridetwin.streams.json_schema import schema_file
 
-
-def file_schema(kind: str) -> dict[str, Any]:
-    """The JSON Schema of a kind of file, one of `SCHEMAS`."""
-    from stridetwin.streams.json_schema import schema_of
-
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema_of(_type(kind))
-
-
-def as_text(schema: dict[str, Any]) -> str:
-    """A schema as text of its file."""
-    return json.dumps(schema, indent=1, ensure_ascii=False)
-
-
-def shipped(kind: str) -> Path:
-    """The built-in file of a schema."""
-    return Path(str(resources.files("stridetwin.scenarios"))) / "schema" / f"{kind}.json"
-
-
-def _type(kind: str) -> Any:
-    if kind == "part":
-        from stridetwin.sim.parts.library import PartFile
-
-        return PartFile
-    if kind == "campaign":
-        from stridetwin.scenarios.campaign.campaign_file import CampaignFile
-
-        return CampaignFile
-    if kind == "placement":
-        from stridetwin.studies.placement.problem_file import PlacementFile
-
-        return PlacementFile
-    from stridetwin.scenarios.scenario_model import ScenarioFile
-
-    return ScenarioFile
+    found = schema_file(resolve_name(SCHEMAS[arguments.kind]))
+    return Outcome(data=found, lines=json.dumps(found, indent=1, ensure_ascii=False).splitlines())

@@ -138,7 +138,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
 
     for option in ("junit", "markdown"):
         if getattr(arguments, option) and not arguments.baseline:
-            raise StrideTwinError(f"--{option} tells of changes; valid: with --baseline")
+            raise StrideTwinError(f"--{option} compares with --baseline: expected both")
     if arguments.history and not arguments.label:
         raise StrideTwinError("--history needs the --label of this version, such as a commit")
     baseline = read_table(arguments.baseline) if arguments.baseline else None
@@ -148,7 +148,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     asked = {"lenient": arguments.lenient, "alignment": arguments.align, "own": _own(arguments)}
     jobs = jobs_of(arguments.recordings, **asked)
     if arguments.estimate and len(jobs) > 1:
-        raise StrideTwinError("--estimate goes with one recording; valid: one RECORDING, or --program for many")
+        raise StrideTwinError("--estimate goes with one recording: expected one RECORDING, or --program for many")
     rows = list(score_walks(jobs, arguments.workers, progress))
     means = summary(row["estimators"] for row in rows)
     data = document_of(rows, means)
@@ -204,7 +204,7 @@ def _own(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
         own.append(program)
     names = [estimator.name for estimator in own]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise StrideTwinError(f"two estimators are called {twice[0]!r}; valid: a name for each")
+        raise StrideTwinError(f"two estimators are called {twice[0]!r}: expected a name for each")
     return tuple(own)
 
 
@@ -229,5 +229,5 @@ def _score_lines(scores: dict[str, Scores], shown: dict[str, str]) -> list[str]:
 def _named(text: str, option: str, what: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals and value):
-        raise StrideTwinError(f"{option}: {text!r} is not valid; valid: NAME={what}")
+        raise StrideTwinError(f"{option}: invalid {text!r}: expected NAME={what}")
     return name, value

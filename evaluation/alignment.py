@@ -65,7 +65,7 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
         U, _, Vt = np.linalg.svd(H)
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     else:
-        raise ValueError(f"alignment {how!r}; valid: {', '.join(ALIGNMENTS)}")
+        raise ValueError(f"invalid alignment {how!r}: expected {', '.join(ALIGNMENTS)}")
     return Rigid(R=R, t=mean_t - R @ mean_e)
 
 

@@ -21,9 +21,9 @@ from stridetwin.pipeline.step_files import step_cells, write_steps
 from stridetwin.pipeline.terrain_files import document, write_terrain
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.formats.tum import seconds
-from stridetwin.streams.pose import Pose
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
+from stridetwin.streams.trajectory import Pose
 
 Done = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""

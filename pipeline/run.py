@@ -19,11 +19,10 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.pipeline.terrain_files import depth_camera, given_poses, pose_sample
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
-from stridetwin.streams.pose import Pose, trajectory_of
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
-from stridetwin.streams.trajectory import Trajectory
+from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
 
 Found = type[Estimator]
 
@@ -127,8 +126,8 @@ def pose_of(estimate: Any, source: str = "estimator") -> Pose | None:
         return pose
     if not hasattr(estimate, "p_frame_in_world"):
         kind = type(estimate).__name__
-        raise StrideTwinError(f"{source}.update: invalid {kind}: expected stridetwin.streams.pose.Pose")
-    deprecated("an estimate with p_frame_in_world and q_world_frame", "stridetwin.streams.pose.Pose")
+        raise StrideTwinError(f"{source}.update: invalid {kind}: expected stridetwin.streams.trajectory.Pose")
+    deprecated("an estimate with p_frame_in_world and q_world_frame", "stridetwin.streams.trajectory.Pose")
     p, q = np.asarray(estimate.p_frame_in_world, float), np.asarray(estimate.q_world_frame, float)
     return Pose(t_ns=int(estimate.t_ns), p_frame_in_world=p, rotation=q)
 

@@ -67,12 +67,12 @@ class Finding:
     Attributes:
         topic: The stream, or "" for the whole recording.
         what: Its text.
-        spoils: Whether it is an error, which invalidates estimates, rather than a warning.
+        is_error: Whether it invalidates estimates; otherwise it is a warning.
     """
 
     topic: str
     what: str
-    spoils: bool
+    is_error: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,9 +88,9 @@ class Check:
     findings: tuple[Finding, ...]
 
     @property
-    def spoilt(self) -> bool:
-        """Whether any finding is an error."""
-        return any(f.spoils for f in self.findings)
+    def is_valid(self) -> bool:
+        """Whether no finding is an error."""
+        return not any(f.is_error for f in self.findings)
 
 
 def check_recording(recording: Recording, progress: Callable[[float], None] = lambda _: None) -> Check:
@@ -100,13 +100,13 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         recording: The recording; its `problems` count as errors.
         progress: Receives the progress (0-1).
     """
-    _read_pictures(recording)
-    findings = [Finding(topic=p.topic, what=str(p), spoils=True) for p in recording.problems]
-    findings += [Finding(topic="", what=w, spoils=False) for w in recording.warnings]
+    _read_images(recording)
+    findings = [Finding(topic=p.topic, what=str(p)) for p in recording.problems]
+    findings += [Finding(topic="", what=w, is_error=False) for w in recording.warnings]
     if not recording.has_rig:
-        findings.append(Finding(topic="", what="no calibration inside", spoils=True))
+        findings.append(Finding(topic="", what="no calibration inside"))
     if not recording.topics:
-        findings.append(Finding(topic="", what="no stream that can be read", spoils=True))
+        findings.append(Finding(topic="", what="no stream that can be read"))
     topics: dict[str, dict[str, Any]] = {}
     for i, topic in enumerate(sorted(recording.topics)):
         progress(i / len(recording.topics))
@@ -114,34 +114,35 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         findings += found
     clocks, unsure = _clocks(recording)
     for camera in unsure:
-        what = f"its clock and mount could not be checked by its pictures and the gyro of {camera.imu_topic}"
-        findings.append(Finding(topic=camera.topic, what=what, spoils=False))
+        what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"
+        findings.append(Finding(topic=camera.topic, what=what, is_error=False))
     for topic, clock in clocks.items():
         if clock["mount_off_deg"]:
             what = (
-                f"its mount is {clock['mount_off_deg']:.0f}° off what the calibration says of it and {clock['imu']}: "
-                f"the turns that they see and feel agree only so (correlation {clock['correlation']:.2f}); "
+                f"its mount differs by {clock['mount_off_deg']:.0f}° from the calibration of it and {clock['imu']}: "
+                f"only then do their rotation rates agree (correlation {clock['correlation']:.2f}); "
                 "T_cam_imu may be inverted, or its axes exchanged"
             )
-            findings.append(Finding(topic=topic, what=what, spoils=True))
+            findings.append(Finding(topic=topic, what=what))
         if abs(clock["unexplained_s"]) > max(CLOCK_OFFSET_S, 3 * clock["sd_s"]):
             what = (
-                f"its clock is {clock['shift_s'] * 1e3:+.1f} ms off that of {clock['imu']}, where the calibration "
-                f"says {clock['told_s'] * 1e3:+.1f} ms (t_imu = t_cam + shift)"
+                f"its clock differs by {clock['shift_s'] * 1e3:+.1f} ms from that of {clock['imu']}, "
+                f"in the calibration by {clock['calibrated_s'] * 1e3:+.1f} ms (t_imu = t_cam + shift)"
             )
-            findings.append(Finding(topic=topic, what=what, spoils=True))
+            findings.append(Finding(topic=topic, what=what))
     unread = {f: t for f, t in recording.unread.items() if not f.endswith("/camera_info")}
-    findings += [Finding(topic=t, what=f"not read: {kind}", spoils=False) for t, kind in sorted(unread.items())]
+    findings += [Finding(topic=t, what=f"not read: {kind}", is_error=False) for t, kind in sorted(unread.items())]
     data = {
         "recording": str(recording.path),
         "duration_s": recording.duration,
         "schema_version": recording.schema_version,
         "topics": topics,
         "camera_clocks": clocks,
-        "findings": [vars(f) for f in findings],
-        "fit": not any(f.spoils for f in findings),
+        "findings": [vars(f) | {"spoils": f.is_error} for f in findings],  # the former name of is_error
     }
-    return Check(data=data, findings=tuple(findings))
+    check = Check(data=data, findings=tuple(findings))
+    data["valid"] = data["fit"] = check.is_valid  # fit: the former name
+    return check
 
 
 def check_table(check: Check) -> list[str]:
@@ -158,10 +159,12 @@ def check_table(check: Check) -> list[str]:
         lines.append(f"{_line(cells)}  {_remark(row)}".rstrip())
     for topic, clock in check.data["camera_clocks"].items():
         shift = f"{clock['shift_s'] * 1e3:+.1f} ± {clock['sd_s'] * 1e3:.1f} ms"
-        lines.append(f"{topic}: time of {clock['imu']} = its own {shift} (calibration {clock['told_s'] * 1e3:+.1f} ms)")
+        lines.append(
+            f"{topic}: time of {clock['imu']} = its own {shift} (calibration {clock['calibrated_s'] * 1e3:+.1f} ms)"
+        )
     for finding in check.findings:
-        lines.append(f"{'SPOILS' if finding.spoils else 'note'}: {_named(finding)}")
-    lines.append("fit for use" if not check.spoilt else "not fit for use: see SPOILS")
+        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {_named(finding)}")
+    lines.append("valid" if check.is_valid else "invalid: see ERROR")
     return lines
 
 
@@ -176,11 +179,10 @@ def _remark(row: dict[str, Any]) -> str:
 
 
 def _named(finding: Finding) -> str:
-    told = finding.what.startswith(finding.topic)
-    return finding.what if told else f"{finding.topic}: {finding.what}"
+    return finding.what if finding.what.startswith(finding.topic) else f"{finding.topic}: {finding.what}"
 
 
-def _read_pictures(recording: Recording) -> None:
+def _read_images(recording: Recording) -> None:
     """Decodes the images so that damaged ones become problems; those of an MCAP file are protected by its CRCs."""
     if not recording.is_mcap:
         for _ in recording.samples([t for t, i in recording.topics.items() if i.kind in (Image, Depth)]):
@@ -205,35 +207,30 @@ def _check_topic(recording: Recording, topic: str) -> tuple[dict[str, Any], list
     row["declared_hz"], row["calibrated"] = _declared(recording, topic)
     findings: list[Finding] = []
 
-    def spoils(what: str) -> None:
-        findings.append(Finding(topic=topic, what=what, spoils=True))
-
     row |= _timing(t_ns)
     if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
-        spoils("no calibration")
+        findings.append(Finding(topic=topic, what="no calibration"))
     gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"
-    sparse = topic.startswith("/truth/") or is_image
-    if row["gaps"] and not sparse:
-        spoils(gaps)
-    elif row["gaps"] and is_image:
-        findings.append(Finding(topic=topic, what=gaps, spoils=False))
+    if row["gaps"] and (is_image or not topic.startswith("/truth/")):
+        findings.append(Finding(topic=topic, what=gaps, is_error=not is_image))
     row["range_hits_pct"] = None
     if block is not None and not topic.startswith("/truth/"):
         row["range_hits_pct"] = hits = range_hits(block, recording.rig if recording.has_rig else None)
         if hits is not None and hits > RANGE_HITS_PCT:
-            spoils(f"{hits:.1f} % of the samples at the end of the range; valid: up to {RANGE_HITS_PCT:g} %")
+            what = f"{hits:.1f} % of the samples at the end of the range: expected up to {RANGE_HITS_PCT:g} %"
+            findings.append(Finding(topic=topic, what=what))
     if block is not None and info.kind in (Imu, Accelerometer) and info.count >= _FEWEST:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
-        doubts = (*implausible_rates(t_ns, IMU_RATES_HZ), *_units(block))
-        findings += [Finding(topic=topic, what=str(d), spoils=True) for d in doubts]
-    return row, [f for f in findings if not _told(recording, f)]
+        c = block.columns
+        found = (
+            *implausible_rates(t_ns, IMU_RATES_HZ),
+            *implausible_units(t_ns, c["specific_force"], c.get("angular_rate")),
+        )
+        findings += [Finding(topic=topic, what=str(one)) for one in found]
+    return row, [f for f in findings if not _is_known(recording, f)]
 
 
-def _units(block: Block[Any]) -> Any:
-    return implausible_units(block.t_ns, block.columns["specific_force"], block.columns.get("angular_rate"))
-
-
-def _told(recording: Recording, finding: Finding) -> bool:
+def _is_known(recording: Recording, finding: Finding) -> bool:
     """Whether the recording's own problems already include it."""
     return any(p.topic == finding.topic and finding.what in p.what for p in recording.problems)
 

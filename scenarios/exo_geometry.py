@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,17 +21,14 @@ from stridetwin.estimators.contact_terrain.geometry import (
     parse_exoskeleton,
     to_text,
 )
+from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exoskeleton import DH_SIGNS, R_DH_BODY, RANGE_RAD, ExoLinks, dh_table
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 
-if TYPE_CHECKING:
-    from stridetwin.sim.twin import Twin
-    from stridetwin.sim.wearer.dimensions import Wearer
-
 LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
-"""Accuracy of the segment lengths and of the AHRS mounts after a laboratory calibration while standing."""
+"""Accuracy of the segment lengths and of the AHRS mounts after a laboratory calibration of a stationary wearer."""
 _THIGH, _KNEE, _FOOT = 5, 6, 8
 _SENSORS = {"ahrs", "encoder", "insole"}
 
@@ -96,11 +92,10 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
     return low, high
 
 
-def metadata(twin: Twin) -> dict[str, str]:
+def metadata(size: Wearer, rig: Rig) -> dict[str, str]:
     """Geometry for a recording's metadata; empty for a walk without the exoskeleton or its sensors."""
-    kinds = {sensor.kind for sensor in twin.rig.others.values()}
-    is_known = kinds >= _SENSORS and isinstance(twin.size.exo, ExoLinks)
-    return {METADATA_KEY: to_text(geometry(twin.size, twin.rig))} if is_known else {}
+    is_known = {sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)
+    return {METADATA_KEY: to_text(geometry(size, rig))} if is_known else {}
 
 
 def of_recording(recording: Recording) -> Exoskeleton:
@@ -122,7 +117,7 @@ def measured(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
         rng: Source of the errors.
     """
 
-    def turned(attitude: Attitude) -> Attitude:
+    def rotated(attitude: Attitude) -> Attitude:
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
         return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
 
@@ -130,6 +125,6 @@ def measured(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
         rows = list(leg.rows)
         for i in (_THIGH, _KNEE):  # row i is that of frame i + 1, at the far end of the segment
             rows[i] = replace(rows[i], a=rows[i].a + LINK_SD_M * rng.standard_normal())
-        return replace(leg, rows=tuple(rows), thigh=turned(leg.thigh), foot=turned(leg.foot))
+        return replace(leg, rows=tuple(rows), thigh=rotated(leg.thigh), foot=rotated(leg.foot))
 
-    return replace(exo, back=turned(exo.back), legs={side: stretched(leg) for side, leg in exo.legs.items()})
+    return replace(exo, back=rotated(exo.back), legs={side: stretched(leg) for side, leg in exo.legs.items()})

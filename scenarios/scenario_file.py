@@ -63,7 +63,9 @@ def load_scenario(name: str) -> Scenario:
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or path.parent != Path("."):
         return read_scenario(path)
-    raise StrideTwinError(f"there is no scenario {name!r}; valid: {suggest(name, known)}, or the path of a .yaml file")
+    raise StrideTwinError(
+        f"there is no scenario {name!r}: expected {suggest(name, known)}, or the path of a .yaml file"
+    )
 
 
 def read_scenario(path: Path) -> Scenario:

@@ -49,7 +49,7 @@ from stridetwin.sim.faults.sample_faults import (
 from stridetwin.sim.wearer.actuation import JOINTS, modules
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.world.mesh_terrain import MeshWay
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
     MM,
     OneKey,
@@ -244,7 +244,7 @@ def _when(fault: Fault) -> Fault:
     if len(given) != 1:
         raise refused(list(given), "either at_s or rate_per_min")
     if fault.rate_per_min is not None and fault.duration_s is None:
-        raise refused("no duration_s", "the key duration_s is required with rate_per_min")
+        raise refused(Missing(), "this key, beside rate_per_min", "duration_s")
     return fault
 
 

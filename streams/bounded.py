@@ -114,7 +114,7 @@ def check_pixels(width: int, height: int, most: int = MOST_PIXELS) -> None:
         ValueError: The image has more than `most` pixels.
     """
     if not 0 < width * height <= most:
-        raise ValueError(f"an image of {width} × {height} is not valid; valid: up to {most} pixels")
+        raise ValueError(f"invalid image of {width} × {height}: expected up to {most} pixels")
 
 
 def decode_image(data: bytes) -> NDArray[Any] | None:
@@ -126,7 +126,7 @@ def decode_image(data: bytes) -> NDArray[Any] | None:
     check_pixels(*image_size(data))
     # The data of a scan never contains these two bytes, so no decoder finds more scans than this.
     if not data.startswith(_PNG) and (scans := data.count(_JPEG_SCAN)) > MOST_SCANS:
-        raise ValueError(f"a JPEG of {scans} scans is not valid; valid: up to {MOST_SCANS}")
+        raise ValueError(f"invalid JPEG of {scans} scans: expected up to {MOST_SCANS}")
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:

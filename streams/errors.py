@@ -13,6 +13,10 @@ class StrideTwinError(Exception):
     """Root of every error that a user can cause; the command line prints it as one line and exits with 2."""
 
 
+class Missing:
+    """The value of a key that is required and not there."""
+
+
 class ConfigError(StrideTwinError):
     """A value in a file or a call that is not allowed.
 
@@ -26,7 +30,13 @@ class ConfigError(StrideTwinError):
     def __init__(self, source: object, field: str, value: object, valid: str) -> None:
         self.source, self.field, self.value, self.valid = str(source), field, value, valid
         where = f"{source}: {field}" if field else str(source)
-        super().__init__(f"{where}: {_shown(value)} is not valid; valid: {valid}")
+        super().__init__(f"{where}: {self.problem}")
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the value, without its place."""
+        found = "missing" if isinstance(self.value, Missing) else f"invalid {_shown(self.value)}"
+        return f"{found}: expected {self.valid}"
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
         """Pickles the constructor's arguments; by default an exception pickles its message alone."""

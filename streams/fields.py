@@ -10,28 +10,53 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+)
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import Missing, StrideTwinError
+from stridetwin.streams.samples import Array
 
 DEG, MM = 0.017453292519943295, 1e-3
 TAG = "="
 """First character of the tags of tagged unions; tags are not keys of a file."""
 
 
-def number(low: float, high: float, *, key: str | None = None, scale: float = 1.0) -> Any:
-    """A finite number in [low, high] in the file's unit.
+class FileModel(BaseModel):
+    """A mapping in a file, without other keys than the model's."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+def number(
+    low: float | None = None,
+    high: float | None = None,
+    *,
+    above: float | None = None,
+    key: str | None = None,
+    scale: float = 1.0,
+) -> Any:
+    """A finite number in the file's unit.
 
     Args:
         low: Smallest valid value.
         high: Largest valid value.
+        above: Bound that a valid value exceeds.
         key: Name in the file; None for that of the attribute.
         scale: Factor from the file's unit to that of the attribute.
     """
-    info = _named(key, ge=low, le=high, strict=True, allow_inf_nan=False)
+    bounds = {name: value for name, value in (("ge", low), ("le", high), ("gt", above)) if value is not None}
+    info = _named(key, **bounds, strict=True, allow_inf_nan=False)
     if scale != 1.0:
         info.metadata.append(AfterValidator(lambda value: value * scale))
     return info
@@ -114,7 +139,7 @@ class Required:
         if isinstance(node, dict):
             for key in self._keys:
                 if key not in node:
-                    raise refused(f"no {key}", f"the key {key} is required")
+                    raise refused(Missing(), "this key", key)
         return node
 
 
@@ -196,6 +221,39 @@ class _OfKind:
         found["properties"] = {"kind": {"const": self._kind}, **found["properties"]}
         found["required"] = list(dict.fromkeys(["kind", *found.get("required", ())]))
         return found
+
+
+def _rotation(rows: Any) -> Array:
+    R = np.array(rows)
+    if not _is_rotation(R):
+        raise refused(R.tolist(), "a rotation matrix")
+    return R
+
+
+def _rigid(rows: Any) -> Array:
+    T = np.array(rows)
+    if not _is_rotation(T[:3, :3]) or not np.array_equal(T[3], (0, 0, 0, 1)):
+        raise refused(T.tolist(), "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1")
+    return T
+
+
+def _is_rotation(R: Array) -> bool:
+    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0)
+
+
+Number = Annotated[float, number()]
+NotNegative = Annotated[float, number(0)]
+Positive = Annotated[float, number(above=0)]
+Count = Annotated[int, whole(1, 2**31 - 1)]
+_Row = tuple[Number, Number, Number, Number]
+RotationMatrix = Annotated[
+    Array,
+    ReadAs(tuple[tuple[Number, Number, Number], tuple[Number, Number, Number], tuple[Number, Number, Number]]),
+    AfterValidator(_rotation),
+]
+"""(3, 3) rotation, as rows."""
+RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row]), AfterValidator(_rigid)]
+"""(4, 4) rigid transform, as rows."""
 
 
 def unique(values: tuple[str, ...]) -> tuple[str, ...]:

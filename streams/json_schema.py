@@ -21,6 +21,11 @@ def schema_of(kind: Any) -> dict[str, Any]:
     return TypeAdapter(kind).json_schema(schema_generator=_Described)
 
 
+def schema_file(kind: Any) -> dict[str, Any]:
+    """The JSON Schema of a type as the content of a file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema_of(kind)
+
+
 def described(kind: type) -> Mapping[str, str]:
     """Descriptions of attributes from the docstrings of the class and its base classes."""
     found: dict[str, str] = {}

@@ -10,29 +10,29 @@ undeclared.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, Missing
+from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, RigidTransform, refused, whole
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
-from stridetwin.streams.yaml_file import FastDumper
-from stridetwin.streams.yaml_node import Node, parse_node, read_node
+from stridetwin.streams.validation import validated
+from stridetwin.streams.yaml_file import FastDumper, parse_yaml, read_yaml
 
-KINDS = ("range", "insole", "ahrs", "encoder", "interaction", "actuator")
-DISTORTIONS = ("radtan", "equidistant")
 PLAIN_BODY = "imu0"
 _OURS = "stridetwin"
-_NOISE = (
-    "gyroscope_noise_density",
-    "gyroscope_random_walk",
-    "accelerometer_noise_density",
-    "accelerometer_random_walk",
-)
+_WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
+_LARGEST = 1e300
+_Squares = Annotated[int, whole(2, 2**31 - 1)]
 _BEYOND_NOISE = ("gyroscope_bias_sd", "accelerometer_bias_sd", "gyroscope_range", "accelerometer_range")
 
 
@@ -43,9 +43,9 @@ def rig_to_yaml(rig: Rig) -> str:
     for i, camera in enumerate(rig.cameras.values()):
         document[f"cam{i}"] = {
             "camera_model": "pinhole",
-            "intrinsics": _floats(camera.intrinsics),
+            "intrinsics": _plain(camera.intrinsics),
             "distortion_model": camera.distortion_model,
-            "distortion_coeffs": _floats(camera.distortion),
+            "distortion_coeffs": _plain(camera.distortion),
             "resolution": [int(camera.width), int(camera.height)],
             "rostopic": camera.topic,
             "timeshift_cam_imu": float(camera.timeshift_cam_imu_s),
@@ -55,7 +55,7 @@ def rig_to_yaml(rig: Rig) -> str:
         ours[f"cam{i}"] = {
             "part": camera.part,
             "rate_hz": float(camera.rate_hz),
-            "mount": _mount(camera.mount),
+            "mount": _plain(camera.mount),
             "depth_topic": camera.depth_topic,
             "imu_topic": camera.imu_topic,
         }
@@ -63,37 +63,30 @@ def rig_to_yaml(rig: Rig) -> str:
         document[f"imu{i}"] = {
             "rostopic": imu.topic,
             "update_rate": float(imu.rate_hz),
-            **{name: float(getattr(imu, name)) for name in _NOISE},
+            **{name: float(getattr(imu, name)) for name in ImuNoise.model_fields},
             "T_i_b": np.eye(4).tolist(),
         }
         ours[f"imu{i}"] = {
             "part": imu.part,
-            "mount": _mount(imu.mount),
+            "mount": _plain(imu.mount),
             **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
         }
     ours["boards"] = {
-        name: {
-            "mount": _mount(b.mount),
-            "squares": [int(n) for n in b.squares],
-            "square_m": float(b.square_m),
-        }
+        name: {"mount": _plain(b.mount), "squares": [int(n) for n in b.squares], "square_m": float(b.square_m)}
         for name, b in rig.boards.items()
     }
-    ours["sensors"] = [
-        {
-            "topic": s.topic,
-            "kind": s.kind,
-            "part": s.part,
-            "rate_hz": float(s.rate_hz),
-            "mount": _mount(s.mount),
-            "parameters": {k: np.asarray(v, float).tolist() for k, v in s.parameters.items()},
-        }
-        for s in rig.others.values()
-    ]
-    text: str = yaml.dump(
-        document | {_OURS: ours}, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120
-    )  # fmt: skip
-    return text
+    ours["sensors"] = [_plain(s) for s in rig.others.values()]
+    document[_OURS] = ours
+    return str(yaml.dump(document, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _plain(value: Any) -> Any:
+    """Plain data: dataclasses and mappings as mappings, numbers and arrays as floats."""
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return value if isinstance(value, str) else np.asarray(value, float).tolist()
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
@@ -105,14 +98,10 @@ def write_rig(rig: Rig, path: str | Path) -> None:
 def rig_from_yaml(text: str, source: str) -> Rig:
     """A rig from YAML text.
 
-    Args:
-        text: The YAML.
-        source: Name of the text in errors.
-
     Raises:
         StrideTwinError: The text is not YAML, or a value in it is invalid; names the key path and what is valid.
     """
-    return _rig(parse_node(text, source))
+    return _rig(_sections(parse_yaml(text, source)), source)
 
 
 def read_rig(path: str | Path, *more: str | Path) -> Rig:
@@ -121,126 +110,215 @@ def read_rig(path: str | Path, *more: str | Path) -> Rig:
     Raises:
         StrideTwinError: A file cannot be read, or a value in it is invalid; names file, key path and what is valid.
     """
-    roots = [read_node(p) for p in (path, *more)]
-    if len(roots) == 1:
-        return _rig(roots[0])
-    merged: dict[str, Any] = {}
-    for root in roots:
-        merged |= _sections(root).mapping()
-    return _rig(Node(" + ".join(root.source for root in roots), "", merged))
+    paths = (path, *more)
+    sections = [_sections(read_yaml(p)) for p in paths]
+    source = " + ".join(map(str, paths))
+    if any(not isinstance(found, dict) for found in sections):
+        raise ConfigError(source, "", sections[0], _WANTED)
+    return _rig({key: value for found in sections for key, value in found.items()}, source)
 
 
-def _rig(root: Node) -> Rig:
-    root = _sections(root)
-    has_ours = _OURS in root
-    ours = root.at(_OURS, {})
-    cams, imus = _numbered(root, "cam"), _numbered(root, "imu")
-    ours.only([*cams, *imus, "boards", "sensors"])
-    if not (cams or imus or has_ours):
-        raise root.error(f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}")
-    inertial = [_imu(root.at(name), ours.at(name) if has_ours else None) for name in imus]
-    rig = Rig(
-        imus=_by_topic(root, inertial),
-        boards={name: _board(name, ours.at("boards").at(name)) for name in ours.at("boards", {})} if has_ours else {},
-        others=_by_topic(root, [_other(n) for n in ours.at("sensors", []).items()]),
-    )
+def _sections(document: Any) -> Any:
+    """The document; Kalibr's flat imu.yaml is moved under `imu0`."""
+    return {"imu0": document} if isinstance(document, dict) and "update_rate" in document else document
+
+
+class _Kalibr(BaseModel):
+    """A section of Kalibr's; keys that are not read are left alone."""
+
+    model_config = ConfigDict(frozen=True)
+
+
+class _Camera(_Kalibr):
+    camera_model: Literal["pinhole"]
+    intrinsics: tuple[Positive, Positive, Number, Number]
+    distortion_model: Literal["radtan", "equidistant"]
+    distortion_coeffs: tuple[Number, Number, Number, Number]
+    resolution: tuple[Count, Count]
+    rostopic: str
+    timeshift_cam_imu: Number = 0.0
+    T_cam_imu: RigidTransform | None = None
+    T_cn_cnm1: RigidTransform | None = None
+
+
+class ImuNoise(_Kalibr):
+    """Noise densities of an IMU, the keys of Kalibr and of EuRoC."""
+
+    gyroscope_noise_density: NotNegative
+    gyroscope_random_walk: NotNegative
+    accelerometer_noise_density: NotNegative
+    accelerometer_random_walk: NotNegative
+
+
+class _Imu(ImuNoise):
+    rostopic: str | None = None
+    update_rate: Positive
+
+
+class _Mount(FileModel):
+    body: str
+    T_body_sensor: RigidTransform
+
+
+class _CameraMount(FileModel):
+    body: str
+    T_body_sensor: RigidTransform | None = None
+
+
+class _OwnCamera(FileModel):
+    part: str = ""
+    rate_hz: NotNegative
+    mount: _CameraMount
+    depth_topic: str = ""
+    imu_topic: str = ""
+
+
+class _OwnImu(FileModel):
+    part: str = ""
+    mount: _Mount
+    gyroscope_bias_sd: NotNegative = 0.0
+    accelerometer_bias_sd: NotNegative = 0.0
+    gyroscope_range: NotNegative = 0.0
+    accelerometer_range: NotNegative = 0.0
+
+
+class _Board(FileModel):
+    mount: _Mount
+    squares: tuple[_Squares, _Squares]
+    square_m: Positive
+
+
+def _parameter(node: Any) -> Any:
+    if isinstance(node, list):
+        return [_parameter(item) for item in node]
+    if isinstance(node, bool) or not isinstance(node, (int, float)) or not abs(node) < _LARGEST:
+        raise refused(node, "a number, or lists of numbers")
+    return float(node)
+
+
+class _Sensor(FileModel):
+    topic: str
+    kind: Literal["range", "insole", "ahrs", "encoder", "interaction", "actuator"]
+    part: str = ""
+    rate_hz: Positive
+    mount: _Mount
+    parameters: dict[str, Annotated[Any, AfterValidator(_parameter)]] = Field(default_factory=dict)
+
+
+@lru_cache(maxsize=16)
+def _document(cameras: tuple[str, ...], imus: tuple[str, ...], has_own: bool) -> type[BaseModel]:
+    """The model of a file with these sections."""
+    sections: dict[str, Any] = {name: (_Camera, ...) for name in cameras} | {name: (_Imu, ...) for name in imus}
+    if has_own:
+        own: dict[str, Any] = {name: (_OwnCamera, ...) for name in cameras} | {name: (_OwnImu, ...) for name in imus}
+        own |= {"boards": (dict[str, _Board], {}), "sensors": (list[_Sensor], [])}
+        sections[_OURS] = (create_model(_OURS, __base__=FileModel, **own), ...)
+    return create_model("Calibration", __base__=_Kalibr, **sections)
+
+
+def _rig(document: Any, source: str) -> Rig:
+    keys = document if isinstance(document, dict) else ()
+    cams, imu_names = _numbered(keys, "cam"), _numbered(keys, "imu")
+    if not (cams or imu_names or _OURS in keys):
+        raise ConfigError(source, "", document, _WANTED)
+    found: Any = validated(_document(cams, imu_names, _OURS in keys), document, source)
+    own = getattr(found, _OURS, None)
+    imus = _by_topic(source, [_imu(name, getattr(found, name), getattr(own, name, None)) for name in imu_names])
     cameras: list[CameraCalibration] = []
     previous: Array | None = None
     for name in cams:
-        section = root.at(name)
-        given = _given_T_cam_imu(section, previous)
-        own = ours.at(name) if has_ours else None
-        cameras.append(_camera(section, own, given, rig, inertial[0].topic if inertial else ""))
-        previous = given
-    return Rig(imus=rig.imus, cameras=_by_topic(root, cameras), boards=rig.boards, others=rig.others)
+        camera = getattr(found, name)
+        previous = _T_cam_imu_of(camera, previous)
+        cameras.append(_camera(name, camera, getattr(own, name, None), previous, imus, source))
+    return Rig(
+        imus=imus,
+        cameras=_by_topic(source, cameras),
+        boards={name: Board(name=name, **_fields(b)) for name, b in own.boards.items()} if own else {},
+        others=_by_topic(source, [OtherSensor(**_fields(s)) for s in own.sensors] if own else []),
+    )
 
 
-def _sections(root: Node) -> Node:
-    """The root; Kalibr's flat imu.yaml is moved under `imu0`."""
-    return Node(root.source, "", {"imu0": root.value}) if "update_rate" in root else root
+def _numbered(keys: Iterable[str], stem: str) -> tuple[str, ...]:
+    names = [key for key in keys if re.fullmatch(rf"{stem}\d{{1,3}}", key)]
+    return tuple(sorted(names, key=lambda key: int(key.removeprefix(stem))))
 
 
-def _numbered(root: Node, stem: str) -> list[str]:
-    names = [k for k in root if re.fullmatch(rf"{stem}\d+", k)]
-    return sorted(names, key=lambda k: int(k.removeprefix(stem)))
-
-
-def _by_topic(root: Node, items: list[Any]) -> dict[str, Any]:
+def _by_topic(source: str, items: list[Any]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for item in items:
         if item.topic in table:
-            raise ConfigError(root.source, "rostopic", item.topic, "a topic that no other sensor of its kind has")
+            raise ConfigError(source, "rostopic", item.topic, "a topic that no other sensor of its kind has")
         table[item.topic] = item
     return table
 
 
-def _imu(node: Node, ours: Node | None) -> ImuCalibration:
-    if ours is not None:
-        ours.only(["part", "mount", *_BEYOND_NOISE])
-    return ImuCalibration(
-        topic=node.at("rostopic", f"/{node.path}").text(),
-        part=ours.at("part", "").text() if ours else "",
-        rate_hz=node.at("update_rate").number(0, above=True),
-        mount=_read_mount(ours.at("mount")) if ours else Mount(body=PLAIN_BODY),
-        **{name: node.at(name).number(0) for name in _NOISE},
-        **{name: ours.at(name, 0.0).number(0) if ours else 0.0 for name in _BEYOND_NOISE},
-    )
+def _fields(model: BaseModel) -> dict[str, Any]:
+    """The fields of a model, a mount as the rig has it."""
+    values = dict(model)
+    return values | {"mount": Mount(**dict(values["mount"]))}
 
 
-def _camera(node: Node, ours: Node | None, T_cam_imu: Array | None, rig: Rig, first_imu: str) -> CameraCalibration:
-    node.at("camera_model").choice(("pinhole",))
-    width, height = (n.integer(1) for n in _pair(node.at("resolution")))
-    fu, fv, pu, pv = node.at("intrinsics").numbers(4)
-    if fu <= 0 or fv <= 0:
-        raise node.at("intrinsics").error("fu, fv, pu, pv with focal lengths above 0")
-    k1, k2, k3, k4 = node.at("distortion_coeffs").numbers(4)
-    if ours is None:
+def _imu(name: str, imu: _Imu, own: _OwnImu | None) -> ImuCalibration:
+    noise = dict(imu)
+    topic, rate = noise.pop("rostopic"), noise.pop("update_rate")
+    more = _fields(own) if own else {"part": "", "mount": Mount(body=PLAIN_BODY)}
+    return ImuCalibration(topic=f"/{name}" if topic is None else topic, rate_hz=rate, **noise, **more)
+
+
+def _camera(
+    name: str,
+    camera: _Camera,
+    own: _OwnCamera | None,
+    T_cam_imu: Array | None,
+    imus: Mapping[str, ImuCalibration],
+    source: str,
+) -> CameraCalibration:
+    if own is None:
         mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
-        imu_topic = first_imu
+        more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}
     else:
-        ours.only(["part", "rate_hz", "mount", "depth_topic", "imu_topic"])
-        imu_topic = ours.at("imu_topic", "").text()
-        if imu_topic and imu_topic not in rig.imus:
-            raise ours.at("imu_topic").error(f"'' or one of {', '.join(rig.imus) or 'no IMU at all'}")
-        mount = _camera_mount(node, ours.at("mount"), T_cam_imu, rig.imus.get(imu_topic))
+        if own.imu_topic and own.imu_topic not in imus:
+            wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
+            raise ConfigError(source, f"{_OURS}.{name}.imu_topic", own.imu_topic, wanted)
+        mount = _camera_mount(name, camera, own, T_cam_imu, imus.get(own.imu_topic), source)
+        more = {key: value for key, value in dict(own).items() if key != "mount"}
     return CameraCalibration(
-        topic=node.at("rostopic").text(),
-        part=ours.at("part", "").text() if ours else "",
-        rate_hz=ours.at("rate_hz").number(0) if ours else 0.0,
+        topic=camera.rostopic,
         mount=mount,
-        width=width,
-        height=height,
-        intrinsics=(fu, fv, pu, pv),
-        distortion_model=node.at("distortion_model").choice(DISTORTIONS),
-        distortion=(k1, k2, k3, k4),
-        depth_topic=ours.at("depth_topic", "").text() if ours else "",
-        imu_topic=imu_topic,
-        timeshift_cam_imu_s=node.at("timeshift_cam_imu", 0.0).number(),
+        width=camera.resolution[0],
+        height=camera.resolution[1],
+        intrinsics=camera.intrinsics,
+        distortion_model=camera.distortion_model,
+        distortion=camera.distortion_coeffs,
+        timeshift_cam_imu_s=camera.timeshift_cam_imu,
+        **more,
     )
 
 
-def _camera_mount(node: Node, mount: Node, T_cam_imu: Array | None, imu: ImuCalibration | None) -> Mount:
+def _camera_mount(
+    name: str, camera: _Camera, own: _OwnCamera, T_cam_imu: Array | None, imu: ImuCalibration | None, source: str
+) -> Mount:
     """A camera's mount, checked against Kalibr's T_cam_imu: they must agree, or the mount must be omitted."""
+    mount, place = own.mount, f"{_OURS}.{name}.mount.T_body_sensor"
     if T_cam_imu is None or imu is None:
-        return _read_mount(mount)
+        if mount.T_body_sensor is None:
+            raise ConfigError(source, place, Missing(), "4 rows of 4 numbers")
+        return Mount(body=mount.body, T_body_sensor=mount.T_body_sensor)
     derived = imu.mount.T_body_sensor @ _inverse(T_cam_imu)
-    if "T_body_sensor" not in mount:
-        mount.only(["body"])
-        return Mount(body=mount.at("body").text(), T_body_sensor=derived)
-    given = _read_mount(mount)
-    if given.body != imu.mount.body or not np.allclose(given.T_body_sensor, derived, atol=1e-6):
-        raise node.at("T_cam_imu").error(
-            f"the transform from {mount.path}.T_body_sensor and the mount of {imu.topic}; "
-            "omit the former to use T_cam_imu"
-        )
-    return given
+    if mount.T_body_sensor is None:
+        return Mount(body=mount.body, T_body_sensor=derived)
+    if mount.body != imu.mount.body or not np.allclose(mount.T_body_sensor, derived, atol=1e-6):
+        wanted = f"the transform from {place} and the mount of {imu.topic}; omit the former to use T_cam_imu"
+        given = camera.T_cam_imu if camera.T_cam_imu is not None else T_cam_imu
+        raise ConfigError(source, f"{name}.T_cam_imu", given.tolist(), wanted)
+    return Mount(body=mount.body, T_body_sensor=mount.T_body_sensor)
 
 
-def _given_T_cam_imu(node: Node, previous: Array | None) -> Array | None:
-    if "T_cam_imu" in node:
-        return node.at("T_cam_imu").transform()
-    if "T_cn_cnm1" in node and previous is not None:
-        return node.at("T_cn_cnm1").transform() @ previous
+def _T_cam_imu_of(camera: _Camera, previous: Array | None) -> Array | None:
+    if camera.T_cam_imu is not None:
+        return camera.T_cam_imu
+    if camera.T_cn_cnm1 is not None and previous is not None:
+        return np.asarray(camera.T_cn_cnm1 @ previous)
     return None
 
 
@@ -253,54 +331,8 @@ def _T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
     return _inverse(camera.mount.T_body_sensor) @ imu.mount.T_body_sensor
 
 
-def _board(name: str, node: Node) -> Board:
-    node.only(["mount", "squares", "square_m"])
-    columns, rows = (n.integer(2) for n in _pair(node.at("squares")))
-    return Board(
-        name=name,
-        mount=_read_mount(node.at("mount")),
-        squares=(columns, rows),
-        square_m=node.at("square_m").number(0, above=True),
-    )
-
-
-def _other(node: Node) -> OtherSensor:
-    node.only(["topic", "kind", "part", "rate_hz", "mount", "parameters"])
-    return OtherSensor(
-        topic=node.at("topic").text(),
-        kind=node.at("kind").choice(KINDS),
-        part=node.at("part", "").text(),
-        rate_hz=node.at("rate_hz").number(0, above=True),
-        mount=_read_mount(node.at("mount")),
-        parameters={k: _parameter(node.at("parameters").at(k)) for k in node.at("parameters", {})},
-    )
-
-
-def _parameter(node: Node) -> Any:
-    return [_parameter(n) for n in node.items()] if isinstance(node.value, list) else node.number()
-
-
-def _pair(node: Node) -> list[Node]:
-    if not isinstance(node.value, list) or len(node.value) != 2:
-        raise node.error("a list of 2 integers")
-    return node.items()
-
-
-def _read_mount(node: Node) -> Mount:
-    node.only(["body", "T_body_sensor"])
-    return Mount(body=node.at("body").text(), T_body_sensor=node.at("T_body_sensor").transform())
-
-
-def _mount(mount: Mount) -> dict[str, Any]:
-    return {"body": mount.body, "T_body_sensor": np.asarray(mount.T_body_sensor, float).tolist()}
-
-
 def _inverse(T: Array) -> Array:
     R, p = T[:3, :3], T[:3, 3]
     inverse = np.eye(4)
     inverse[:3, :3], inverse[:3, 3] = R.T, -R.T @ p
     return inverse
-
-
-def _floats(values: Any) -> list[float]:
-    return [float(v) for v in values]

@@ -39,7 +39,7 @@ class Implausible:
     valid: str
 
     def __str__(self) -> str:
-        return f"{self.field}: {self.value} is not valid; valid: {self.valid}"
+        return f"{self.field}: invalid {self.value}: expected {self.valid}"
 
 
 def median_rate(t_ns: NDArray[np.int64]) -> float:

@@ -1,11 +1,13 @@
-"""Trajectories: the output of estimators and the input of scoring."""
+"""Paths of a frame: a pose at one instant, the common output of all path estimators, and a trajectory of many."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
@@ -33,7 +35,7 @@ class Trajectory:
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value is not None and value.shape != shape:
-                raise StrideTwinError(f"Trajectory.{name}: shape {value.shape} is not valid; valid: {shape}")
+                raise StrideTwinError(f"Trajectory.{name}: invalid shape {value.shape}: expected {shape}")
         if np.any(np.diff(self.t_ns) <= 0):
             raise StrideTwinError("Trajectory.t_ns: stamps must increase strictly")
 
@@ -48,3 +50,59 @@ class Trajectory:
             q_world_frame=self.q_world_frame[which],
             covariance=None if self.covariance is None else self.covariance[which],
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pose:
+    """Pose of a frame in the estimator's own world, z up.
+
+    Attributes:
+        t_ns: Time.
+        p_frame_in_world: (3,) m.
+        rotation: Frame to world, in the estimator's own form: (4,) unit quaternion (w, x, y, z), or
+            (3, 3) matrix.
+        frame: Name of the frame, such as `foot_l/imu`; "" if unknown to the estimator.
+        covariance: (6, 6) of position (m) and of rotation about the world's axes (rad); None if unavailable.
+        valid: False while the estimator does not trust the pose itself.
+    """
+
+    t_ns: int
+    p_frame_in_world: Array
+    rotation: Array
+    frame: str = ""
+    covariance: Array | None = None
+    valid: bool = True
+
+    @property
+    def q_world_frame(self) -> Array:
+        """(4,) unit quaternion (w, x, y, z), frame to world."""
+        rotation = np.asarray(self.rotation)
+        return rotation if rotation.ndim == 1 else Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+
+    @property
+    def T_world_frame(self) -> Array:
+        """(4, 4) frame to world, m."""
+        T, rotation = np.eye(4), np.asarray(self.rotation)
+        T[:3, 3] = self.p_frame_in_world
+        T[:3, :3] = rotation if rotation.ndim == 2 else Rotation.from_quat(rotation, scalar_first=True).as_matrix()
+        return T
+
+
+def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
+    """The path of N ≥ 0 poses of one frame; it has a covariance if all of them have one.
+
+    Raises:
+        StrideTwinError: Stamps that do not increase, or arrays of another shape.
+    """
+    n = len(poses)
+    if n and all(np.ndim(pose.rotation) == 2 for pose in poses):  # one conversion is much faster than N
+        q = Rotation.from_matrix(np.array([pose.rotation for pose in poses])).as_quat(scalar_first=True)
+    else:
+        q = np.array([pose.q_world_frame for pose in poses], float).reshape(n, -1 if n else 4)
+    known = [pose.covariance for pose in poses if pose.covariance is not None]
+    return Trajectory(
+        t_ns=np.array([pose.t_ns for pose in poses], np.int64),
+        p_frame_in_world=np.array([pose.p_frame_in_world for pose in poses], float).reshape(n, -1 if n else 3),
+        q_world_frame=q,
+        covariance=np.array(known).reshape(n, 6, 6) if len(known) == n else None,
+    )

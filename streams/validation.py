@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError
 from stridetwin.streams.fields import TAG
 from stridetwin.streams.json_schema import schema_of
 
@@ -54,7 +54,12 @@ def config_error(error: ValidationError, kind: Any, data: object, source: object
     """A pydantic error as errors of ours."""
     root = schema_of(kind)
     every = [_one(entry, root, data, source, at) for entry in error.errors(include_url=False)]
-    found = list({str(e): e for e in every if e is not None}.values())
+    return combined([e for e in every if e is not None])
+
+
+def combined(errors: Iterable[StrideTwinError]) -> StrideTwinError:
+    """One error of several, at least one; each message once."""
+    found = list({str(e): e for e in errors}.values())
     return found[0] if len(found) == 1 else ConfigFileError(found)
 
 
@@ -74,7 +79,8 @@ def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> Str
     path, value = _place(data, [*steps, *context.get("below", ())], at), entry["input"]
     schemas = _below(root, steps)
     if kind == "refused":
-        return ConfigError(source, path, context["value"], context["valid"])
+        absent = context["below"][-1] if isinstance(context["value"], Missing) else None
+        return ConfigError(source, _joined(path, absent), context["value"], context["valid"])
     if isinstance(last, int):  # an item of a list of fixed length
         value = _value(data, steps)
     if kind == "too_short" and value:  # items of it are wrong
@@ -82,8 +88,7 @@ def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> Str
     if isinstance(last, int) or not (last or isinstance(value, dict)):
         return ConfigError(source, path, value, expected(schemas, root, value))
     if kind in _MISSING:
-        words = expected(_below(root, [*steps, last]), root)
-        return ConfigError(source, path, f"no {last}", f"the key {last} is required: {words}")
+        return ConfigError(source, _joined(path, last), Missing(), expected(_below(root, [*steps, last]), root))
     if kind in _UNKNOWN or kind == "invalid_key":
         return ConfigError(source, path, last, f"keys {suggest(last, _keys(schemas))}")
     if kind == "union_tag_invalid":
@@ -96,8 +101,15 @@ def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> Str
 def _place(data: object, steps: Iterable[Any], at: str) -> str:
     """The path of a location in the data; steps missing in the data, such as those of short forms, are left out."""
     for step, _ in _walk(data, steps):
-        at += f"[{step}]" if isinstance(step, int) else f".{step}" if at else step
+        at = _joined(at, step)
     return at
+
+
+def _joined(path: str, step: Any) -> str:
+    """The path of a key or an item; None for the place itself."""
+    if step is None:
+        return path
+    return f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
 
 
 def _value(data: object, steps: Iterable[Any]) -> object:
@@ -184,11 +196,13 @@ def _in_words(schema: Schema, root: Schema) -> str:
     if kind in ("number", "integer"):
         return ("a whole number, " if kind == "integer" else "") + _range(schema)
     if kind == "array":
-        item = expected(_forms(schema.get("items") or (schema.get("prefixItems") or [{}])[0], root), root)
-        least = schema.get("minItems", 0)
+        each = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
+        items = [expected(_forms(one, root), root) for one in each]
+        least, alike = schema.get("minItems", 0), len(set(items)) == 1
         if least and least == schema.get("maxItems"):
-            return f"a list of {_COUNTED.get(least, least)} items, each {item}"
-        return f"a list with at least one item, each {item}" if least else f"a list of {item}"
+            words = f", each {items[0]}" if alike else f": {', '.join(items)}"
+            return f"a list of {_COUNTED.get(least, least)} items{words}"
+        return f"a list with at least one item, each {items[0]}" if least else f"a list of {items[0]}"
     return {"boolean": "true, false", "string": "text", "object": "keys with values"}.get(str(kind), "a value")
 
 

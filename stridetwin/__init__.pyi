@@ -28,7 +28,7 @@ from .streams.errors import StrideTwinError as StrideTwinError
 from .streams.formats.opening import open_any as open_any
 from .streams.formats.tum import read_tum as read_tum
 from .streams.formats.tum import write_tum as write_tum
-from .streams.pose import Pose as Pose
+from .streams.trajectory import Pose as Pose
 from .streams.recording.reader import Recording as Recording
 from .streams.recording.reader import RecordingWriter as RecordingWriter
 from .streams.rig import Rig as Rig

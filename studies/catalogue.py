@@ -178,6 +178,6 @@ def experiment(name: str) -> Experiment:
     """
     if name not in _LOADED:
         if name not in STUDIES:
-            raise StrideTwinError(f"there is no experiment {name!r}; valid: {', '.join(STUDIES)}")
+            raise StrideTwinError(f"there is no experiment {name!r}: expected {', '.join(STUDIES)}")
         _LOADED[name] = STUDIES[name].load(name)
     return _LOADED[name]

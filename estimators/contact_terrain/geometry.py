@@ -10,41 +10,77 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 import yaml
+from pydantic import AfterValidator, Field
 
 from stridetwin.streams.errors import check_numbers
+from stridetwin.streams.fields import (
+    DEG,
+    FileModel,
+    NotNegative,
+    Number,
+    ReadAs,
+    RigidTransform,
+    RotationMatrix,
+    flag,
+    number,
+    refused,
+    whole,
+)
 from stridetwin.streams.samples import Array
-from stridetwin.streams.yaml_file import Dumper
-from stridetwin.streams.yaml_node import Node, parse_node, read_node
+from stridetwin.streams.validation import validated
+from stridetwin.streams.yaml_file import Dumper, parse_yaml, read_yaml
 
 SIDES = ("l", "r")
 METADATA_KEY = "exoskeleton"
 """Key of the geometry file in a recording's metadata."""
-_JOINTS_MAX = 3
+_JOINTS_MAX, _FRAMES_MAX = 3, 99
+_Angle = Annotated[float, number(scale=DEG)]
+_Place = tuple[Number, Number]
+
+
+def _increasing(stops: tuple[float, float]) -> tuple[float, float]:
+    if stops[0] >= stops[1]:
+        raise refused([round(math.degrees(q), 9) for q in stops], "the least and the greatest angle")
+    return stops
+
+
+def _sign(sign: float) -> float:
+    if abs(sign) != 1.0:
+        raise refused(sign, "1 or -1")
+    return sign
+
+
+def _ordered(sole: Sole) -> Sole:
+    if not sole.heel_x < sole.hinge_x < sole.tip_x:
+        raise refused(sole.hinge_x, "a number between heel_x_m and tip_x_m", "hinge_x_m")
+    return sole
 
 
 @dataclass(frozen=True, kw_only=True)
 class DhRow:
-    """One row of a modified (Craig's) D-H table: Rx(alpha) Tx(a) Rz(theta + q) Tz(d).
+    """One row of a modified (Craig's) D-H table: Rx(alpha) Tx(a) Rz(theta + q) Tz(d); rad and m.
 
     Attributes:
-        alpha: rad, twist before this frame.
-        a: m, along the x axis of the frame before.
-        d: m, along this frame's z axis.
-        theta: rad, added to the joint's angle.
+        alpha: Twist about x before this frame.
+        a: Distance along the x axis of the frame before.
+        d: Distance along this frame's z axis.
+        theta: Added to the joint's angle about z.
         turns: Whether a joint rotates this frame.
-        stops: rad, smallest and largest angle of that joint; infinite if not given.
+        stops: Smallest and largest angle of that joint; infinite if not given.
     """
 
-    alpha: float
-    a: float
-    d: float
-    theta: float
-    turns: bool
-    stops: tuple[float, float] = (-math.inf, math.inf)
+    alpha: Annotated[float, number(key="alpha_deg", scale=DEG)]
+    a: Annotated[float, number(key="a_m")]
+    d: Annotated[float, number(key="d_m")]
+    theta: Annotated[float, number(key="theta_deg", scale=DEG)]
+    turns: Annotated[bool, flag()] = False
+    stops: Annotated[
+        tuple[float, float], ReadAs(tuple[_Angle, _Angle]), AfterValidator(_increasing), Field(alias="range_deg")
+    ] = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,8 +109,8 @@ class Knee:
     """
 
     topic: str
-    frame: int
-    sign: float
+    frame: Annotated[int, whole(1, _FRAMES_MAX)]
+    sign: Annotated[float, number(), AfterValidator(_sign)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,12 +128,14 @@ class Sole:
     """
 
     topic: str
-    T_foot_sole: Array
-    cells: Array
-    heel_x: float
-    hinge_x: float
-    hinge_z: float
-    tip_x: float
+    T_foot_sole: RigidTransform
+    cells: Annotated[
+        Array, ReadAs(tuple[_Place, _Place, _Place, _Place]), AfterValidator(np.array), Field(alias="cells_m")
+    ]
+    heel_x: Annotated[float, number(key="heel_x_m")]
+    hinge_x: Annotated[float, number(key="hinge_x_m")]
+    hinge_z: Annotated[float, number(0, key="hinge_z_m")]
+    tip_x: Annotated[float, number(key="tip_x_m")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,28 +166,28 @@ class Compliance:
     seeds 0-16 (docs/contact_terrain.md); another exoskeleton needs its own.
     """
 
-    vector_sd_m: tuple[float, float, float] = (0.006, 0.006, 0.002)
+    vector_sd_m: tuple[NotNegative, NotNegative, NotNegative] = (0.006, 0.006, 0.002)
     """Standard deviation of a step's vector, x, y, z, from slack in the heel holder and soft soles."""
-    sag_sd_m: float = 0.006
+    sag_sd_m: NotNegative = 0.006
     """Standard deviation of a loaded heel's sag in its holder, relative to push-off."""
-    climb_share: float = 0.04
+    climb_share: NotNegative = 0.04
     """Yielding of holder and cuffs under the lifting leg, as a share of the height climbed."""
-    slope_sd_rad: float = math.radians(0.32)
+    slope_sd_rad: Annotated[float, number(0, key="slope_sd_deg", scale=DEG)] = math.radians(0.32)
     """Standard deviation of a foot's pitch in its holder: a foot is never exactly flat."""
-    slope_share: float = 0.06
+    slope_share: NotNegative = 0.06
     """The same as a share of the slope: the steeper the ground, the more the holder yields."""
-    sloping_sd_m: float = 0.002
+    sloping_sd_m: NotNegative = 0.002
     """How holders and cuffs yield differently on a slope than on the level, in the same way at every step: +2 mm up and
     -2 mm down a ramp of 5°, the mean errors of the walks named above."""
-    stop_margin_rad: float = math.radians(2.0)
+    stop_margin_rad: Annotated[float, number(0, key="stop_margin_deg", scale=DEG)] = math.radians(2.0)
     """An ankle this close to a stop may be at it: rubber stops yield by up to 0.7° (docs/design.md)."""
-    strained_slope_sd_rad: float = math.radians(8.0)
+    strained_slope_sd_rad: Annotated[float, number(0, key="strained_slope_sd_deg", scale=DEG)] = math.radians(8.0)
     """Standard deviation of the foot's pitch with the ankle at its stop."""
-    strained_sd_m: float = 0.015
+    strained_sd_m: NotNegative = 0.015
     """Standard deviation of the foot's position with the ankle at its stop."""
-    steady_m: float = 0.0015
+    steady_m: NotNegative = 0.0015
     """Variation of the vector between two stationary feet while the frame does not yield."""
-    spread_gain: float = 5.0
+    spread_gain: NotNegative = 5.0
     """Ratio of that vector's error to its variation beyond `steady_m`."""
 
     def __post_init__(self) -> None:
@@ -192,12 +230,12 @@ def read_exoskeleton(path: str | Path) -> Exoskeleton:
         ConfigError: A key is missing, unknown or invalid; the message names file, key and the valid values.
         StrideTwinError: The file cannot be read or is not YAML.
     """
-    return _exoskeleton(read_node(path))
+    return _exoskeleton(read_yaml(path), path)
 
 
 def parse_exoskeleton(text: str, source: str) -> Exoskeleton:
     """An exoskeleton from the text of a file; `source` names it in errors, which are those of `read_exoskeleton`."""
-    return _exoskeleton(parse_node(text, source))
+    return _exoskeleton(parse_yaml(text, source), source)
 
 
 def to_text(exo: Exoskeleton) -> str:
@@ -241,98 +279,101 @@ def _told(compliance: Compliance) -> dict[str, float | list[float]]:
     return told
 
 
-def _compliance(node: Node) -> Compliance:
-    node.only(_COMPLIANCE_KEYS)
-    values: dict[str, Any] = {}
-    for key in node:
-        at = node.at(key)
-        if key == "vector_sd_m":
-            at.numbers(3)
-            values[key] = tuple(sd.number(0.0) for sd in at.items())
-        else:
-            value = at.number(0.0)
-            values[_COMPLIANCE_KEYS[key]] = math.radians(value) if key.endswith("_deg") else value
-    return Compliance(**values)
+class _Ahrs(FileModel):
+    """An AHRS.
+
+    Attributes:
+        topic: Its stream.
+        R_frame_sensor: Rotation, sensor to frame, three rows.
+    """
+
+    topic: str
+    R_frame_sensor: RotationMatrix
 
 
-def _exoskeleton(root: Node) -> Exoskeleton:
-    root.only(("description", "back", "legs", "compliance"))
-    root.at("legs").only(SIDES)
-    return Exoskeleton(
-        description=root.at("description").text(),
-        back=_attitude(root.at("back"), 0),
-        legs={side: _leg(root.at("legs").at(side)) for side in SIDES},
-        compliance=_compliance(root.at("compliance", {})),
-    )
+class _ThighAhrs(_Ahrs):
+    """An AHRS on the thigh.
+
+    Attributes:
+        frame: Number of the frame that carries it.
+    """
+
+    frame: Annotated[int, whole(1, _FRAMES_MAX)]
 
 
-def _leg(node: Node) -> Leg:
-    node.only(("frames", "thigh", "knee", "foot", "sole"))
-    rows = tuple(_row(item) for item in node.at("frames").items())
-    thigh, knee = node.at("thigh"), node.at("knee")
-    knee.only(("topic", "frame", "sign"))
-    at_thigh, at_knee = thigh.at("frame"), knee.at("frame")
-    if not 1 <= at_thigh.integer(1) < len(rows):
-        raise at_thigh.error(f"1-{len(rows) - 1}, a frame before the foot's")
+class _Leg(FileModel):
+    """One leg.
+
+    Attributes:
+        frames: D-H table from the back panel, frame 0, to the foot, the last frame.
+        thigh: AHRS on the thigh.
+        knee: Encoder.
+        foot: AHRS on the foot.
+        sole: Sole and insole.
+    """
+
+    frames: tuple[DhRow, ...]
+    thigh: _ThighAhrs
+    knee: Knee
+    foot: _Ahrs
+    sole: Annotated[Sole, AfterValidator(_ordered)]
+
+
+def _leg(leg: _Leg) -> Leg:
+    """The leg of a file, after a check of its frames."""
+    rows, thigh, knee = leg.frames, leg.thigh.frame, leg.knee.frame
+    if not 1 <= thigh < len(rows):
+        raise refused(thigh, f"1-{len(rows) - 1}, a frame before the foot's", "thigh", "frame")
     turning = [i for i, row in enumerate(rows, 1) if row.turns]
-    if at_knee.integer(1) not in turning or at_knee.value <= at_thigh.value:
-        raise at_knee.error("a frame beyond the thigh's that a joint turns")
-    hip = [i for i in turning if i <= at_thigh.value]
-    ankle = [i for i in turning if i > at_knee.value]
+    if knee not in turning or knee <= thigh:
+        raise refused(knee, "a frame beyond the thigh's that a joint turns", "knee", "frame")
+    hip = [i for i in turning if i <= thigh]
+    ankle = [i for i in turning if i > knee]
     between = len(turning) - len(hip) - len(ankle) - 1
     if between or not all(1 <= len(joints) <= _JOINTS_MAX for joints in (hip, ankle)):
-        raise node.at("frames").error(f"1-{_JOINTS_MAX} joints before the thigh, 1-{_JOINTS_MAX} beyond the knee")
-    sign = knee.at("sign", 1.0).number()
-    if abs(sign) != 1.0:
-        raise knee.at("sign").error("1 or -1")
+        words = f"1-{_JOINTS_MAX} joints before the thigh, 1-{_JOINTS_MAX} beyond the knee"
+        raise refused(f"{len(hip)} and {len(ankle)} joints", words, "frames")
     return Leg(
         rows=rows,
-        thigh=_attitude(thigh, at_thigh.value, ("frame",)),
-        knee=Knee(topic=knee.at("topic").text(), frame=at_knee.value, sign=sign),
-        foot=_attitude(node.at("foot"), len(rows)),
-        sole=_sole(node.at("sole")),
+        thigh=Attitude(topic=leg.thigh.topic, frame=thigh, R_frame_sensor=leg.thigh.R_frame_sensor),
+        knee=leg.knee,
+        foot=Attitude(topic=leg.foot.topic, frame=len(rows), R_frame_sensor=leg.foot.R_frame_sensor),
+        sole=leg.sole,
     )
 
 
-def _row(node: Node) -> DhRow:
-    node.only(("alpha_deg", "a_m", "d_m", "theta_deg", "turns", "range_deg"))
-    turns = node.at("turns", False)
-    if not isinstance(turns.value, bool):
-        raise turns.error("true or false")
-    low, high = -math.inf, math.inf
-    if "range_deg" in node:
-        low, high = (math.radians(q) for q in node.at("range_deg").numbers(2))
-        if low >= high:
-            raise node.at("range_deg").error("the least and the greatest angle")
-    return DhRow(
-        alpha=math.radians(node.at("alpha_deg").number()), a=node.at("a_m").number(), d=node.at("d_m").number(),
-        theta=math.radians(node.at("theta_deg").number()), turns=turns.value, stops=(low, high),
-    )  # fmt: skip
+class _Legs(FileModel):
+    """Both legs.
+
+    Attributes:
+        l, r: The left and the right leg.
+    """
+
+    l: Annotated[_Leg, AfterValidator(_leg)]
+    r: Annotated[_Leg, AfterValidator(_leg)]
 
 
-def _attitude(node: Node, frame: int, more: tuple[str, ...] = ()) -> Attitude:
-    node.only(("topic", "R_frame_sensor", *more))
-    mount = node.at("R_frame_sensor")
-    rows = mount.items()
-    if len(rows) != 3:
-        raise mount.error("3 rows of 3 numbers")
-    R = np.array([row.numbers(3) for row in rows])
-    if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0:
-        raise mount.error("a rotation matrix")
-    return Attitude(topic=node.at("topic").text(), frame=frame, R_frame_sensor=R)
+class ExoskeletonFile(FileModel):
+    """The calibration of an exoskeleton.
+
+    Attributes:
+        description: One line.
+        back: AHRS on the back panel, frame 0.
+        legs: Both legs.
+        compliance: How it yields under its wearer.
+    """
+
+    description: str
+    back: _Ahrs
+    legs: _Legs
+    compliance: Compliance = Compliance()
 
 
-def _sole(node: Node) -> Sole:
-    node.only(("topic", "T_foot_sole", "cells_m", "heel_x_m", "hinge_x_m", "hinge_z_m", "tip_x_m"))
-    cells = node.at("cells_m")
-    places = cells.items()
-    if len(places) != 4:
-        raise cells.error("4 places: heel, lateral ball, medial ball, toe")
-    heel, hinge, tip = (node.at(f"{name}_x_m").number() for name in ("heel", "hinge", "tip"))
-    if not heel < hinge < tip:
-        raise node.at("hinge_x_m").error("a number between heel_x_m and tip_x_m")
-    return Sole(
-        topic=node.at("topic").text(), T_foot_sole=node.at("T_foot_sole").transform(),
-        cells=np.array([place.numbers(2) for place in places]), heel_x=heel, hinge_x=hinge,
-        hinge_z=node.at("hinge_z_m").number(0.0), tip_x=tip,
-    )  # fmt: skip
+def _exoskeleton(data: object, source: object) -> Exoskeleton:
+    found = validated(ExoskeletonFile, data, source)
+    return Exoskeleton(
+        description=found.description,
+        back=Attitude(topic=found.back.topic, frame=0, R_frame_sensor=found.back.R_frame_sensor),
+        legs=dict(found.legs),
+        compliance=found.compliance,
+    )

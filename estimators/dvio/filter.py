@@ -20,10 +20,10 @@ from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
 from stridetwin.estimators.dvio.sliding_window import Core, Picture
 from stridetwin.estimators.dvio.tracker import Stereo, with_depth, with_stereo
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
-from stridetwin.streams.pose import Pose, trajectory_of
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
+from stridetwin.streams.trajectory import Pose, trajectory_of
 
 TRACKING, COASTING, LOST = "tracking", "coasting", "lost"
 

@@ -10,9 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import carried, mul, put, skew
+from stridetwin.estimators.dvio.algebra import carried, mul, put
 from stridetwin.estimators.dvio.imu_factors import integrate
 from stridetwin.estimators.dvio.state import FRAME, ImuNoise, Increment
+from stridetwin.estimators.so3 import hat
 from stridetwin.streams.samples import Array
 
 _FASTEST, _MOST_GYRO_BIAS, _MOST_ACCEL_BIAS = 15.0, 0.5, 3.0  # m/s, rad/s, m/s²
@@ -78,9 +79,9 @@ def carry(
     for i in range(3):
         F[i, 6 + i] = dt
         G[3 + i, 3 + i] = 1.0
-    put(F, 0, 3, mul(R, skew(z.alpha)), -1.0)
+    put(F, 0, 3, mul(R, hat(z.alpha)), -1.0)
     put(F, 3, 3, z.gamma.T, 1.0)
-    put(F, 6, 3, mul(R, skew(z.beta)), -1.0)
+    put(F, 6, 3, mul(R, hat(z.beta)), -1.0)
     put(F, 0, 9, mul(R, z.by_bias[0:3]), 1.0)
     put(F, 3, 9, z.by_bias[3:6], 1.0)
     put(F, 6, 9, mul(R, z.by_bias[6:9]), 1.0)

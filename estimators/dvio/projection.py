@@ -9,8 +9,9 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import exponential, mul, rotate
+from stridetwin.estimators.dvio.algebra import mul, rotate
 from stridetwin.estimators.dvio.state import CALIBRATION, D_LENS, D_OFFSET, D_SCALE, Calibration, Frames, Terms, Window
+from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration, then of the host's pose, then of the observing frame's. The
@@ -67,7 +68,7 @@ def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
         (3, 3) world <- IMU and (3,) m.
     """
     late = offset - frames.offset[k]
-    R = mul(frames.R[k], exponential(frames.rate[k] * late))
+    R = mul(frames.R[k], exp(frames.rate[k] * late))
     return R, frames.p[k] + frames.v[k] * late
 
 

@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import exponentials, turned
+from stridetwin.estimators.dvio.algebra import turned
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import exp
 
 FEW = 12  # least number of points shared by two images
 _LIMIT = 1.5  # standard deviations beyond which an observation is down-weighted
@@ -230,7 +231,7 @@ def _descended(s: Sightings, R: Array, p: Array, points: Array, scaled: bool, st
         e = np.zeros((len(R), 6))
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
         e_points = turned(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
-        R_new, p_new = R @ exponentials(e[:, 3:]), p + e[:, :3]
+        R_new, p_new = R @ exp(e[:, 3:]), p + e[:, :3]
         new = _cost(_residuals(s, R_new, p_new, points + e_points)[0])
         if not new < cost:
             damping *= 100.0

@@ -28,11 +28,10 @@ from stridetwin.estimators.foot_ins.state import (
     blank,
 )
 from stridetwin.streams.errors import ConfigError, RecordingError
-from stridetwin.streams.pose import Pose
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
-from stridetwin.streams.trajectory import Trajectory
+from stridetwin.streams.trajectory import Pose, Trajectory
 
 if TYPE_CHECKING:
     from stridetwin.estimators.foot_ins.smoother import FootInsSmoother

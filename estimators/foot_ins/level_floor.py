@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
@@ -27,6 +26,7 @@ from stridetwin.estimators.foot_ins.state import (
 )
 from stridetwin.estimators.foot_ins.strapdown import correct
 from stridetwin.estimators.foot_ins.zero_velocity import inject
+from stridetwin.estimators.so3 import rotation_matrix
 
 
 @njit(**INSIDE)

@@ -24,10 +24,10 @@ from stridetwin.estimators.foot_to_foot.shoe_rig import Worn, shoes_of, side_by_
 from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, SIGHTINGS, Events, blank_pair
 from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.pose import Pose
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range
+from stridetwin.streams.trajectory import Pose
 
 # Aids of each method; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {

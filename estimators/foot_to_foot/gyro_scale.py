@@ -10,9 +10,9 @@ from __future__ import annotations
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, PHASE, T_LAST, TRACKING
 from stridetwin.estimators.foot_to_foot.state import SCALES, Pair
+from stridetwin.estimators.so3 import rotation_matrix
 from stridetwin.streams.samples import Array
 
 

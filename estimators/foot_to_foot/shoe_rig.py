@@ -77,8 +77,8 @@ class Worn:
         if behind > _SURE and np.diff(np.sort(self._against))[0] > _CLEAR:
             what = _NAMES[_WAYS[int(np.argmin(self._against))]]
             raise StrideTwinError(
-                f"left and right are exchanged at {sighting.t_ns * 1e-9:.2f} s: {what}; "
-                "valid: every part on the shoe that the rig says"
+                f"left and right are exchanged at {sighting.t_ns * 1e-9:.2f} s: {what}: "
+                "expected every part on the shoe that the rig says"
             )
         return bool(behind < _DOUBT)
 

@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import exponential, rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
 from stridetwin.estimators.foot_ins.strapdown import correct
@@ -26,6 +25,7 @@ from stridetwin.estimators.foot_to_foot.state import (
     Pair,
     inject_all,
 )
+from stridetwin.estimators.so3 import quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 MIN_DEPTH = 0.02  # m; a predicted board nearer than this, or behind the camera, is invalid
@@ -127,7 +127,7 @@ def _tied(
     """
     u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: estimated minus predicted pose
     for look in range(LOOKS):
-        q = exponential(u[3], u[4], u[5])
+        q = quat_exp(u[3], u[4], u[5])
         A, ahead = _rows(p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
         if not ahead:
             return look > 0, T, z, alone

@@ -120,7 +120,7 @@ class DepthCamera:
             StrideTwinError: The image size differs from the rig's.
         """
         if depth.shape != self.shape:
-            raise StrideTwinError(f"{self.topic}: picture of {depth.shape}; valid: {self.shape}, as the rig tells")
+            raise StrideTwinError(f"{self.topic}: picture of {depth.shape}: expected {self.shape}, as the rig tells")
         clean, count = in_range(np.asarray(depth, np.float32), np.float32(p.range_min_m), np.float32(p.range_max_m))
         if self._maps is None:
             return clean, count

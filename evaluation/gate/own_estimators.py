@@ -1,7 +1,7 @@
 """User-supplied estimators: a Python class, a program that writes a TUM file, or a TUM file.
 
 A class is constructed with the recording's rig (`streams.rig.Rig`). Its `update(sample)` takes one sample in time
-order and returns None, or a `streams.pose.Pose` with increasing stamps, or an object whose `pose` is one.
+order and returns None, or a `streams.trajectory.Pose` with increasing stamps, or an object whose `pose` is one.
 An object with `t_ns`, `p_frame_in_world` and `q_world_frame` is deprecated. The class may declare `topics`, the
 topics that it reads (default: all but the truth's), and `frame`, whose pose it estimates.
 """
@@ -27,9 +27,8 @@ from stridetwin.evaluation.evaluate import Estimate
 from stridetwin.pipeline.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
-from stridetwin.streams.pose import trajectory_of
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.trajectory import Trajectory
+from stridetwin.streams.trajectory import Trajectory, trajectory_of
 
 TRUTH = "/truth/"
 _TAIL = 600  # characters of a program's last output, or of a class's exception
@@ -89,7 +88,7 @@ class PythonClass:
         """
         module, colon, attribute = self.place.partition(":")
         if not (module and colon and attribute):
-            raise StrideTwinError(f"--estimator {self.name}: {self.place!r} is not valid; valid: module:Class")
+            raise StrideTwinError(f"--estimator {self.name}: invalid {self.place!r}: expected module:Class")
         here = str(Path.cwd())
         if here not in sys.path:
             sys.path.append(here)  # installed modules take precedence over the working folder
@@ -144,7 +143,9 @@ class Program:
         except ValueError as error:
             raise StrideTwinError(f"--program {self.name}: {self.command!r}: {error}") from None
         if not all(any(place in word for word in words) for place in ("{recording}", "{output}")):
-            raise StrideTwinError(f"--program {self.name}: {self.command!r}: valid: COMMAND {{recording}} {{output}}")
+            raise StrideTwinError(
+                f"--program {self.name}: invalid {self.command!r}: expected COMMAND {{recording}} {{output}}"
+            )
         if shutil.which(words[0]) is None:
             raise StrideTwinError(f"--program {self.name}: {words[0]}: there is no such program")
         return words
@@ -193,7 +194,9 @@ def lead(estimator: Any, recording: Recording) -> Trajectory:
         wanted = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
     truths = [topic for topic in wanted if topic.startswith(TRUTH)]
     if truths:
-        raise StrideTwinError(f"{type(estimator).__name__}.topics: {truths[0]} is the truth; valid: what sensors say")
+        raise StrideTwinError(
+            f"{type(estimator).__name__}.topics: {truths[0]} is the truth: expected topics of sensors"
+        )
     name, poses = type(estimator).__name__, []
     for sample in recording.samples(wanted):
         if (pose := pose_of(estimator.update(sample), name)) is not None:

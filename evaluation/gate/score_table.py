@@ -83,7 +83,7 @@ def read_table(path: Path) -> ScoreTable:
         document = json.loads(path.read_text(encoding="utf-8"))
         table = table_of(document, str(path))
     except (ValueError, RecursionError) as error:
-        raise StrideTwinError(f"{path}: is not JSON: {error}; valid: {_WRITTEN}") from error
+        raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_WRITTEN}") from error
     walks = [entry["estimators"] for entry in document.get("recordings", []) if "estimators" in entry]
     for field, told in (("estimators", [table.means]), ("recordings", walks)):
         names = [metric for estimators in told for scores in estimators.values() for metric in scores]

@@ -83,7 +83,7 @@ def _of_campaign(folder: Path, asked: dict[str, Any]) -> list[Job]:
                 raise StrideTwinError(f"{jobs[-1].path}: {size} bytes; {path} says {row['bytes']}: generate it anew")
     except (KeyError, TypeError, ValueError) as error:
         raise StrideTwinError(
-            f"{path}: is no manifest of a campaign ({error}); valid: one that generate made"
+            f"{path}: is no manifest of a campaign ({error}): expected one that generate made"
         ) from None
     if not jobs:
         raise StrideTwinError(f"{folder}: no accepted walk in it")

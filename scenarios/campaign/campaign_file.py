@@ -194,5 +194,5 @@ def load_campaign(name: str) -> Campaign:
     """
     path = find_campaign(name)
     if path is None:
-        raise StrideTwinError(f"there is no campaign {name!r}; valid: {suggest(name, campaigns())}, or a .yaml file")
+        raise StrideTwinError(f"there is no campaign {name!r}: expected {suggest(name, campaigns())}, or a .yaml file")
     return read_campaign(path)

@@ -89,4 +89,4 @@ def _inner(error: StrideTwinError) -> str:
     if not isinstance(error, ConfigError):
         return str(error)
     own = f"{Path(error.source).name}: " if FILES in Path(error.source).parts else ""
-    return f"{own}{error.field}: {error.value!r} is not valid; valid: {error.valid}"
+    return f"{own}{error.field}: {error.problem}"

@@ -168,7 +168,7 @@ def _held(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StrideTwinError(f"{folder}: another generate works there; valid: a folder of its own") from None
+            raise StrideTwinError(f"{folder}: another generate works there: expected a folder of its own") from None
         shutil.rmtree(folder / HIDDEN, ignore_errors=True)
         (folder / HIDDEN).mkdir(exist_ok=True)
         yield

@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
+from stridetwin.streams.errors import Missing
 from stridetwin.streams.fields import number, refused, words
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
@@ -65,7 +66,7 @@ def _bare(node: object) -> object:
         if key not in _SOURCED:
             raise refused(key, f"keys {', '.join(_SOURCED)}")
     if "value" not in node:
-        raise refused("no value", "the key value is required")
+        raise refused(Missing(), "this key", "value")
     return node["value"]
 
 

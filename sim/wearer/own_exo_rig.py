@@ -6,36 +6,205 @@ Lengths in the file are millimetres and angles degrees, as in scenarios; places 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.exo_description import Cuff, Link, Module, OnLink, OwnExo, hinge_of
 from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
 from stridetwin.sim.parts.library import kind_of, library, part, read_part
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.fields import MM, FileModel, ReadAs, elsewhere, flag, folder_of, number, refused
 from stridetwin.streams.samples import Array
-from stridetwin.streams.yaml_node import Node, read_node
+from stridetwin.streams.validation import combined, suggest, validated
+from stridetwin.streams.yaml_file import read_yaml
 
-P = TypeVar("P", bound=Part)
 _FLEXION_Y = {"hip": -1, "knee": 1, "ankle": -1}
 """Which way along y, to the left, an axis points that counts flexion (thigh forward, knee bent, toes up)."""
 _MOST_ASLANT_DEG = 60.0
-_KEYS = ("description", "base", "cuffs", "joints", "encoders", "motors", "ahrs", "imus")
-_BODIES = tuple(f"{part}_{side}" for part in ("thigh", "shank", "foot") for side in "lr")
+_BODIES = tuple(f"{limb}_{side}" for limb in ("thigh", "shank", "foot") for side in "lr")
 _SHORT = re.compile(r"[a-z]+_[lr]")
-_LAWS = ("stiffness_n_m", "damping_ns_m", "turn_stiffness_nm", "turn_damping_nms")
 # Those of the built-in exoskeleton (`exoskeleton.couplings`): a cuff slides along the limb, a holder does not.
 _DEFAULTS = {
     "strap": ((4000.0, 4000.0, 0.0), (90.0, 90.0, 20.0), (3.0, 3.0, 20.0), (0.1, 0.1, 0.5)),
     "holder": ((15e3, 15e3, 15e3), (80.0, 80.0, 80.0), (120.0, 160.0, 120.0), (0.5, 1.0, 0.5)),
 }
-_MOST = dict(zip(_LAWS, (1e5, 1e4, 1e4, 1e3)))
 _FARTHEST_MM = 2000.0
+
+
+def _vector(most: float, low: float | None = None, scale: float = 1.0) -> Any:
+    """Three numbers up to `most`, scaled, as an array."""
+    entry = Annotated[float, number(-most if low is None else low, most)]
+    return Annotated[Array, ReadAs(tuple[entry, entry, entry]), AfterValidator(lambda v: scale * np.array(v))]  # type: ignore[valid-type]
+
+
+def _part_of(kind: str) -> Any:
+    """A part of this kind: of the library, or of the user's own beside the rig file."""
+
+    def found(name: object, info: ValidationInfo) -> Part:
+        read = None
+        if isinstance(name, str) and name.endswith((".yaml", ".yml")):
+            try:
+                read = read_part(folder_of(info) / name)
+            except StrideTwinError as error:
+                raise elsewhere(error) from None
+        elif isinstance(name, str) and name in library():
+            read = part(name)
+        if read is None or kind_of(read) != kind:
+            names = ", ".join(n for n in library() if kind_of(part(n)) == kind)
+            raise refused(name, f"{names}, or the path of a .yaml file of kind {kind}")
+        return read
+
+    return BeforeValidator(found, json_schema_input_type=str)
+
+
+def _short_names(valid: str, *more: str) -> AfterValidator:
+    """Refuses keys other than `more` and names with a side."""
+
+    def checked(found: dict[str, Any]) -> dict[str, Any]:
+        for name in found:
+            if name not in more and not _SHORT.fullmatch(name):
+                raise refused(name, f"names such as {valid}")
+        return found
+
+    return AfterValidator(checked)
+
+
+def _each_once(joints: dict[str, str]) -> dict[str, str]:
+    names = list(joints.values())
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise refused(twice[0], "every joint once")
+    return joints
+
+
+def _of_joints(found: Any, info: ValidationInfo) -> Any:
+    """Refuses names of joints that `joints` lacks."""
+    joints = info.data.get("joints")
+    for i, name in enumerate(found):
+        if joints is not None and name not in joints:
+            below = () if isinstance(found, dict) else (i,)
+            raise refused(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
+    return found
+
+
+def _on_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
+    for body in cuffs:
+        if body not in _BODIES:
+            raise refused(body, f"keys {suggest(body, _BODIES)}")
+    if {body[-1] for body in cuffs} != {"l", "r"}:
+        raise refused(list(cuffs), "cuffs on both legs, such as thigh_l and thigh_r")
+    return cuffs
+
+
+class _Seat(FileModel):
+    """A place on a link of the model.
+
+    Attributes:
+        link: Name of the link.
+        position_mm: In the link's frame.
+        rpy_deg: Roll, pitch and yaw about fixed axes, as in URDF.
+    """
+
+    link: str
+    position_mm: _vector(_FARTHEST_MM, scale=MM) = Field(default_factory=lambda: np.zeros(3))  # type: ignore[valid-type]
+    rpy_deg: _vector(360.0) = Field(default_factory=lambda: np.zeros(3))  # type: ignore[valid-type]
+
+    @property
+    def pose(self) -> Array:
+        """(4, 4) pose in the link's frame, m."""
+        T = np.eye(4)
+        T[:3, 3] = self.position_mm
+        T[:3, :3] = Rotation.from_euler("xyz", self.rpy_deg, degrees=True).as_matrix()
+        return T
+
+
+class _ImuSeat(_Seat):
+    """An IMU on a link.
+
+    Attributes:
+        part: Part of the library, or the path of a .yaml file.
+    """
+
+    part: Annotated[ImuPart, _part_of("imu")]
+
+
+class _CuffFile(FileModel):
+    """A tie of a link to the wearer; three values are fore-aft, sideways and along the limb.
+
+    Attributes:
+        link: Name of the link.
+        at_mm: Place in the link's frame.
+        kind: `strap` slides along the limb, `holder` does not; the default of a foot is `holder`.
+        force_cells: Whether it has the force-cell pair of the interaction sensors.
+        stiffness_n_m: N/m.
+        damping_ns_m: N s/m.
+        turn_stiffness_nm: N m/rad.
+        turn_damping_nms: N m s/rad.
+    """
+
+    link: str
+    at_mm: _vector(_FARTHEST_MM, scale=MM)  # type: ignore[valid-type]
+    kind: Literal["strap", "holder"] | None = None
+    force_cells: Annotated[bool, flag()] = False
+    stiffness_n_m: _vector(1e5, 0.0) | None = None  # type: ignore[valid-type]
+    damping_ns_m: _vector(1e4, 0.0) | None = None  # type: ignore[valid-type]
+    turn_stiffness_nm: _vector(1e4, 0.0) | None = None  # type: ignore[valid-type]
+    turn_damping_nms: _vector(1e3, 0.0) | None = None  # type: ignore[valid-type]
+
+    def law(self, body: str) -> Array:
+        """(4, 3, 3) stiffness, damping, rotational stiffness and damping of a cuff on a body of the wearer."""
+        given = (self.stiffness_n_m, self.damping_ns_m, self.turn_stiffness_nm, self.turn_damping_nms)
+        standard = _DEFAULTS[self.kind or ("holder" if body.startswith("foot") else "strap")]
+        return np.array([np.diag(d if g is None else g) for g, d in zip(given, standard)])
+
+
+class _Motor(FileModel):
+    """The motor of a joint; rotor, gear and mass are the model's.
+
+    Attributes:
+        torque_max_nm: Largest torque at the joint.
+        speed_max_radps: Largest speed of the joint.
+        part: Part of the library that senses it, or the path of a .yaml file.
+    """
+
+    torque_max_nm: Annotated[float, number(above=0)]
+    speed_max_radps: Annotated[float, number(above=0)] = 10.0
+    part: Annotated[ActuatorPart, _part_of("actuator")] = Field("actuation-module", validate_default=True)  # type: ignore[assignment]
+
+
+class OwnExoFile(FileModel):
+    """The rig of an exoskeleton of the user's own.
+
+    Attributes:
+        description: One line; by default the name of the model.
+        base: Pose of the wearer's pelvis in the base link, which is fixed to it.
+        cuffs: Ties on both legs, by the limb of the wearer.
+        joints: Hinge of the model by its short name, such as `hip_l`; hips, knees and ankles count flexion.
+        encoders: Short names of the joints with an encoder.
+        motors: Motors by the short name of their joint.
+        ahrs: AHRS by place, such as `back`, `thigh_l`.
+        imus: Further IMUs by place.
+    """
+
+    description: str | None = None
+    base: _Seat
+    cuffs: Annotated[
+        dict[str, _CuffFile],
+        AfterValidator(_on_both_legs),
+        Field(json_schema_extra={"propertyNames": {"enum": list(_BODIES)}}),
+    ]
+    joints: Annotated[dict[str, str], _short_names("hip_l, knee_r"), AfterValidator(_each_once)] = Field(
+        default_factory=dict
+    )
+    encoders: Annotated[tuple[str, ...], AfterValidator(_of_joints)] = ()
+    motors: Annotated[dict[str, _Motor], AfterValidator(_of_joints)] = Field(default_factory=dict)
+    ahrs: Annotated[dict[str, _Seat], _short_names("back, thigh_l, foot_r", "back")] = Field(default_factory=dict)
+    imus: Annotated[dict[str, _ImuSeat], _short_names("back, thigh_l, foot_r", "back")] = Field(default_factory=dict)
 
 
 def read_own_exo(model: Path, rig: Path) -> OwnExo:
@@ -46,187 +215,95 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
         rig: YAML file.
 
     Raises:
-        ConfigError: A value in one of them that is not valid; names file, field, value and what is valid.
+        ConfigError: A value in one of them is invalid.
         StrideTwinError: One of them cannot be read.
     """
-    root = read_node(rig)
-    root.only(_KEYS)
-    base = root.at("base")
-    base.only(("link", "position_mm", "rpy_deg"))
-    joints = _joints(root)
-    T_base = _place(base)
-    names = {joint: hinge_of(short) for short, joint in joints.items()}
-    chains = read_model(model, base.at("link").text(), T_base[:3, 3], T_base[:3, :3], names)
-    there = {link.joint for leg in chains.legs for link in leg}
-    for short, joint in joints.items():
-        if hinge_of(short) not in there:
-            node = root.at("joints").at(short)
-            raise ConfigError(rig, node.path, joint, f"a hinge of {model}")
-    cuffs, sides = _cuffs(root, chains)
+    file = validated(OwnExoFile, read_yaml(rig), rig, context={"folder": rig.parent})
+    names = {joint: hinge_of(short) for short, joint in file.joints.items()}
+    T_base = file.base.pose
+    chains = read_model(model, file.base.link, T_base[:3, 3], T_base[:3, :3], names)
+    if errors := list(_unknown(file, chains, rig, model)):
+        raise combined(errors)
+    cuffs, sides = _cuffs(file, chains, rig)
     legs = {side: chains.legs[sides[side]] for side in "lr"}
-    for short in joints:
+    for short, joint in file.joints.items():
         if hinge_of(short) not in {link.joint for link in legs[short[-1]]}:
-            raise ConfigError(rig, f"joints.{short}", joints[short], f"a joint of the leg that is tied to {short[-1]}")
-    _check_axes(model, rig, joints, legs)
-    modules, motors = _motors(root, joints, [link for leg in legs.values() for link in leg])
+            raise ConfigError(rig, f"joints.{short}", joint, f"a joint of the leg that is tied to {short[-1]}")
+    _check_axes(model, rig, file.joints, legs)
+    hinges = {link.joint: link for leg in legs.values() for link in leg}
     return OwnExo(
         source=str(model),
         rig=str(rig),
-        description=root.at("description", model.stem).text(),
+        description=model.stem if file.description is None else file.description,
         base=chains.base,
         legs=legs,
         cuffs=cuffs,
-        modules=modules,
-        motors=motors,
-        encoders=tuple(_known_joint(node, joints) for node in root.at("encoders", []).items()),
-        ahrs={place: _seat(node, chains) for place, node in _places(root, "ahrs")},
-        imus={
-            place: (_seat(node, chains, ("part",)), _part(node, "imu", ImuPart))
-            for place, node in _places(root, "imus")
-        },
+        modules={short: _module(motor, hinges[hinge_of(short)]) for short, motor in file.motors.items()},
+        motors={short: motor.part for short, motor in file.motors.items()},
+        encoders=file.encoders,
+        ahrs={place: _on_link(seat, chains) for place, seat in file.ahrs.items()},
+        imus={place: (_on_link(seat, chains), seat.part) for place, seat in file.imus.items()},
     )
 
 
-def _joints(root: Node) -> dict[str, str]:
-    """Joint in the model's file by its short name."""
-    node = root.at("joints", {})
-    joints = {}
-    for short in node:
-        if not _SHORT.fullmatch(short):
-            raise ConfigError(root.source, "joints", short, "names such as hip_l, knee_r")
-        joints[short] = node.at(short).text()
-    twice = [j for j in joints.values() if list(joints.values()).count(j) > 1]
-    if twice:
-        raise ConfigError(root.source, "joints", twice[0], "every joint once")
-    return joints
+def _unknown(file: OwnExoFile, chains: Chains, rig: Path, model: Path) -> Iterator[ConfigError]:
+    """Errors of links and joints that the model lacks."""
+    there = {link.joint for leg in chains.legs for link in leg}
+    for short, joint in file.joints.items():
+        if hinge_of(short) not in there:
+            yield ConfigError(rig, f"joints.{short}", joint, f"a hinge of {model}")
+    groups: dict[str, Mapping[str, Any]] = {"cuffs": file.cuffs, "ahrs": file.ahrs, "imus": file.imus}
+    for key, seats in groups.items():
+        for place, seat in seats.items():
+            if seat.link not in chains.carrier:
+                words = f"a link of the model: {', '.join(chains.carrier)}"
+                yield ConfigError(rig, f"{key}.{place}.link", seat.link, words)
 
 
-def _cuffs(root: Node, chains: Chains) -> tuple[tuple[Cuff, ...], dict[str, int]]:
+def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...], dict[str, int]]:
     """The cuffs, and which chain is the leg of a side."""
-    node = root.at("cuffs")
-    node.only(_BODIES)
     cuffs, sides = [], dict[str, int]()
-    for body in node:
-        told = node.at(body)
-        told.only(("link", "at_mm", "kind", "force_cells", *_LAWS))
-        name = _link(told.at("link"), chains)
-        leg, number = chains.carrier[name]
+    for body, cuff in file.cuffs.items():
+        leg, at = chains.carrier[cuff.link]
+        place, side = f"cuffs.{body}.link", body[-1]
         if leg < 0:
-            raise told.at("link").error("a link of a leg: the base is fixed to the pelvis")
-        side = body[-1]
+            raise ConfigError(rig, place, cuff.link, "a link of a leg: the base is fixed to the pelvis")
         if sides.setdefault(side, leg) != leg or any(s != side and k == leg for s, k in sides.items()):
-            raise told.at("link").error(f"a link of the leg that other cuffs tie to the wearer's {side} leg")
-        T, at = chains.T_carrier[name], _triple(told.at("at_mm"), _FARTHEST_MM)
-        kind = told.at("kind", "holder" if body.startswith("foot") else "strap").choice(tuple(_DEFAULTS))
-        law = [_law(told, key, default) for key, default in zip(_LAWS, _DEFAULTS[kind])]
-        cells = told.at("force_cells", False)
-        if not isinstance(cells.value, bool):
-            raise cells.error("true or false")
+            words = f"a link of the leg that other cuffs tie to the wearer's {side} leg"
+            raise ConfigError(rig, place, cuff.link, words)
+        T = chains.T_carrier[cuff.link]
         cuffs.append(
             Cuff(
-                body=body, link=chains.legs[leg][number].name, p_in_link=T[:3, :3] @ (1e-3 * at) + T[:3, 3],
-                law=np.array(law), force_cells=cells.value,
+                body=body, link=chains.legs[leg][at].name, p_in_link=T[:3, :3] @ cuff.at_mm + T[:3, 3],
+                law=cuff.law(body), force_cells=cuff.force_cells,
             )
         )  # fmt: skip
-    if set(sides) != {"l", "r"}:
-        raise node.error("cuffs on both legs, such as thigh_l and thigh_r")
     return tuple(cuffs), sides
 
 
-def _check_axes(model: Path, rig: Path, joints: dict[str, str], legs: dict[str, tuple[Link, ...]]) -> None:
-    """Refuses hips, knees and ankles that do not count flexion: laws and whoever reads a sensor take it to be so."""
+def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[str, tuple[Link, ...]]) -> None:
+    """Refuses hips, knees and ankles that do not count flexion: control laws and readers of the sensors assume it."""
     for short, joint in joints.items():
         name, _, side = short.rpartition("_")
         y = _FLEXION_Y.get(name)
         axis = next(link.axis for link in legs[side] if link.joint == hinge_of(short))
         if y is not None and y * axis[1] < np.cos(np.radians(_MOST_ASLANT_DEG)):
             valid = (
-                f"within {_MOST_ASLANT_DEG:g} deg of [0, {y}, 0] (x forward, y left), flexion positive, as it is "
-                f"joints.{short} of {rig}; turn axis and range round"
+                f"within {_MOST_ASLANT_DEG:g} deg of [0, {y}, 0] (x forward, y left), flexion positive, as "
+                f"joints.{short} of {rig}; reverse axis and range"
             )
             raise ConfigError(model, f"joint {joint}, axis", (np.round(axis, 3) + 0.0).tolist(), valid)
 
 
-def _law(node: Node, key: str, default: Iterable[float]) -> Array:
-    """(3, 3) of the three values fore-aft, sideways and along the limb."""
-    told = node.at(key, list(default))
-    values = told.numbers(3)
-    if not all(0.0 <= v <= _MOST[key] for v in values):
-        raise told.error(f"three numbers, 0-{_MOST[key]:g}")
-    return np.diag(values)
+def _module(motor: _Motor, link: Link) -> Module:
+    """What drives a joint; rotor, gear and friction are the model's."""
+    return Module(
+        gear=1.0, rotor_inertia=link.armature, friction_nm=link.friction, viscous_nms=link.damping,
+        torque_max_nm=motor.torque_max_nm, speed_max_radps=motor.speed_max_radps, mass_kg=0.0,
+    )  # fmt: skip
 
 
-def _motors(root: Node, joints: dict[str, str], links: list[Link]) -> tuple[dict[str, Module], dict[str, ActuatorPart]]:
-    """Powered joints: what drives them, and the part that tells of it. Rotor, gear and mass are the model's."""
-    node = root.at("motors", {})
-    modules, motors = {}, {}
-    for short in node:
-        if short not in joints:
-            raise ConfigError(root.source, "motors", short, f"one of the joints {', '.join(joints) or '(none named)'}")
-        told = node.at(short)
-        told.only(("torque_max_nm", "speed_max_radps", "part"))
-        link = next(link for link in links if link.joint == hinge_of(short))
-        modules[short] = Module(
-            gear=1.0, rotor_inertia=link.armature, friction_nm=link.friction, viscous_nms=link.damping,
-            torque_max_nm=told.at("torque_max_nm").number(0, above=True),
-            speed_max_radps=told.at("speed_max_radps", 10.0).number(0, above=True), mass_kg=0.0,
-        )  # fmt: skip
-        motors[short] = _part(told, "actuator", ActuatorPart, "actuation-module")
-    return modules, motors
-
-
-def _places(root: Node, key: str) -> Iterable[tuple[str, Node]]:
-    node = root.at(key, {})
-    for place in node:
-        if place != "back" and not _SHORT.fullmatch(place):
-            raise ConfigError(root.source, key, place, "names such as back, thigh_l, foot_r")
-        yield place, node.at(place)
-
-
-def _seat(node: Node, chains: Chains, more: tuple[str, ...] = ()) -> OnLink:
-    node.only(("link", "position_mm", "rpy_deg", *more))
-    name = _link(node.at("link"), chains)
-    leg, number = chains.carrier[name]
-    link = chains.base if leg < 0 else chains.legs[leg][number]
-    return OnLink(link=link.name, T_link=chains.T_carrier[name] @ _place(node))
-
-
-def _link(node: Node, chains: Chains) -> str:
-    if node.text() not in chains.carrier:
-        raise node.error(f"a link of the model: {', '.join(chains.carrier)}")
-    return node.text()
-
-
-def _place(node: Node) -> Array:
-    """(4, 4) pose that `position_mm` and `rpy_deg` (roll, pitch, yaw about fixed axes, as in URDF) tell."""
-    T = np.eye(4)
-    T[:3, 3] = 1e-3 * _triple(node.at("position_mm", [0, 0, 0]), _FARTHEST_MM)
-    turn = _triple(node.at("rpy_deg", [0, 0, 0]), 360.0)
-    T[:3, :3] = Rotation.from_euler("xyz", turn, degrees=True).as_matrix()
-    return T
-
-
-def _triple(node: Node, most: float) -> Array:
-    values = np.array(node.numbers(3))
-    if np.any(np.abs(values) > most):
-        raise node.error(f"three numbers, {-most:g} to {most:g}")
-    return values
-
-
-def _known_joint(node: Node, joints: dict[str, str]) -> str:
-    if node.text() not in joints:
-        raise node.error(f"one of the joints {', '.join(joints) or '(none named)'}")
-    return node.text()
-
-
-def _part(node: Node, kind: str, of: type[P], standard: str | None = None) -> P:
-    """A part of the library, or of the user's own beside the rig file."""
-    told = node.at("part", standard) if standard else node.at("part")
-    name = told.text()
-    found = read_part(Path(node.source).parent / name) if name.endswith((".yaml", ".yml")) else None
-    if found is None and name in library():
-        found = part(name)
-    if found is None or not isinstance(found, of):
-        names = ", ".join(n for n in library() if kind_of(part(n)) == kind)
-        raise told.error(f"{names}, or the path of a .yaml file of kind {kind}")
-    return found
+def _on_link(seat: _Seat, chains: Chains) -> OnLink:
+    leg, at = chains.carrier[seat.link]
+    link = chains.base if leg < 0 else chains.legs[leg][at]
+    return OnLink(link=link.name, T_link=chains.T_carrier[seat.link] @ seat.pose)

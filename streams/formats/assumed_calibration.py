@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
-from stridetwin.streams.recording.imported import ImageStream, Notes
+from stridetwin.streams.recording.imported import ImageStream
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu
 
@@ -109,15 +110,17 @@ def _assumed_camera(topic: str, images: ImageStream, size: tuple[int, int], note
     width, height = size
     focal = _FOCAL_PER_WIDTH * width
     notes.warn(f"{topic}: no calibration; assumed a pinhole of focal length {focal:.0f} px, {GIVE}")
+    return pinhole(topic, size, (focal, focal, (width - 1) / 2, (height - 1) / 2), mean_rate(images.t_ns))
+
+
+def pinhole(
+    topic: str, size: tuple[int, int], intrinsics: tuple[float, float, float, float], rate_hz: float, depth: str = ""
+) -> CameraCalibration:
+    """A camera without distortion at the origin of its body, which its topic implies; `depth` is its depth stream."""
     return CameraCalibration(
-        topic=topic,
-        part="",
-        rate_hz=mean_rate(images.t_ns),
-        mount=Mount(body=body_of(topic)),
-        width=width,
-        height=height,
-        intrinsics=(focal, focal, (width - 1) / 2, (height - 1) / 2),
-    )
+        topic=topic, part="", rate_hz=rate_hz, mount=Mount(body=body_of(topic)), width=size[0], height=size[1],
+        intrinsics=intrinsics, depth_topic=depth,
+    )  # fmt: skip
 
 
 def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:

@@ -15,13 +15,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
-from stridetwin.streams.formats.poses import odometry
-from stridetwin.streams.formats.split_imu import joined, joined_name
-from stridetwin.streams.recording.imported import ImageStream, Notes, Source
-from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.formats.derived import joined, joined_name, odometry
+from stridetwin.streams.recording.imported import ImageStream, Source
+from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
 from stridetwin.streams.recording.ros_types import Definitions, deserialise, typestore_for
-from stridetwin.streams.recording.topic_reader import READABLE, TopicReader
+from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, header_stamp
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
 
 OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
@@ -145,7 +144,8 @@ class _Stream:
         """Adds a message."""
         if not self.is_image or not self.payloads:
             self.payloads.append(payload)
-        self.times.append((_image_stamp(payload) or log_time) if self.is_image else log_time)
+        has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER
+        self.times.append((header_stamp(payload) if has_stamp else 0) or log_time)
         self.keys.append(key)
 
 
@@ -255,11 +255,3 @@ def _frame(payload: bytes) -> str:
         return payload[16 : 16 + length].rstrip(b"\0").decode() if length < 256 else ""
     except UnicodeDecodeError:
         return ""
-
-
-def _image_stamp(payload: bytes) -> int:
-    if len(payload) < 12:
-        return 0
-    order = "little" if payload[1] else "big"
-    seconds = int.from_bytes(payload[4:8], order, signed=True)  # type: ignore[arg-type]
-    return seconds * 1_000_000_000 + int.from_bytes(payload[8:12], order)  # type: ignore[arg-type]

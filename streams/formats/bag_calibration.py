@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
 from stridetwin.streams.plausible import mean_rate
-from stridetwin.streams.recording.imported import ImageStream, Notes
+from stridetwin.streams.recording.imported import ImageStream
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu
 
@@ -94,9 +95,6 @@ _BEYOND = 1e-6  # coefficients after the fourth below this count as 0
 
 class BagCalibration:
     """Collects calibrations, and builds a rig from them.
-
-    Args:
-        notes: Collects warnings about omissions.
 
     Attributes:
         assumed: Assumptions in a camera's calibration, by topic.

@@ -11,20 +11,25 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+from pydantic import BaseModel, BeforeValidator
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, words
 from stridetwin.streams.formats.assumed_calibration import BODY
+from stridetwin.streams.formats.derived import odometry
 from stridetwin.streams.formats.image_files import read_image_list
-from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows
-from stridetwin.streams.recording.imported import ImageStream, Notes, Source, unreadable
+from stridetwin.streams.kalibr import ImuNoise
+from stridetwin.streams.recording.imported import ImageStream, Source
+from stridetwin.streams.recording.index import Notes, unreadable
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Odometry
-from stridetwin.streams.yaml_node import Node, parse_node
+from stridetwin.streams.validation import validated
+from stridetwin.streams.yaml_file import parse_yaml
 
 IMU_COLUMNS = ("w_RS_S_x", "w_RS_S_y", "w_RS_S_z", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z")
 IMU_UNITS = ("rad s^-1",) * 3 + ("m s^-2",) * 3
@@ -33,13 +38,8 @@ POSE_UNITS = ("m",) * 3 + ("",) * 4 + ("m s^-1",) * 3
 VELOCITY_COLUMNS = ("v_RS_R_x", "v_RS_R_y", "v_RS_R_z")
 GROUND_TRUTHS = ("state_groundtruth_estimate0", "mocap0", "vicon0")
 TRUTH = "/truth/head/imu/odometry"
-NOISE = (
-    "gyroscope_noise_density",
-    "gyroscope_random_walk",
-    "accelerometer_noise_density",
-    "accelerometer_random_walk",
-)
 NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
+S = TypeVar("S", bound=BaseModel)
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
 
 
@@ -53,10 +53,6 @@ def euroc_root(path: Path) -> Path | None:
 
 def read_euroc(path: Path, notes: Notes) -> Source:
     """Reads a folder in the ASL layout.
-
-    Args:
-        path: The folder, or the parent of `mav0`.
-        notes: Collects problems.
 
     Returns:
         Its IMUs, cameras and the first ground truth of `GROUND_TRUTHS`, under our topics (further sensors
@@ -116,11 +112,8 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
 
 def _marker(folder: Path) -> Array | None:
     """T_BS of the sensor of a ground truth, such as Vicon's marker; None if its poses are the body's own."""
-    node = _sensor(folder)
-    if node is None or "T_BS" not in node:
-        return None
-    T = _mount(node).T_body_sensor
-    return None if np.array_equal(T, np.eye(4)) else T
+    found = _sensor(folder, _Marker)
+    return None if found is None or found.T_BS is None or np.array_equal(found.T_BS, np.eye(4)) else found.T_BS
 
 
 def _columns(
@@ -153,7 +146,45 @@ def _width(rows: list[Row]) -> int:
     return len(rows[0].words) if rows else 0
 
 
-def _sensor(folder: Path) -> Node | None:
+def _rows_of(node: Any) -> Any:
+    """Rows of a matrix; OpenCV lists its 16 numbers under `data`."""
+    data = node.get("data") if isinstance(node, dict) else None
+    return [data[i : i + 4] for i in range(0, 16, 4)] if isinstance(data, list) and len(data) == 16 else node
+
+
+class _Marker(BaseModel):
+    """A `sensor.yaml` of a ground truth."""
+
+    T_BS: Annotated[RigidTransform | None, BeforeValidator(_rows_of)] = None
+
+
+class _Sensor(BaseModel):
+    """A `sensor.yaml`; keys that are not read are left alone."""
+
+    T_BS: Annotated[RigidTransform, BeforeValidator(_rows_of)]
+    comment: Annotated[str, BeforeValidator(lambda node: node if isinstance(node, str) else "")] = ""
+
+    @property
+    def mount(self) -> Mount:
+        """Pose in the body."""
+        return Mount(body=BODY, T_body_sensor=self.T_BS)
+
+
+class _ImuSensor(_Sensor, ImuNoise):
+    rate_hz: Positive
+
+
+class _CameraSensor(_Sensor):
+    camera_model: Literal["pinhole"] = "pinhole"
+    intrinsics: tuple[Positive, Positive, Number, Number]
+    resolution: tuple[Count, Count]
+    distortion_coefficients: tuple[Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0)
+    distortion_model: Annotated[str, words(_DISTORTIONS)] = "radtan"
+    rate_hz: NotNegative = 0.0
+
+
+def _sensor(folder: Path, kind: type[S]) -> S | None:
+    """The calibration of a sensor; None without its file."""
     file = folder / "sensor.yaml"
     if not file.exists():
         return None
@@ -162,54 +193,28 @@ def _sensor(folder: Path) -> Node | None:
     except (OSError, UnicodeDecodeError) as error:
         raise unreadable(file, error) from error
     # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
-    return parse_node(re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE), str(file))
+    text = re.sub(r"!!opencv-matrix|^%.*$", "", text, flags=re.MULTILINE)
+    return validated(kind, parse_yaml(text, str(file)), file)
 
 
 def _imu_calibration(folder: Path, topic: str) -> ImuCalibration | None:
-    if (node := _sensor(folder)) is None:
+    if (found := _sensor(folder, _ImuSensor)) is None:
         return None
-    return ImuCalibration(
-        topic=topic,
-        part=_text(node, "comment"),
-        rate_hz=node.at("rate_hz").number(0, above=True),
-        mount=_mount(node),
-        **{name: node.at(name).number(0) for name in NOISE},
-    )
+    noise = {name: getattr(found, name) for name in ImuNoise.model_fields}
+    return ImuCalibration(topic=topic, part=found.comment, rate_hz=found.rate_hz, mount=found.mount, **noise)
 
 
 def _camera_calibration(folder: Path, topic: str) -> CameraCalibration | None:
-    if (node := _sensor(folder)) is None:
+    if (found := _sensor(folder, _CameraSensor)) is None:
         return None
-    node.at("camera_model", "pinhole").choice(("pinhole",))
-    fu, fv, pu, pv = node.at("intrinsics").numbers(4)
-    if fu <= 0 or fv <= 0:
-        raise node.at("intrinsics").error("fu, fv, cu, cv with focal lengths above 0")
-    resolution = node.at("resolution").items()
-    if len(resolution) != 2:
-        raise node.at("resolution").error("a list of 2 integers")
-    k1, k2, k3, k4 = node.at("distortion_coefficients", [0, 0, 0, 0]).numbers(4)
     return CameraCalibration(
         topic=topic,
-        part=_text(node, "comment"),
-        rate_hz=node.at("rate_hz", 0).number(0),
-        mount=_mount(node),
-        width=resolution[0].integer(1),
-        height=resolution[1].integer(1),
-        intrinsics=(fu, fv, pu, pv),
-        distortion_model=_DISTORTIONS[node.at("distortion_model", "radial-tangential").choice(tuple(_DISTORTIONS))],
-        distortion=(k1, k2, k3, k4),
+        part=found.comment,
+        rate_hz=found.rate_hz,
+        mount=found.mount,
+        width=found.resolution[0],
+        height=found.resolution[1],
+        intrinsics=found.intrinsics,
+        distortion_model=found.distortion_model,
+        distortion=found.distortion_coefficients,
     )
-
-
-def _mount(node: Node) -> Mount:
-    T = node.at("T_BS")
-    if "data" in T:
-        flat = T.at("data").numbers(16)
-        rows = np.array(flat).reshape(4, 4).tolist()
-        return Mount(body=BODY, T_body_sensor=Node(T.source, T.path, rows).transform())
-    return Mount(body=BODY, T_body_sensor=T.transform())
-
-
-def _text(node: Node, key: str) -> str:
-    value = node.at(key, "").value
-    return value if isinstance(value, str) else ""

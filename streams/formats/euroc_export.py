@@ -44,17 +44,8 @@ def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> Came
     T_left_right = np.eye(4)
     T_left_right[0, 3] = baseline_m
     mount = Mount(body=left.mount.body, T_body_sensor=left.mount.T_body_sensor @ T_left_right)
-    return CameraCalibration(
-        topic=topic,
-        part=f"virtual, {baseline_m:g} m to the right of {left.topic}",
-        rate_hz=left.rate_hz,
-        mount=mount,
-        width=left.width,
-        height=left.height,
-        intrinsics=left.intrinsics,
-        imu_topic=left.imu_topic,
-        timeshift_cam_imu_s=left.timeshift_cam_imu_s,
-    )
+    part = f"virtual, {baseline_m:g} m to the right of {left.topic}"
+    return replace(left, topic=topic, part=part, mount=mount, distortion_model="radtan", depth_topic="")
 
 
 def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:

@@ -18,7 +18,8 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.assumed_calibration import body_of
 from stridetwin.streams.formats.euroc import NAMES
 from stridetwin.streams.kalibr import PLAIN_BODY
-from stridetwin.streams.recording.imported import Notes, Source
+from stridetwin.streams.recording.imported import Source
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Image, Imu
 

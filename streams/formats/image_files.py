@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from stridetwin.streams.bounded import LARGEST_IMAGE, MOST_PIXELS, decode_image, read_bytes
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
-from stridetwin.streams.recording.imported import ImageStream, Notes, unreadable
+from stridetwin.streams.recording.imported import ImageStream
+from stridetwin.streams.recording.index import Notes, unreadable
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_images import rgb_from_bgr
 from stridetwin.streams.rig import CameraCalibration

@@ -49,8 +49,8 @@ def read_imu_table(path: str | Path, topic: str = "/foot/imu") -> Block[Imu]:
     _check_numbers(path, t, accel, gyro)
     _check_times(path, t)
     t_ns = np.rint(t * 1e9).astype(np.int64)
-    for doubt in (*implausible_rates(t_ns, IMU_RATES_HZ), *implausible_units(t_ns, accel, gyro)):
-        raise ConfigError(path, doubt.field, doubt.value, doubt.valid)
+    for found in (*implausible_rates(t_ns, IMU_RATES_HZ), *implausible_units(t_ns, accel, gyro)):
+        raise ConfigError(path, found.field, found.value, found.valid)
     return Block(
         topic=topic,
         kind=Imu,

@@ -14,15 +14,13 @@ from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinErr
 from stridetwin.streams.formats import euroc, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag import Bag, read_bag
-from stridetwin.streams.formats.bag_mcap import McapBag
-from stridetwin.streams.formats.bag_ros import RosBag, check_tables, sqlite_is_sound
+from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_table import read_imu_table
-from stridetwin.streams.formats.own_recordings import is_ours, read_calibration
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, IMU_RATES_HZ, implausible_rates, implausible_units
-from stridetwin.streams.recording.imported import ImportedContents, Notes, Source, unreadable
-from stridetwin.streams.recording.index import Problem
+from stridetwin.streams.recording.imported import ImportedContents, Source
+from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration, unreadable
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.topic_reader import finite, increasing
@@ -287,8 +285,8 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     for topic, images in source.images.items():
         rising = images.t_ns[increasing(images.t_ns, -1)]
         if len(rising) >= _FEWEST:
-            for doubt in implausible_rates(rising, IMAGE_RATES_HZ):
-                notes.problem(Problem(topic, int(rising[0]), str(doubt)))
+            for found in implausible_rates(rising, IMAGE_RATES_HZ):
+                notes.problem(Problem(topic, int(rising[0]), str(found)))
 
 
 def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
@@ -297,11 +295,11 @@ def _check_inertial(topic: str, block: Block[Any], notes: Notes) -> None:
     if len(t_ns) < _FEWEST:
         return
     columns: dict[str, Any] = {name: values[keep] for name, values in block.columns.items()}
-    for doubt in (
+    for found in (
         *implausible_rates(t_ns, IMU_RATES_HZ),
         *implausible_units(t_ns, columns["specific_force"], columns.get("angular_rate")),
     ):
-        notes.problem(Problem(topic, int(t_ns[0]), str(doubt)))
+        notes.problem(Problem(topic, int(t_ns[0]), str(found)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
@@ -322,5 +320,5 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
         if info.last_ns < longest[1].first_ns or info.first_ns > longest[1].last_ns:
             what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest[1].first_ns else "begins only here"
             other = f"{longest[1].first_ns * 1e-9:.6f} to {longest[1].last_ns * 1e-9:.6f} s"
-            words = f"{what}, where {longest[0]} runs from {other}; valid: stamps of one clock"
+            words = f"{what}, where {longest[0]} runs from {other}: expected stamps of one clock"
             notes.problem(Problem(topic, info.first_ns, words))

@@ -101,7 +101,7 @@ def write_opensim(recording: Recording, folder: Path, model: str = "rajagopal") 
     """
     for topic in ("/truth/joints", "/truth/pelvis/odometry"):
         if topic not in recording.topics:
-            raise RecordingError(f"{recording.path}: no {topic}; valid: a recording of the twin, with ground truth")
+            raise RecordingError(f"{recording.path}: no {topic}: expected a recording of the twin, with ground truth")
     counts = {MOTION: _write_motion(recording, MODELS[model], folder / MOTION)}
     sides = [s for s in _SIDES if f"/truth/foot_{s}/wrench" in recording.topics]
     if sides:

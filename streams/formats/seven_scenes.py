@@ -14,12 +14,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import BODY, image_size
+from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
+from stridetwin.streams.formats.derived import odometry
 from stridetwin.streams.formats.image_files import image_stream
-from stridetwin.streams.formats.poses import odometry
 from stridetwin.streams.formats.text_rows import read_text_rows
-from stridetwin.streams.recording.imported import ImageStream, Notes, Source
-from stridetwin.streams.rig import CameraCalibration, Mount, Rig
+from stridetwin.streams.recording.imported import ImageStream, Source
+from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block
 
 RATE_HZ = 30.0
@@ -122,7 +123,7 @@ def _rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
         return Rig()
     if file is not None:
         K = _matrix(file, 3)
-        intrinsics = tuple(float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+        intrinsics = float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
         if min(intrinsics[:2]) <= 0:
             raise ConfigError(file, "matrix", list(intrinsics), "fx 0 cx / 0 fy cy / 0 0 1, focal lengths above 0")
     elif size == (640, 480):
@@ -130,14 +131,4 @@ def _rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
     else:
         return Rig()
     topic = COLOR if size == color_size else DEPTH
-    camera = CameraCalibration(
-        topic=topic,
-        part="",
-        rate_hz=RATE_HZ,
-        mount=Mount(body=BODY),
-        width=size[0],
-        height=size[1],
-        intrinsics=intrinsics,  # type: ignore[arg-type]
-        depth_topic=DEPTH if DEPTH in images else "",
-    )
-    return Rig(cameras={topic: camera})
+    return Rig(cameras={topic: pinhole(topic, size, intrinsics, RATE_HZ, DEPTH if DEPTH in images else "")})

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.bounded import lines
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.recording.imported import Notes, unreadable
+from stridetwin.streams.recording.index import Notes, unreadable
 from stridetwin.streams.samples import Array
 
 LONGEST_STAMP = 19

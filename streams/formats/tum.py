@@ -72,7 +72,7 @@ def read_tum(path: str | Path) -> Trajectory:
     except (OSError, UnicodeDecodeError) as error:
         raise StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not rows:
-        raise StrideTwinError(f"{path}: no pose; valid: rows of {' '.join(_COLUMNS)}")
+        raise StrideTwinError(f"{path}: no pose: expected rows of {' '.join(_COLUMNS)}")
     table = np.array(rows)
     q = table[:, [7, 4, 5, 6]]
     return Trajectory(

@@ -102,7 +102,7 @@ class Decoder:
 
     def __init__(self, topic: str, typename: str) -> None:
         if typename not in READABLE:
-            raise ValueError(f"{topic}: type {typename[:60]!r} is not read; valid: {', '.join(sorted(READABLE))}")
+            raise ValueError(f"{topic}: type {typename[:60]!r} is not read: expected {', '.join(sorted(READABLE))}")
         self.topic, self.typename = topic, typename
         self._known: _Known | None = None
 
@@ -134,7 +134,7 @@ class Decoder:
         small = small_for(self.typename, np.frombuffer(payload, layout.dtype))
         if self._known is not None and small.kind is not self._known.small.kind:
             raise ValueError(
-                f"{self.topic}: carried {self._known.small.kind.__name__}; a {small.kind.__name__} is not valid"
+                f"{self.topic}: invalid {small.kind.__name__}: expected {self._known.small.kind.__name__}, as before"
             )
         word = "<I" if layout.head[1] else ">I"
         marks = ((0, layout.head), *((at, struct.pack(word, value)) for at, value in layout.lengths))

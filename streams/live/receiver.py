@@ -239,7 +239,7 @@ class Receiver:
             if sample is None:
                 traffic.not_finite += 1
             elif not 0 <= sample.t_ns < LATEST_NS:
-                raise WireError(f"{message.topic}: stamp {sample.t_ns} ns is not valid; valid: 0 to {LATEST_NS}")
+                raise WireError(f"{message.topic}: invalid stamp {sample.t_ns} ns: expected 0 to {LATEST_NS}")
             elif sample.t_ns <= self._last_ns.get(message.topic, -1):
                 traffic.not_increasing += 1
             else:
@@ -300,7 +300,7 @@ class Receiver:
         known = self._decoders.get(topic)
         if known is None or known.typename != message.typename:
             if known is not None:
-                raise WireError(f"{topic}: carried {known.typename}; {message.typename[:60]} is not valid")
+                raise WireError(f"{topic}: invalid {message.typename[:60]}: expected {known.typename}, as before")
             self._of(topic)
             self._decoders[topic] = known = Decoder(topic, message.typename)
         return known

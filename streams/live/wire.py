@@ -115,7 +115,7 @@ def hello_frame(hello: Hello) -> bytes:
     }
     body = json.dumps(told).encode()
     if len(body) >= LARGEST_HELLO:
-        raise WireError(f"a hello of {len(body)} bytes is not valid; valid: less than {LARGEST_HELLO}")
+        raise WireError(f"invalid hello of {len(body)} bytes: expected less than {LARGEST_HELLO}")
     return frame(HELLO, body)
 
 
@@ -129,7 +129,7 @@ def sample_frame(message: Message) -> bytes:
     head = _STAMP.pack(message.t_ns) + bytes([len(topic)]) + topic + bytes([len(typename)]) + typename
     made = frame(SAMPLE, head + message.payload)
     if len(made) > LARGEST:
-        raise WireError(f"{message.topic}: {len(message.payload)} bytes are not valid; valid: up to {LARGEST}")
+        raise WireError(f"{message.topic}: invalid length of {len(message.payload)} bytes: expected up to {LARGEST}")
     return made
 
 
@@ -150,7 +150,7 @@ def read_taken(body: bytes) -> int | None:
         WireError: The body is invalid.
     """
     if len(body) != _COUNT.size:
-        raise WireError("taken: not valid; valid: 8 bytes")
+        raise WireError("taken: invalid: expected 8 bytes")
     (count,) = _COUNT.unpack(body)
     return None if count == _UNKNOWN else int(count)
 
@@ -163,13 +163,13 @@ def read_hello(body: bytes) -> Hello:
     """
     told = _json(body, "hello")
     if told.get("stridetwin") != VERSION:
-        raise WireError(f"hello: version {told.get('stridetwin')!r} is not valid; valid: {VERSION}")
+        raise WireError(f"hello: invalid version {told.get('stridetwin')!r}: expected {VERSION}")
     rig, metadata, epoch = told.get("rig", ""), told.get("metadata", {}), told.get("epoch_ns")
     sender = told.get("sender", "")
     texts = isinstance(metadata, dict) and all(isinstance(v, str) for v in (rig, sender, *metadata.values()))
     if not texts or not (epoch is None or (isinstance(epoch, int) and abs(epoch) < _MOST_EPOCH_NS)):
         raise WireError(
-            "hello: not valid; valid: texts for sender, rig and metadata, a whole number or null for epoch_ns"
+            "hello: invalid: expected texts for sender, rig and metadata, a whole number or null for epoch_ns"
         )
     try:
         check_yaml(rig, "hello: rig", most_aliases=0)
@@ -199,13 +199,11 @@ def read_sample(body: bytes) -> Message:
         raise WireError("a sample's frame with a damaged head") from error
     topic, typename = names
     if at > len(body) or not topic.startswith("/") or not topic.isprintable() or len(topic) < 2:
-        raise WireError(f"topic {topic[:40]!r} is not valid; valid: a name that begins with /")
+        raise WireError(f"invalid topic {topic[:40]!r}: expected a name that begins with /")
     if not 0 <= t_ns < LATEST_NS:
-        raise WireError(f"{topic}: stamp {t_ns} ns is not valid; valid: 0 to {LATEST_NS}")
+        raise WireError(f"{topic}: invalid stamp {t_ns} ns: expected 0 to {LATEST_NS}")
     if typename not in IMAGES and len(body) - at > LARGEST_SMALL:
-        raise WireError(
-            f"{topic}: a {typename[:60]!r} of {len(body) - at} bytes is not valid; valid: up to {LARGEST_SMALL}"
-        )
+        raise WireError(f"{topic}: invalid {typename[:60]!r} of {len(body) - at} bytes: expected up to {LARGEST_SMALL}")
     return Message(t_ns=t_ns, topic=topic, typename=typename, payload=body[at:])
 
 
@@ -217,7 +215,7 @@ def read_lost(body: bytes) -> dict[str, int]:
     """
     told = _json(body, "lost")
     if len(told) > 1000 or not all(isinstance(n, int) and 0 <= n < 2**53 for n in told.values()):
-        raise WireError("lost: not valid; valid: numbers of samples by topic")
+        raise WireError("lost: invalid: expected numbers of samples by topic")
     return told
 
 
@@ -269,9 +267,9 @@ class FrameReader:
         self._fill(_HEAD.size, until)
         length, kind = _HEAD.unpack_from(self._held)
         if kind not in wanted:
-            raise WireError(f"frame of kind {kind} is not valid; valid: {', '.join(map(str, wanted))}")
+            raise WireError(f"invalid frame of kind {kind}: expected {', '.join(map(str, wanted))}")
         if not 1 <= length <= limit_of(kind):
-            raise WireError(f"frame of kind {kind} of {length} bytes is not valid; valid: 1 to {limit_of(kind)}")
+            raise WireError(f"invalid frame of kind {kind} of {length} bytes: expected 1 to {limit_of(kind)}")
         end = _HEAD.size + length - 1
         self._fill(end, until)
         body = bytes(memoryview(self._held)[_HEAD.size : end])
@@ -307,7 +305,7 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
     host = host.strip("[]")
     number = int(port) if port.isdecimal() and len(port) < 6 else PORT if not port else -1
     if not 0 <= number < 65536 or not _may_be_host(host):
-        raise StrideTwinError(f"{flag}: {text!r} is not valid; valid: HOST:PORT, such as 127.0.0.1:{PORT}")
+        raise StrideTwinError(f"{flag}: invalid {text!r}: expected HOST:PORT, such as 127.0.0.1:{PORT}")
     return host or "127.0.0.1", number
 
 

@@ -6,59 +6,18 @@ import heapq
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError
-from stridetwin.streams.recording.index import LENIENT, Problem, TopicInfo, rate_problems
+from stridetwin.streams.recording.index import Notes, Problem, TopicInfo, rate_problems
 from stridetwin.streams.recording.topic_reader import finite, increasing, selected
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 
 LATEST_NS = 2**31 * 1_000_000_000
-
-
-class Notes:
-    """Problems of a source, and assumptions about it.
-
-    Args:
-        path: The source.
-        lenient: Collect problems instead of rejecting the source at the first one.
-
-    Attributes:
-        problems: Problems that would corrupt an estimate, when lenient.
-        warnings: Assumptions and unusual values.
-    """
-
-    def __init__(self, path: Path, lenient: bool) -> None:
-        self.path, self.lenient = path, lenient
-        self.problems: list[Problem] = []
-        self.warnings: list[str] = []
-
-    def problem(self, problem: Problem) -> None:
-        """Rejects the source, or (when lenient) records the problem, once.
-
-        Raises:
-            RecordingError: Not lenient.
-        """
-        if not self.lenient:
-            raise RecordingError(f"{self.path}: {problem}{LENIENT}")
-        if problem not in self.problems:
-            self.problems.append(problem)
-
-    def invalid(self, error: StrideTwinError) -> None:
-        """Likewise for an invalid value in a file; the error itself names the file."""
-        if not self.lenient:
-            raise error
-        self.problem(Problem("", None, str(error)))
-
-    def warn(self, words: str) -> None:
-        """Records an assumption, once."""
-        if words not in self.warnings:
-            self.warnings.append(words)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,7 +155,7 @@ class ImportedContents:
         on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
         if not on_clock.all():
             at = int(np.argmin(on_clock))
-            what = f"the stamp of row {at + 1} is not valid; valid: 0 to {LATEST_NS // 10**9} s"
+            what = f"invalid stamp of row {at + 1}: expected 0 to {LATEST_NS // 10**9} s"
             self._notes.problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
         rising = increasing(np.where(on_clock, t_ns, -1), -1)
         late = on_clock & ~rising
@@ -210,8 +169,3 @@ class ImportedContents:
 
 def _info(kind: type[Sample], t_ns: NDArray[np.int64]) -> TopicInfo:
     return TopicInfo(kind, len(t_ns), int(t_ns[0]), int(t_ns[-1]))
-
-
-def unreadable(path: Path, error: Exception) -> StrideTwinError:
-    """The error for a file that cannot be read, in one line."""
-    return StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}")

@@ -48,7 +48,7 @@ def read(values: Mapping[str, str], source: object) -> str:
     major, _, minor = version.partition(".")
     if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
         raise RecordingError(
-            f"{source}: schema version {version[:40]!r} is not valid; valid: MAJOR.MINOR, up to {VERSION}"
+            f"{source}: invalid schema version {version[:40]!r}: expected MAJOR.MINOR, up to {VERSION}"
         )
     if int(major) > int(VERSION.partition(".")[0]):
         raise RecordingError(
@@ -107,6 +107,42 @@ class Problem:
         return f"{at or (self.topic and self.topic + ': ')}{self.what}{more}"
 
 
+class Notes:
+    """Problems of a source, and assumptions about it.
+
+    Attributes:
+        problems: Problems that would corrupt an estimate, when lenient.
+        warnings: Assumptions and unusual values.
+    """
+
+    def __init__(self, path: Path, lenient: bool) -> None:
+        self.path, self.lenient = path, lenient
+        self.problems: list[Problem] = []
+        self.warnings: list[str] = []
+
+    def problem(self, problem: Problem) -> None:
+        """Rejects the source, or (when lenient) records the problem, once.
+
+        Raises:
+            RecordingError: Not lenient.
+        """
+        if not self.lenient:
+            raise RecordingError(f"{self.path}: {problem}{LENIENT}")
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+    def invalid(self, error: StrideTwinError) -> None:
+        """Likewise for an invalid value in a file; the error itself names the file."""
+        if not self.lenient:
+            raise error
+        self.problem(Problem("", None, str(error)))
+
+    def warn(self, words: str) -> None:
+        """Records an assumption, once."""
+        if words not in self.warnings:
+            self.warnings.append(words)
+
+
 @dataclass(frozen=True)
 class Part:
     """One topic in one chunk: samples kept, first and last stamp, last stamp before the chunk."""
@@ -136,50 +172,47 @@ def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[
     for topic, rate in declared.items():
         info = topics.get(topic)
         if info and rate > 0 and info.count >= _RATE_SAMPLES and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
-            what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz; valid: ±{RATE_TOLERANCE:.0%}"
+            what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz: expected ±{RATE_TOLERANCE:.0%}"
             yield Problem(topic, info.first_ns, what)
 
 
 class RecordingIndex:
     """The contents of one MCAP file.
 
-    Args:
-        path: The file.
-        lenient: Collect problems instead of rejecting the file at the first one.
-
     Attributes:
+        notes: Collects problems.
         topics: Summary of each topic that is read.
         metadata: Texts stored in the file.
         problems: Problems that would corrupt an estimate.
+        warnings: None: assumptions are those of imports.
         unread: Message type of every topic that is not read.
         schema_version: Schema version of the file.
         rig: The calibration, if the file has one.
         channels: Topic of every channel.
         readers: Decoder of every topic.
         chunks: Positions of the samples.
-        image_times: (N,) ns per chunk, for every image topic.
 
     Raises:
         RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
-        self.path, self.lenient = path, lenient
+        self.path, self.notes = path, Notes(path, lenient)
+        self.problems, self.warnings = self.notes.problems, self.notes.warnings
         self.topics: dict[str, TopicInfo] = {}
         self.metadata: dict[str, str] = {}
-        self.problems: list[Problem] = []
         self.unread: dict[str, str] = {}
         self.schema_version = NO_VERSION
         self.rig: Rig | None = None
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
-        self.image_times: dict[str, list[NDArray[np.int64]]] = {}
+        self._image_times: dict[str, list[NDArray[np.int64]]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
         self._scan()
         for problem in rate_problems(self.rig, self.topics):
-            self.note(problem)
+            self.notes.problem(problem)
 
     def _scan(self) -> None:
         try:
@@ -188,15 +221,15 @@ class RecordingIndex:
                 try:
                     self._top_record(opcode, offset, body)
                 except DamagedError as error:
-                    self.note(Problem("", None, f"{error} (at byte {offset}, {self._until()})"))
+                    self.notes.problem(Problem("", None, f"{error} (at byte {offset}, {self._until()})"))
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
         except CutOffError as error:
-            self.note(Problem("", None, f"{error}; {self._until()}"))
+            self.notes.problem(Problem("", None, f"{error}; {self._until()}"))
         except DamagedError as error:
             if "no MCAP" in str(error):
                 raise RecordingError(f"{self.path}: {error}") from error
-            self.note(Problem("", None, str(error)))
+            self.notes.problem(Problem("", None, str(error)))
 
     def _until(self) -> str:
         last = max((t.last_ns for t in self.topics.values()), default=None)
@@ -209,7 +242,7 @@ class RecordingIndex:
                 self._register(record)
             self._index_chunk(offset, messages)
         elif opcode == Opcode.ATTACHMENT:
-            self._attachment(body)
+            self.rig = attached_rig(body) or self.rig
         elif opcode == Opcode.METADATA:
             metadata = parse(records.Metadata, body)
             if metadata.name == RECORD:
@@ -220,17 +253,7 @@ class RecordingIndex:
             self._unpacking.took(0, 1)
             self._register(parse(records.Schema if opcode == Opcode.SCHEMA else records.Channel, body))
         elif opcode == Opcode.MESSAGE:
-            raise RecordingError(f"{self.path}: messages outside chunks are not read; valid: chunked MCAP")
-
-    def _attachment(self, body: bytes) -> None:
-        attachment = parse(records.Attachment, body)
-        if int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
-            raise DamagedError(f"CRC mismatch of the attachment {attachment.name}")
-        if attachment.name == RIG_NAME:
-            try:
-                self.rig = rig_from_yaml(attachment.data.decode(), RIG_NAME)
-            except (UnicodeDecodeError, StrideTwinError) as error:
-                raise DamagedError(f"invalid calibration: {error}") from error
+            raise RecordingError(f"{self.path}: messages outside chunks are not read: expected chunked MCAP")
 
     def _register(self, record: Any) -> None:
         if isinstance(record, records.Schema):
@@ -242,7 +265,7 @@ class RecordingIndex:
             if schema is None or name not in READABLE or record.message_encoding != "cdr":
                 self.unread[record.topic] = name
             elif record.topic in self.readers:
-                self.note(Problem(record.topic, None, "a second publisher, which is not read"))
+                self.notes.problem(Problem(record.topic, None, "a second publisher, which is not read"))
             else:
                 text = schema.data.decode(errors="replace")
                 try:
@@ -250,7 +273,7 @@ class RecordingIndex:
                     self.readers[record.topic] = TopicReader(record.topic, name, schema.encoding, text)
                 except ValueError as error:
                     self.unread[record.topic] = name
-                    self.note(Problem(record.topic, None, str(error)))
+                    self.notes.problem(Problem(record.topic, None, str(error)))
 
     def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
         parts: dict[str, Part] = {}
@@ -271,32 +294,98 @@ class RecordingIndex:
             block = None if reader.is_image else reader.block(messages)
             t = reader.times(messages) if block is None else block.t_ns
         except ValueError as error:
-            self.note(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
+            self.notes.problem(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
             return None
         rising = increasing(t, before)
         if not rising.all():
             i = int(np.argmin(rising))
             earlier = max(before, int(t[:i].max(initial=before)))
             what = f"the stamp is not after the previous one, {earlier * 1e-9:.6f} s"
-            self.note(Problem(topic, int(t[i]), what, int((~rising).sum())))
+            self.notes.problem(Problem(topic, int(t[i]), what, int((~rising).sum())))
         keep = rising
         if block is not None and not topic.startswith("/truth/"):
             sound = finite(block)
             if not sound.all():
-                self.note(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
+                self.notes.problem(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
             keep = rising & sound
         kept = t[keep]
         if not len(kept) or reader.kind is None:
             return None
         if block is None:
-            self.image_times.setdefault(topic, []).append(kept)
+            self._image_times.setdefault(topic, []).append(kept)
         part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
         return part
 
-    def note(self, problem: Problem) -> None:
-        """Rejects the recording, or (when lenient) records the problem."""
-        if not self.lenient:
-            raise RecordingError(f"{self.path}: {problem}{LENIENT}")
-        self.problems.append(problem)
+
+def unreadable(path: Path, error: Exception) -> StrideTwinError:
+    """The error for a file that cannot be read, in one line."""
+    return StrideTwinError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}")
+
+
+def is_ours(path: Path, if_damaged: bool) -> bool:
+    """Whether an MCAP file begins like our recordings, with calibration and metadata.
+
+    Args:
+        path: The file.
+        if_damaged: Result for a file that cannot be read that far.
+    """
+    try:
+        for opcode, _, body in top_records(path):
+            if opcode == Opcode.ATTACHMENT and parse(records.Attachment, body).name == RIG_NAME:
+                return True
+            if opcode == Opcode.METADATA and parse(records.Metadata, body).name in (
+                METADATA_NAME,
+                RECORD,
+            ):
+                return True
+            if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
+                return False
+    except (DamagedError, OSError):
+        return if_damaged
+    return False
+
+
+def attached_rig(body: bytes) -> Rig | None:
+    """The calibration in an attachment; None for another attachment.
+
+    Raises:
+        DamagedError: The attachment's CRC is wrong, or the calibration is invalid.
+    """
+    attachment = parse(records.Attachment, body)
+    if int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
+        raise DamagedError(f"CRC mismatch of the attachment {attachment.name}")
+    if attachment.name != RIG_NAME:
+        return None
+    try:
+        return rig_from_yaml(attachment.data.decode(), RIG_NAME)
+    except (UnicodeDecodeError, StrideTwinError) as error:
+        raise DamagedError(f"invalid calibration: {error}") from error
+
+
+def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
+    """The calibration and the metadata at the beginning of one of our recordings, when it is read as a bag.
+
+    Raises:
+        StrideTwinError: A newer release made the file, or (unless lenient) one of them is damaged.
+    """
+    rig, metadata = Rig(), dict[str, str]()
+    try:
+        for opcode, _, body in top_records(path):
+            if opcode == Opcode.ATTACHMENT:
+                try:
+                    rig = attached_rig(body) or rig
+                except DamagedError as error:
+                    notes.problem(Problem("", None, str(error)))
+            elif opcode == Opcode.METADATA:
+                record = parse(records.Metadata, body)
+                if record.name == RECORD:
+                    read(record.metadata, path)
+                elif record.name == METADATA_NAME:
+                    metadata.update(record.metadata)
+            elif opcode != Opcode.HEADER:
+                break  # the recorder writes them before all messages
+    except DamagedError:
+        pass  # reported when the messages are read
+    return rig, metadata

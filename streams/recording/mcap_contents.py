@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,34 +16,15 @@ from stridetwin.streams.recording.topic_reader import TopicReader, concatenated,
 from stridetwin.streams.samples import Block, Depth, Image, Sample
 
 
-class McapContents:
-    """Contents of a `Recording` from an MCAP file.
-
-    Args:
-        path: The file.
-        lenient: Collect problems instead of rejecting the file at the first one.
-
-    Raises:
-        RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
-    """
-
-    def __init__(self, path: Path, lenient: bool) -> None:
-        self.path = path
-        self._index = RecordingIndex(path, lenient)
-        self.topics = self._index.topics
-        self.metadata = self._index.metadata
-        self.problems = self._index.problems
-        self.warnings: list[str] = []
-        self.unread = self._index.unread
-        self.rig = self._index.rig
-        self.schema_version = self._index.schema_version
+class McapContents(RecordingIndex):
+    """Contents of a `Recording` from an MCAP file."""
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
-        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self._index.readers[t].is_image, t)))}
+        order = {t: i for i, t in enumerate(sorted(topics, key=lambda t: (self.readers[t].is_image, t)))}
         parts = [
             (min(c.parts[t].first for t in here), i, here, c)
-            for i, c in enumerate(self._index.chunks)
+            for i, c in enumerate(self.chunks)
             if (here := [t for t in topics if t in c.parts])
         ]
         heap: list[tuple[int, int, int, Sample, Iterator[Sample]]] = []
@@ -57,10 +37,10 @@ class McapContents:
 
     def block(self, topic: str) -> Block[Any]:
         """All samples of a topic without images."""
-        reader = self._index.readers[topic]
+        reader = self.readers[topic]
         blocks = [
             self._kept_block(reader, messages, chunk.parts[topic])
-            for chunk in self._index.chunks
+            for chunk in self.chunks
             if topic in chunk.parts
             for messages in self._messages(chunk, [topic]).values()
         ]
@@ -70,7 +50,7 @@ class McapContents:
         """The requested images that exist, by number."""
         found: dict[int, Image | Depth] = {}
         start = 0
-        for chunk in self._index.chunks:
+        for chunk in self.chunks:
             count = chunk.parts[topic].count if topic in chunk.parts else 0
             here = sorted({i for i in indices if start <= i < start + count})
             if here:
@@ -82,18 +62,18 @@ class McapContents:
 
     def image_times(self, topic: str) -> NDArray[np.int64] | None:
         """(N,) ns, None for a topic without images."""
-        return np.concatenate(self._index.image_times[topic]) if self._index.readers[topic].is_image else None
+        return np.concatenate(self._image_times[topic]) if self.readers[topic].is_image else None
 
     def _messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
         _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
         named: dict[str, Messages] = {}
         for channel, messages in by_channel.items():
-            named.setdefault(self._index.channels[channel], messages)
+            named.setdefault(self.channels[channel], messages)
         return {topic: named[topic] for topic in topics}
 
     def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
         for topic, messages in self._messages(chunk, topics).items():
-            reader = self._index.readers[topic]
+            reader = self.readers[topic]
             if reader.is_image:
                 yield topic, self._images(topic, self._kept_images(topic, messages, chunk.parts[topic]))
             else:
@@ -105,7 +85,7 @@ class McapContents:
         return selected(block, keep if reader.topic.startswith("/truth/") else keep & finite(block))
 
     def _kept_images(self, topic: str, messages: Messages, part: Part) -> Messages:
-        t = self._index.readers[topic].times(messages)
+        t = self.readers[topic].times(messages)
         keep = increasing(t, part.before)
         return replace(messages, log_time=t).some(np.flatnonzero(keep))
 
@@ -113,9 +93,9 @@ class McapContents:
         """Decodes images one at a time, on request."""
         for i, t in enumerate(kept.log_time.tolist()):
             try:
-                yield self._index.readers[topic].image(kept.payload(i), t)
+                yield self.readers[topic].image(kept.payload(i), t)
             except ValueError as error:
-                self._index.note(Problem(topic, t, str(error)))
+                self.notes.problem(Problem(topic, t, str(error)))
 
 
 def _until(heap: list[tuple[int, int, int, Sample, Iterator[Sample]]], end_ns: int | None) -> Iterator[Sample]:

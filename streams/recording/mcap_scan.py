@@ -52,11 +52,7 @@ class CutOffError(DamagedError):
 
 
 class Unpacking:
-    """Unpacks the chunks of one file once, front to back, and stops when they exceed the limits of such a file.
-
-    Args:
-        path: The file.
-    """
+    """Unpacks the chunks of one file once, front to back, and stops when they exceed the limits of such a file."""
 
     def __init__(self, path: Path) -> None:
         size = path.stat().st_size
@@ -147,15 +143,15 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             if opcode == 0 or length > size - file.tell():
                 raise CutOffError(f"the file is cut off or damaged at byte {offset}")
             if length > _LARGEST_RECORD:
-                raise CutOffError(f"a record of {length} bytes at byte {offset}; valid: up to {_LARGEST_RECORD}")
+                raise CutOffError(f"a record of {length} bytes at byte {offset}: expected up to {_LARGEST_RECORD}")
             body = file.read(length)
             if opcode == Opcode.DATA_END:
-                (told,) = struct.unpack("<I", body)
-                problem = "CRC mismatch of the data section" if told not in (0, crc) else ""
+                (stored,) = struct.unpack("<I", body)
+                problem = "CRC mismatch of the data section" if stored not in (0, crc) else ""
                 crc = 0
             elif opcode == Opcode.FOOTER:
-                told = struct.unpack("<I", body[-4:])[0] if len(body) == 20 else -1
-                if told not in (0, zlib.crc32(head + body[:-4], crc)):
+                stored = struct.unpack("<I", body[-4:])[0] if len(body) == 20 else -1
+                if stored not in (0, zlib.crc32(head + body[:-4], crc)):
                     problem = problem or "CRC mismatch of the summary"
                 if file.read() != MAGIC:
                     raise CutOffError(f"the file is cut off at byte {offset}")
@@ -195,7 +191,7 @@ def decompress(chunk: records.Chunk) -> bytes:
     """
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
-        raise DamagedError(f"a chunk of {size} bytes unpacked; valid: up to {LARGEST_CHUNK}")
+        raise DamagedError(f"a chunk of {size} bytes unpacked: expected up to {LARGEST_CHUNK}")
     try:
         if chunk.compression == "zstd":
             frame = zstandard.frame_content_size(chunk.data)

@@ -109,7 +109,7 @@ class Recording:
             RecordingError: The recording has none.
         """
         if self._contents.rig is None:
-            raise RecordingError(f"{self.path}: no calibration inside; valid: an attachment {RIG_NAME} (Kalibr YAML)")
+            raise RecordingError(f"{self.path}: no calibration inside: expected an attachment {RIG_NAME} (Kalibr YAML)")
         return self._contents.rig
 
     @property
@@ -146,7 +146,7 @@ class Recording:
         """
         self._require(topic)
         if self._contents.image_times(topic) is not None:
-            raise RecordingError(f"{self.path}: {topic} carries images; valid: samples() or images()")
+            raise RecordingError(f"{self.path}: {topic} carries images: expected samples() or images()")
         return self._contents.block(topic)
 
     def frame(self, topic: str) -> pandas.DataFrame:
@@ -186,7 +186,7 @@ class Recording:
         found = self._contents.images(topic, wanted)
         missing = [i for i in wanted if i not in found]
         if missing:
-            raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}; valid: 0 to {len(times) - 1}")
+            raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}: expected 0 to {len(times) - 1}")
         return [found[i] for i in wanted]
 
     def image_times(self, topic: str) -> NDArray[np.int64]:
@@ -198,7 +198,7 @@ class Recording:
         self._require(topic)
         times = self._contents.image_times(topic)
         if times is None:
-            raise RecordingError(f"{self.path}: {topic} carries no images; valid: block()")
+            raise RecordingError(f"{self.path}: {topic} carries no images: expected block()")
         return times
 
     def _require(self, topic: str) -> None:

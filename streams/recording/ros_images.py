@@ -110,7 +110,7 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
             raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 8 bits")
         return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
     if message.encoding not in _PIXELS:
-        raise ValueError(f"encoding {message.encoding!r} is not read; valid: {', '.join(_PIXELS)}")
+        raise ValueError(f"encoding {message.encoding!r} is not read: expected {', '.join(_PIXELS)}")
     check_pixels(message.width, message.height)
     form, channels = _PIXELS[message.encoding]
     dtype = np.dtype(form).newbyteorder(">" if message.is_bigendian else "<")

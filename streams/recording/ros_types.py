@@ -53,7 +53,7 @@ def check_text(text: str) -> None:
         ValueError: The definition is too long.
     """
     if len(text) > LARGEST_TEXT:
-        raise ValueError(f"a definition of {len(text)} characters; valid: up to {LARGEST_TEXT}")
+        raise ValueError(f"a definition of {len(text)} characters: expected up to {LARGEST_TEXT}")
 
 
 def check_types(types: Mapping[str, Any]) -> None:
@@ -75,11 +75,11 @@ def _elements(name: str, types: Mapping[str, Any], counts: dict[str, int], aroun
     if name in counts or name not in types:
         return counts.get(name, 1)
     if name in around or len(around) >= DEEPEST or not _NAME.fullmatch(name):
-        raise ValueError(f"type {name[:80]!r} is not valid; valid: names of up to {DEEPEST} types inside each other")
+        raise ValueError(f"invalid type {name[:80]!r}: expected names of up to {DEEPEST} types inside each other")
     count = 0
     for field, (node, detail) in types[name][1]:
         if not _NAME.fullmatch(field):
-            raise ValueError(f"field {field[:80]!r} is not valid; valid: letters, digits and _")
+            raise ValueError(f"invalid field {field[:80]!r}: expected letters, digits and _")
         inner, size = detail if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ((node, detail), 1)
         each = _elements(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
         if node == Nodetype.SEQUENCE and each == 0:

@@ -18,6 +18,7 @@ from stridetwin.streams.samples import Block, Depth, Image, Sample
 
 READABLE = frozenset([*IMAGES, *(small.typename for small in SMALL.values())])
 
+SHORTEST_HEADER = 12  # bytes: encapsulation and stamp
 _MOST_UNEQUAL = 20_000  # that are decoded one by one
 
 
@@ -47,7 +48,7 @@ class TopicReader:
         """(N,) stamps of images, without decoding them."""
         if self.kind is None:
             self.kind = self.image_kind(messages.payload(0))
-        t = np.array([_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
+        t = np.array([header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
         return t if t.any() else messages.log_time
 
     def image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
@@ -87,7 +88,7 @@ class TopicReader:
                 self._layout = layout
                 return self._decode(layout, rows.view(layout.dtype), messages.log_time)
         if len(messages) > _MOST_UNEQUAL:
-            raise ValueError(f"{len(messages)} messages of unequal layout together; valid: up to {_MOST_UNEQUAL}")
+            raise ValueError(f"{len(messages)} messages of unequal layout together: expected up to {_MOST_UNEQUAL}")
         return concatenated([self._single(messages, i) for i in range(len(messages))])
 
     def _single(self, messages: Messages, i: int) -> Block[Any]:
@@ -154,8 +155,13 @@ def increasing(t_ns: NDArray[np.int64], last: int) -> NDArray[np.bool_]:
     return np.asarray(t_ns > before)
 
 
-def _header_stamp(payload: bytes) -> int:
-    if len(payload) < 12:
+def header_stamp(payload: bytes) -> int:
+    """Stamp in the header at the beginning of a message, ns.
+
+    Raises:
+        DamagedError: The message is too short.
+    """
+    if len(payload) < SHORTEST_HEADER:
         raise DamagedError("a message too short for its header")
     sec, nanosec = struct.unpack_from("<iI" if payload[1] else ">iI", payload, 4)
     return int(sec) * 1_000_000_000 + int(nanosec)

@@ -138,7 +138,7 @@ class RecordingWriter:
         """Arrival times of the samples, checked."""
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
-            raise RecordingError(f"{self.path}: {topic} carries {known.__name__}; a {kind.__name__} is not valid there")
+            raise RecordingError(f"{self.path}: {topic}: invalid {kind.__name__}: expected {known.__name__}, as before")
         t_ns = stamps if log_ns is None else np.broadcast_to(np.asarray(log_ns, np.int64), stamps.shape)
         before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))
         early = t_ns <= before if log_ns is None else t_ns < np.maximum(before, 0)
@@ -147,8 +147,8 @@ class RecordingWriter:
             i = int(bad[0])
             valid = "stamps from 0 on that increase strictly" if log_ns is None else "arrivals from 0 on in order"
             raise RecordingError(
-                f"{self.path}: {topic}: {'stamp' if log_ns is None else 'arrival'} {t_ns[i] * 1e-9:.9f} s "
-                f"after {before[i] * 1e-9:.9f} s is not valid; valid: {valid}"
+                f"{self.path}: {topic}: invalid {'stamp' if log_ns is None else 'arrival'} {t_ns[i] * 1e-9:.9f} s "
+                f"after {before[i] * 1e-9:.9f} s: expected {valid}"
             )
         self._last[topic] = int(t_ns[-1])
         return t_ns

@@ -115,4 +115,4 @@ def _about(knob: Knob, end: Any, base: Base, error: ConfigError) -> StrideTwinEr
 
 
 def _inner(error: ConfigError) -> str:
-    return f"{error.field}: {error.value!r} is not valid; valid: {error.valid}"
+    return f"{error.field}: {error.problem}"

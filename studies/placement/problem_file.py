@@ -156,7 +156,7 @@ def find_problem(name: str) -> Path:
     path = Path(name)
     if path.suffix.lower() in _SUFFIXES or path.parent != Path("."):
         return path
-    raise StrideTwinError(f"there is no placement {name!r}; valid: {suggest(name, problems())}, or a .yaml file")
+    raise StrideTwinError(f"there is no placement {name!r}: expected {suggest(name, problems())}, or a .yaml file")
 
 
 def read_problem(path: Path) -> Problem:

@@ -22,10 +22,10 @@ from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.pose import Pose, trajectory_of
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
+from stridetwin.streams.trajectory import Pose, trajectory_of
 from stridetwin.studies.case import Case
 
 METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")

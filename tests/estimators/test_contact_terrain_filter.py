@@ -199,7 +199,7 @@ def test_a_gap_is_survived(walk):
 
 
 def test_an_unknown_method_is_refused(walk):
-    with pytest.raises(ConfigError, match="valid: proposed or published"):
+    with pytest.raises(ConfigError, match="expected proposed or published"):
         ContactTerrain(walk[0], "best")
 
 

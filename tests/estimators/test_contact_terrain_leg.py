@@ -119,13 +119,13 @@ def test_an_ankle_is_at_its_stop_within_the_margin():
 @pytest.mark.parametrize(
     ("keys", "value", "words"),
     [
-        (("legs", "l", "knee", "frame"), 2, "legs.l.knee.frame: 2 is not valid; valid: a frame beyond the thigh's"),
-        (("legs", "l", "thigh", "frame"), 8, "valid: 1-7, a frame before the foot's"),
-        (("legs", "r", "knee", "sign"), 2.0, "valid: 1 or -1"),
+        (("legs", "l", "knee", "frame"), 2, "legs.l.knee.frame: invalid 2: expected a frame beyond the thigh's"),
+        (("legs", "l", "thigh", "frame"), 8, "expected 1-7, a frame before the foot's"),
+        (("legs", "r", "knee", "sign"), 2.0, "expected 1 or -1"),
         (("legs", "r", "sole", "hinge_x_m"), 0.5, "between heel_x_m and tip_x_m"),
         (("legs", "r", "foot", "R_frame_sensor"), [[1, 0, 0], [0, 2, 0], [0, 0, 1]], "a rotation matrix"),
-        (("legs", "l", "frames", 0, "turns"), "yes", "true or false"),
-        (("legs", "l", "frames", 0, "beta"), 1.0, "one of the keys alpha_deg"),
+        (("legs", "l", "frames", 0, "turns"), "yes", "true, false"),
+        (("legs", "l", "frames", 0, "beta"), 1.0, "invalid 'beta': expected keys alpha_deg"),
         (("legs", "l", "frames", 0, "range_deg"), [10, -10], "the least and the greatest angle"),
         (("back", "topic"), None, "text"),
     ],

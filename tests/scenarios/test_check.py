@@ -43,18 +43,18 @@ def checked(path, rig, *items, **options):
     return check_recording(Recording(path, lenient=True))
 
 
-def spoils(check):
-    return [f.what for f in check.findings if f.spoils]
+def errors(check):
+    return [f.what for f in check.findings if f.is_error]
 
 
 def test_a_sound_recording_is_fit(tmp_path):
     check = checked(tmp_path / "a.mcap", Rig(imus={"/head/imu": imu_calibration()}), inertial())
-    assert spoils(check) == []
+    assert errors(check) == []
     row = check.data["topics"]["/head/imu"]
     assert row["rate_hz"] == pytest.approx(HZ)
     assert (row["gaps"], row["range_hits_pct"]) == (0, 0.0)
     assert row["force_m_s2"] == pytest.approx(9.81, abs=0.05)
-    assert check_table(check)[-1] == "fit for use"
+    assert check_table(check)[-1] == "valid"
 
 
 def test_gaps_jitter_limits_and_rates_are_seen(tmp_path):
@@ -65,15 +65,15 @@ def test_gaps_jitter_limits_and_rates_are_seen(tmp_path):
     jitter = np.sort(t + np.random.default_rng(2).integers(0, 2_000_000, n))
     rig = Rig(imus={"/head/imu": imu_calibration()})
     gaps = checked(tmp_path / "gap.mcap", rig, inertial(t_ns=late))
-    assert any("1 gaps, the longest 0.405 s at 3.000 s" in w for w in spoils(gaps))
+    assert any("1 gaps, the longest 0.405 s at 3.000 s" in w for w in errors(gaps))
     limits = checked(tmp_path / "limit.mcap", rig, inertial(gyro))
-    assert any("at the end of the range" in w for w in spoils(limits))
+    assert any("at the end of the range" in w for w in errors(limits))
     shaken = checked(tmp_path / "jitter.mcap", rig, inertial(t_ns=jitter))
     assert 0.3 < shaken.data["topics"]["/head/imu"]["jitter_ms"] < 1.5
     slow = checked(tmp_path / "rate.mcap", Rig(imus={"/head/imu": imu_calibration(rate=100.0)}), inertial())
-    assert any("where the rig declares 100 Hz" in w for w in spoils(slow))
+    assert any("where the rig declares 100 Hz" in w for w in errors(slow))
     bare = checked(tmp_path / "bare.mcap", Rig(), inertial())
-    assert any("no calibration" in w for w in spoils(bare))
+    assert any("no calibration" in w for w in errors(bare))
 
 
 def rendered(shift_s, with_depth):
@@ -119,8 +119,8 @@ def test_the_clock_of_a_camera_is_measured(tmp_path, with_depth, shift, told, fi
     check = seen_and_felt(tmp_path, *rendered(shift, with_depth), with_depth=with_depth, told=told)
     assert check.data["camera_clocks"]["/head/color"]["shift_s"] == pytest.approx(shift, abs=0.002)
     assert check.data["camera_clocks"]["/head/color"]["mount_off_deg"] == 0.0
-    assert (not spoils(check)) is fit
-    assert fit or any("ms off that of /head/imu, where the calibration says +0.0 ms" in w for w in spoils(check))
+    assert (not errors(check)) is fit
+    assert fit or any("ms from that of /head/imu, in the calibration by +0.0 ms" in w for w in errors(check))
 
 
 @pytest.mark.parametrize("with_depth", [False, True])
@@ -132,13 +132,13 @@ def test_a_camera_whose_mount_is_told_wrong_is_not_fit(tmp_path, with_depth, axi
     assert clock["mount_off_deg"] == pytest.approx(abs(degrees), abs=3.0)
     assert clock["shift_s"] == pytest.approx(0.01, abs=0.004)
     assert clock["correlation"] > 0.9
-    assert [w for w in spoils(check) if "off what the calibration says" in w]
-    assert check_table(check)[-1] == "not fit for use: see SPOILS"
+    assert [w for w in errors(check) if "from the calibration of it and /head/imu" in w]
+    assert check_table(check)[-1] == "invalid: see ERROR"
 
 
 def test_a_camera_turned_by_less_than_can_be_told_is_fit(tmp_path):
     check = seen_and_felt(tmp_path, *rendered(0.0, True), turned=Rotation.from_euler("z", 2, degrees=True))
-    assert spoils(check) == []
+    assert errors(check) == []
 
 
 def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
@@ -148,9 +148,9 @@ def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
     other = seen_and_felt(tmp_path, np.random.default_rng(5).permutation(gyro), pictures, with_depth=False)
     for check in (still, other):
         assert check.data["camera_clocks"] == {}
-        assert spoils(check) == []
+        assert errors(check) == []
         assert any(
-            f.what == "its clock and mount could not be checked by its pictures and the gyro of /head/imu"
+            f.what == "its clock and mount could not be checked with its images and the gyroscope of /head/imu"
             for f in check.findings
         )
 
@@ -158,13 +158,13 @@ def test_what_pictures_do_not_show_is_told_as_not_checked(tmp_path):
 def test_the_command_line_tells_in_a_table_and_by_its_exit_code(tmp_path, capsys):
     source = write_euroc(tmp_path, Walk())
     assert main(["check", str(source)]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "fit for use"
+    assert capsys.readouterr().out.splitlines()[-1] == "valid"
     broken = shutil.copytree(source, tmp_path / "broken") / "mav0" / "imu0" / "data.csv"
     lines = broken.read_text().splitlines()
     broken.write_text("\n".join([*lines[:50], lines[30], *lines[50:]]))
     assert main(["check", str(tmp_path / "broken"), "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
-    assert not data["fit"]
+    assert not data["valid"]
     assert any("is not after" in f["what"] for f in data["findings"])
     next((source / "mav0" / "cam0" / "data").iterdir()).write_bytes(b"junk")
     assert main(["check", str(source)]) == 1

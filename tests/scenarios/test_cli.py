@@ -200,7 +200,7 @@ def test_view_says_what_to_open_without_a_display(walk, capsys, tmp_path, monkey
     ("words", "said"),
     [
         (("run", "level_20"), "did you mean 'level_20m'?"),
-        (("run", "demo", "--physics", "ragdoll"), "'ragdoll' is not valid; valid: kinematic, dynamic"),
+        (("run", "demo", "--physics", "ragdoll"), "invalid 'ragdoll': expected kinematic, dynamic"),
         (("generate", "none.yaml", "-o", "x.mcap"), "none.yaml: cannot be read"),
         (("score", "none.mcap"), "none.mcap: cannot be read"),
         (("estimate", "foot_ins", "none.csv", "-o", "x.txt"), "none.csv: cannot be read"),
@@ -237,7 +237,7 @@ def test_a_bad_scenario_leaves_the_old_files_alone(simulator, capsys, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scores.json").write_text("old")
     line = failed(capsys, "run", bad, "-o", tmp_path / "out")
-    assert line.endswith(f"{bad}: terrain[1].stairs: 'no direction' is not valid; valid: the key direction is required")
+    assert line.endswith(f"{bad}: terrain[1].stairs.direction: missing: expected this key")
     assert (tmp_path / "out" / "scores.json").read_text() == "old"
 
 
@@ -312,7 +312,7 @@ def test_without_truth_there_is_an_estimate_but_no_score(walk, capsys, tmp_path)
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--estimate", "mine"), "valid: NAME=FILE"),
+        (("--estimate", "mine"), "expected NAME=FILE"),
         (("--estimate", "mine=none.txt"), "none.txt: cannot be read"),
         (("--baseline", "none.json"), "none.json: No such file"),
     ],

@@ -82,7 +82,7 @@ def test_a_table_is_estimated_with_what_is_told_of_it(capsys, tmp_path):
     write_rig(Rig(imus={imu.topic: imu}), rig)
     for words, says in (
         (("--rig", tmp_path / "nowhere.yaml"), "nowhere.yaml: cannot be read"),
-        (("--map", "/a=/b"), "--map: '/a' is not valid; valid: one of /foot_l/imu"),
+        (("--map", "/a=/b"), "--map: invalid '/a': expected one of /foot_l/imu"),
         (("--map", "/foot_l/imu=/foot_r/imu"), "no topic '/foot_l/imu'; it has /foot_r/imu"),
         (("--as", "euroc"), "ASL layout"),
     ):
@@ -164,15 +164,15 @@ def test_a_taken_place_is_left_as_it_is(sources, capsys, tmp_path):
     (tmp_path / "mine" / "notes.txt").write_text("mine")
     code, _, err = call(capsys, "export", sources["euroc"], "--format", "euroc", "-o", tmp_path / "mine")
     assert code == 2
-    assert "valid: a folder that is new or empty" in err
+    assert "expected a folder that is new or empty" in err
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["notes.txt"]
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--map", "imu"), "--map: 'imu' is not valid; valid: FROM=TO"),
-        (("--as", "zip"), "--as: 'zip' is not valid; valid: mcap"),
+        (("--map", "imu"), "--map: invalid 'imu': expected FROM=TO"),
+        (("--as", "zip"), "--as: invalid 'zip': expected mcap"),
         (("--as", "euroc"), "a folder in the ASL layout"),
         (("--depth-scale", "0"), "'--depth-scale': '0': expected a number above 0"),
         (("--rig", "nowhere.yaml"), "nowhere.yaml: cannot be read"),

@@ -24,7 +24,7 @@ import json, os, resource, sys, traceback
 import stridetwin.scenarios.check, stridetwin.evaluation.evaluate
 import stridetwin.estimators.registry
 stridetwin.estimators.registry.estimators()
-import stridetwin.evaluation.gate.walk_scores, stridetwin.streams.formats.rewrite
+import stridetwin.evaluation.gate.walk_scores, stridetwin.streams.formats.mcap_export
 from stridetwin.cli.main import main
 from stridetwin.streams.recording.ros_types import typestore
 typestore()
@@ -78,7 +78,7 @@ def outcomes(tmp_path_factory):
 
 @pytest.mark.parametrize("command", list(COMMANDS))
 def test_hostile_files_are_refused_in_one_line(outcomes, command):
-    """`check` may say not fit for use instead."""
+    """`check` may say invalid instead."""
     wrong = {}
     for (name, by), o in outcomes.items():
         lines = o["said"].strip().splitlines()

@@ -42,7 +42,7 @@ def test_an_output_that_is_read_or_written_for_something_else_is_refused(here, c
     before = {p: p.read_bytes() for p in here.iterdir() if p.is_file()}
     assert main(words.split()) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"error: {said} is not valid; valid: a file that is neither read nor written for something else" in line
+    assert f"error: invalid {said}: expected a file that is neither read nor written for something else" in line
     assert {p: p.read_bytes() for p in here.iterdir() if p.is_file()} == before
 
 
@@ -64,7 +64,7 @@ def test_an_output_that_is_read_or_written_for_something_else_is_refused(here, c
 def test_a_file_cannot_be_written_where_a_folder_is(here, capsys, words, name):
     assert main([*words.split(), name]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"{name!r} is not valid; valid: the name of a file, where there is no folder" in line
+    assert f"invalid {name!r}: expected the name of a file, where there is no folder" in line
     assert not list(here.glob(".*"))
 
 

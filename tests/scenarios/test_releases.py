@@ -49,7 +49,7 @@ def test_newer_minor_versions_are_read_and_newer_major_ones_are_not(tmp_path):
         for opening in (Recording, open_any):
             with pytest.raises(RecordingError, match=r"b\.mcap: made by a newer release: .*2\.0.*up to 1\.0.*update"):
                 opening(newer, lenient)
-    with pytest.raises(RecordingError, match=r"schema version 'now' is not valid; valid: MAJOR\.MINOR, up to 1\.0"):
+    with pytest.raises(RecordingError, match=r"invalid schema version 'now': expected MAJOR\.MINOR, up to 1\.0"):
         Recording(written(tmp_path / "c.mcap", "now"))
 
 

@@ -375,7 +375,7 @@ def test_pushes_and_missteps_happen_when_and_where_they_are_told(twin: Twin) -> 
 
 def test_dynamics_without_dynamic_physics_is_refused() -> None:
     config = TwinConfig(name="still", route=Route(segments=LEVEL), sensors=(), dynamics=Dynamics(assist=True))
-    with pytest.raises(ConfigError, match="still: dynamics: 'physics kinematic' is not valid"):
+    with pytest.raises(ConfigError, match="still: dynamics: invalid 'physics kinematic'"):
         Twin(config, 1)
 
 

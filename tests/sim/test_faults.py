@@ -282,11 +282,14 @@ def test_what_hangs_together_slips_together() -> None:
 @pytest.mark.parametrize(
     ("faults", "words"),
     [
-        ([Nan(topic=COLOR, at_s=1)], r"faults\[0\]\.topic: '/head/color' is not valid; valid: .*/foot_l/imu"),
-        ([Occlusion(topic="/foot_*/imu", at_s=1)], r"faults\[0\]\.topic: .*valid: /head/color, /head/depth"),
-        ([Saturation(topic="/foot_l/sonar", at_s=1)], r"valid: .*/foot_l/imu, /foot_l/insole"),
-        ([Dropout(topic="/foot_l/imv", at_s=1)], r"'/foot_l/imv' is not valid"),
-        ([Dropout(topic=LEFT, at_s=1), Dropout(topic=LEFT, at_s=2)], r"faults\[1\]\.name: 'dropout /foot_l/imu'"),
+        ([Nan(topic=COLOR, at_s=1)], r"faults\[0\]\.topic: invalid '/head/color': expected .*/foot_l/imu"),
+        ([Occlusion(topic="/foot_*/imu", at_s=1)], r"faults\[0\]\.topic: .*expected /head/color, /head/depth"),
+        ([Saturation(topic="/foot_l/sonar", at_s=1)], r"expected .*/foot_l/imu, /foot_l/insole"),
+        ([Dropout(topic="/foot_l/imv", at_s=1)], r"invalid '/foot_l/imv'"),
+        (
+            [Dropout(topic=LEFT, at_s=1), Dropout(topic=LEFT, at_s=2)],
+            r"faults\[1\]\.name: invalid 'dropout /foot_l/imu'",
+        ),
     ],
 )
 def test_faults_that_cannot_be_are_refused_by_name(faults, words) -> None:

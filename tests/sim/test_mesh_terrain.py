@@ -83,9 +83,9 @@ def ball():
 @pytest.mark.parametrize(
     ("mesh", "said"),
     [
-        (stair(risers=(0.3, 0.15)), "riser at 2.00 m: '300 mm' is not valid; valid: 20-250 mm"),
+        (stair(risers=(0.3, 0.15)), "riser at 2.00 m: invalid '300 mm': expected 20-250 mm"),
         (stair(risers=(0.7, 0.15)), "no ground that can be stepped onto"),
-        (stair(tread=0.12), "tread at 2.00 m: '120 mm' is not valid; valid: at least 200 mm"),
+        (stair(tread=0.12), "tread at 2.00 m: invalid '120 mm': expected at least 200 mm"),
         (trimesh.util.concatenate([box(-1, 2, 0), box(2.5, 5, 0)]), "a hole"),
         (trimesh.util.concatenate([box(-1, 5, 0), ball()]), "mm off"),
         (box(-1, 5, 0, width=1.0), "a hole"),
@@ -106,7 +106,7 @@ def test_what_cannot_be_replaced_is_refused_with_its_place(tmp_path, mesh, said)
         ("a.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "coordinates"),
         ("a.obj", b"mtllib /etc/passwd\nv 0 0 0\nv 2000000 0 0\nv 0 1 0\nf 1 2 3\n", "coordinates"),
         ("a.stl", b"solid nothing", "mesh|triangles"),
-        ("a.dae", b"x", r"'\.dae' is not valid; valid: \.stl, \.obj, \.ply"),
+        ("a.dae", b"x", r"invalid '\.dae': expected \.stl, \.obj, \.ply"),
     ],
 )
 def test_hostile_meshes_are_refused(tmp_path, name, data, said):
@@ -125,6 +125,6 @@ def test_a_scenario_takes_a_mesh_and_tells_what_became_of_it(tmp_path):
     assert any(isinstance(s, Stairs) for s in scenario.config.route.segments)
     assert "replaced by exact boxes and wedges" in scenario.notes[0]
     file.write_text("description: a\nterrain: {mesh: {file: stair.stl, unit: inch}}\n")
-    with pytest.raises(StrideTwinError, match=r"walk.yaml: terrain.mesh.unit: 'inch' is not valid; valid: m, mm"):
+    with pytest.raises(StrideTwinError, match=r"walk.yaml: terrain.mesh.unit: invalid 'inch': expected m, mm"):
         read_scenario(file)
     assert np.isfinite(scenario.config.route.width_m)

@@ -163,33 +163,33 @@ LEFT = '<joint name="knee_l" axis="0 1 0" range="-0.15 1.95" damping="0.5" frict
 REFUSED = {
     "closed chain": (
         ("</worldbody>", '</worldbody><equality><connect body1="yoke_l" body2="yoke_r" anchor="0 0 0"/></equality>'),
-        r"my_exo\.xml: equality: 'unnamed' is not valid; valid: no closed chains",
+        r"my_exo\.xml: equality: invalid 'unnamed': expected no closed chains",
     ),
     "slide": (
         ('joint name="knee_l"', 'joint type="slide" name="knee_l"'),
-        "joint knee_l of shank_bar_l: 'slide' is not valid; valid: hinge",
+        "joint knee_l of shank_bar_l: invalid 'slide': expected hinge",
     ),
     "two joints": (
         (LEFT, LEFT + '<joint name="more" axis="1 0 0"/>'),
-        "2 joints' is not valid; valid: one hinge a link",
+        "invalid '2 joints': expected one hinge a link",
     ),
     "negative mass": (('mass="1.3"', 'mass="-1.3"'), r"my_exo\.xml: MuJoCo cannot compile it: .*mass"),
-    "spring": ((LEFT, LEFT[:-2] + ' stiffness="5"/>'), "stiffness: .* valid: 0: no springs"),
+    "spring": ((LEFT, LEFT[:-2] + ' stiffness="5"/>'), "stiffness: .* expected 0: no springs"),
     "range without 0": (
         ('range="-0.15 1.95"', 'range="0.15 1.95"'),
-        "knee_l of shank_bar_l, range: .* valid: a range with 0",
+        "knee_l of shank_bar_l, range: .* expected a range with 0",
     ),
     "no joint": ((LEFT, ""), r"chains of hinges on the base, joints of each: \[3, 4\]"),
     "free base": (
         ('<body name="backpack" pos="0 0 0.95">', '<body name="backpack" pos="0 0 0.95"><freejoint/>'),
-        "'free' is not valid; valid: hinge",
+        "invalid 'free': expected hinge",
     ),
     "missing mesh": (("<asset>", '<asset><mesh name="m" file="gone.stl"/>'), r"cannot compile it: .*gone\.stl"),
-    "include": (("<asset>", '<include file="/etc/passwd"/><asset>'), "include: '<include>' is not valid"),
-    "heavy": (('mass="3.2"', 'mass="320"'), r"mass: 329\.4 is not valid; valid: 0\.05-60 kg"),
+    "include": (("<asset>", '<include file="/etc/passwd"/><asset>'), "include: invalid '<include>'"),
+    "heavy": (('mass="3.2"', 'mass="320"'), r"mass: invalid 329\.4: expected 0\.05-60 kg"),
     "mirrored axis": (
         ('name="hip_l" axis="0 -1 0"', 'name="hip_l" axis="0 1 0"'),
-        r"my_exo\.xml: joint hip_l, axis: \[0\.0, 1\.0, 0\.0\] is not valid; valid: within 60 deg of \[0, -1, 0\]",
+        r"my_exo\.xml: joint hip_l, axis: invalid \[0\.0, 1\.0, 0\.0\]: expected within 60 deg of \[0, -1, 0\]",
     ),
     "bent backwards": (
         ('name="knee_l" axis="0 1 0"', 'name="knee_l" axis="0 -1 0"'),
@@ -201,15 +201,15 @@ REFUSED = {
     ),
     "link without a name": (
         ('<body name="yoke_l" ', "<body "),
-        "link of joint abduction_l: '' is not valid; valid: a name",
+        "link of joint abduction_l: invalid '': expected a name",
     ),
     "links alike": (
         ('<body name="yoke_l" ', '<body name="yoke-r" '),
-        r"my_exo\.xml: link: '\w+.r' is not valid; valid: another name: \w+.r is exo_yoke_r in the wearer's model, too",
+        r"my_exo\.xml: link: invalid '\w+.r': expected another name: \w+.r is exo_yoke_r in the wearer's model, too",
     ),
     "joints alike": (
         ('joint name="abduction_l"', 'joint name="hip_flexion_l"'),
-        "joint: 'hip_l' is not valid; valid: another name: hip_flexion_l is exo_hip_flexion_l",
+        "joint: invalid 'hip_l': expected another name: hip_flexion_l is exo_hip_flexion_l",
     ),
     "no XML": (("<mujoco", "<mojo"), r"my_exo\.xml: MuJoCo cannot compile it"),
 }
@@ -230,25 +230,29 @@ RIG_REFUSED = [
     (
         "link: backpack, pos",
         "link: rucksack, pos",
-        "base: 'rucksack' is not valid; valid: a link of the model: backpack",
+        "base: invalid 'rucksack': expected a link of the model: backpack",
     ),
-    ("l: {link: thigh_bar_l", "l: {link: thigh", r"cuffs\.thigh_l\.link: 'thigh' is not valid; valid: a link"),
-    ("thigh_l: {link: thigh_bar_l, at", "arm_l: {link: thigh_bar_l, at", r"cuffs\.arm_l: .* one of the keys thigh_l"),
+    ("l: {link: thigh_bar_l", "l: {link: thigh", r"cuffs\.thigh_l\.link: invalid 'thigh': expected a link"),
+    (
+        "thigh_l: {link: thigh_bar_l, at",
+        "arm_l: {link: thigh_bar_l, at",
+        r"cuffs: invalid 'arm_l': expected keys thigh_l",
+    ),
     ("thigh_l: {link: thigh_bar_l, at", "thigh_l: {link: thigh_bar_r, at", "the wearer's"),
-    (HEEL, "at_mm: [-20, 120]", r"at_mm: \[-20, 120\] is not valid; valid: a list of 3 numbers"),
-    (HEEL, HEEL + ", stiffness_n_m: [1, 2, -3]", r"stiffness_n_m: .* three numbers, 0-100000"),
-    ("hip_l: hip_l,", "hip_l: hip_x,", r"joints\.hip_l: 'hip_x' is not valid; valid: a hinge of"),
+    (HEEL, "at_mm: [-20, 120]", r"at_mm: invalid \[-20, 120\]: expected a list of three items"),
+    (HEEL, HEEL + ", stiffness_n_m: [1, 2, -3]", r"stiffness_n_m\[2\]: invalid -3: expected 0-100000"),
+    ("hip_l: hip_l,", "hip_l: hip_x,", r"joints\.hip_l: invalid 'hip_x': expected a hinge of"),
     ("hip_l: hip_l,", "hip_l: hip_r,", "every joint once"),
-    ("torque_max_nm: 40", "torque_max_nm: 0", r"motors\.hip_l\.torque_max_nm: 0 is not valid; valid: a number above 0"),
+    ("torque_max_nm: 40", "torque_max_nm: 0", r"motors\.hip_l\.torque_max_nm: invalid 0: expected a number above 0"),
     (
         "part: actuation-module",
         "part: MPU-9250",
-        r"motors\.knee_l\.part: 'MPU-9250' is not valid; valid: actuation-mod",
+        r"motors\.knee_l\.part: invalid 'MPU-9250': expected actuation-mod",
     ),
-    ("encoders: [hip_l", "encoders: [hip", r"encoders\[0\]: 'hip' is not valid; valid: one of the joints hip_l"),
-    ("encoders: [hip_l", "encoders: [[hip_l]", r"encoders\[0\]: \['hip_l'\] is not valid; valid: text"),
-    ("l: {link: thigh_bar_l", "l: {link: [thigh_bar_l]", r"cuffs\.thigh_l\.link: \['thigh_bar_l'\] is not valid"),
-    ("description:", "descripton:", r"descripton: .* one of the keys description, base"),
+    ("encoders: [hip_l", "encoders: [hip", r"encoders\[0\]: invalid 'hip': expected one of the joints hip_l"),
+    ("encoders: [hip_l", "encoders: [[hip_l]", r"encoders\[0\]: invalid \['hip_l'\]: expected text"),
+    ("l: {link: thigh_bar_l", "l: {link: [thigh_bar_l]", r"cuffs\.thigh_l\.link: invalid \['thigh_bar_l'\]"),
+    ("description:", "descripton:", r"invalid 'descripton': expected keys description"),
 ]
 
 

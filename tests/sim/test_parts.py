@@ -77,14 +77,17 @@ def test_a_part_of_ones_own_is_one_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("noise_mm: 3", "noise_mm: -1"), ["mine.yaml: noise_mm: -1", "0-1000"]),
-        (("noise_mm: 3", "noise_mm: loud"), ["noise_mm: 'loud'", "0-1000"]),
-        (("noise_mm: 3", "noise_m: 3"), ["mine.yaml: 'noise_m'", "range_max_m", "mine.yaml: 'no noise_mm'"]),
-        (("noise_mm: 3\n", ""), ["mine.yaml: 'no noise_mm'", "required: 0-1000"]),
-        (("value: 30", "value: 300"), ["beam_deg: 300", "1-170"]),
-        (("source:", "origin:"), ["beam_deg: 'origin'", "value, source"]),
-        (("kind: sonar", "kind: radar"), ["mine.yaml: kind: 'radar'", "imu, ahrs"]),
-        (("description: A sonar of mine\n", ""), ["mine.yaml: 'no description'", "text"]),
+        (("noise_mm: 3", "noise_mm: -1"), ["mine.yaml: noise_mm: invalid -1", "0-1000"]),
+        (("noise_mm: 3", "noise_mm: loud"), ["noise_mm: invalid 'loud'", "0-1000"]),
+        (
+            ("noise_mm: 3", "noise_m: 3"),
+            ["mine.yaml: invalid 'noise_m'", "range_max_m", "mine.yaml: noise_mm: missing"],
+        ),
+        (("noise_mm: 3\n", ""), ["mine.yaml: noise_mm: missing", "missing: expected 0-1000"]),
+        (("value: 30", "value: 300"), ["beam_deg: invalid 300", "1-170"]),
+        (("source:", "origin:"), ["beam_deg: invalid 'origin'", "value, source"]),
+        (("kind: sonar", "kind: radar"), ["mine.yaml: kind: invalid 'radar'", "imu, ahrs"]),
+        (("description: A sonar of mine\n", ""), ["mine.yaml: description: missing", "text"]),
     ],
 )
 def test_what_is_wrong_in_a_part_is_told_by_file_field_value_and_what_is_valid(tmp_path, change, words):
@@ -116,6 +119,6 @@ def test_a_figure_is_within_its_bounds_or_refused(tmp_path_factory, value):
 
 def test_a_nested_figure_is_named_by_its_path(tmp_path):
     text = library()["MPU-9250"].read_text(encoding="utf-8").replace("range_dps", "range_deg")
-    with pytest.raises(ConfigError, match=r"mine.yaml: gyroscope: 'range_deg'"):
+    with pytest.raises(ConfigError, match=r"mine.yaml: gyroscope: invalid 'range_deg'"):
         read_part(written(tmp_path, text))
     assert {f.name for f in dataclasses.fields(Gyroscope)} > {"g_sensitivity"}

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.formats.assumed_calibration import completed
 from stridetwin.streams.formats.bag_calibration import BagCalibration
-from stridetwin.streams.recording.imported import ImageStream, Notes
+from stridetwin.streams.recording.imported import ImageStream
+from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.ros_images import COMPRESSED, image_kind, read_image_message
 from stridetwin.streams.recording.ros_types import serialise, typestore
 from stridetwin.streams.rig import Rig

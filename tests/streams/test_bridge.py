@@ -265,7 +265,7 @@ def test_a_hello_that_nobody_has_thought_of_is_refused(monkeypatch):
         for told, said in (
             (rig.replace("update_rate: 200.0", f"update_rate: {'9' * 400}"), b"update_rate: 9999"),
             (rig.replace("resolution: [32, 24]", f"resolution: [{'9' * 400}, 24]"), b"resolution[0]: 9999"),
-            (rig.replace("resolution: [32, 24]", "resolution: [32000, 24000]"), b"32000 \xc3\x97 24000 is not valid"),
+            (rig.replace("resolution: [32, 24]", "resolution: [32000, 24000]"), b"32000 \xc3\x97 24000"),
             (rig.replace("update_rate: 200.0", f"update_rate: 0x{'9' * 9000}"), b"thousands of digits"),
         ):
             assert told != rig

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.euroc_export import write_euroc
+from stridetwin.streams.formats.mcap_export import write_rosbag2
 from stridetwin.streams.formats.opening import open_any
 from stridetwin.streams.formats.opensim_export import write_opensim
-from stridetwin.streams.formats.ros2_export import write_rosbag2
-from stridetwin.streams.formats.tum_rgbd_export import write_tum_rgbd
+from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Joints, Odometry, Point, Wrench

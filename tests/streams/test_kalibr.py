@@ -117,20 +117,22 @@ def change(path, value):
 @pytest.mark.parametrize(
     ("path", "value", "says"),
     [
-        (("cam0", "camera_model"), "omni", "cam0.camera_model: 'omni' is not valid; valid: pinhole"),
-        (("cam0", "intrinsics"), [1, 2, 3], "cam0.intrinsics: .*valid: a list of 4 numbers"),
-        (("cam0", "intrinsics"), [-1, 2, 3, 4], "cam0.intrinsics: .*above 0"),
-        (("cam0", "resolution"), [640.5, 480], r"cam0.resolution\[0\]: 640.5"),
-        (("cam0", "distortion_model"), "fov", "cam0.distortion_model: .fov. .*radtan or equidistant"),
+        (("cam0", "camera_model"), "omni", "cam0.camera_model: invalid 'omni': expected pinhole"),
+        (("cam0", "intrinsics"), [1, 2, 3],
+         "cam0.intrinsics: .*expected a list of four items: a number above 0, a number above 0"),
+        (("cam0", "intrinsics"), [-1, 2, 3, 4], r"cam0.intrinsics\[0\]: invalid -1: expected a number above 0"),
+        (("cam0", "resolution"), [640.5, 480], r"cam0.resolution\[0\]: invalid 640.5: expected a whole number"),
+        (("cam0", "distortion_model"), "fov", "cam0.distortion_model: invalid .fov.: expected radtan, equidistant"),
         (("cam0", "T_cam_imu"), [[0] * 4] * 4, "cam0.T_cam_imu: .*rigid transform"),
         (("cam0", "T_cam_imu"), np.eye(4).tolist(), "cam0.T_cam_imu: .*stridetwin.cam0.mount.T_body_sensor"),
-        (("imu0", "update_rate"), 0, "imu0.update_rate: 0 .*above 0"),
-        (("imu0", "gyroscope_noise_density"), "lots", "imu0.gyroscope_noise_density: 'lots' .*a number"),
-        (("imu0", "gyroscope_random_walk"), None, "imu0.gyroscope_random_walk: None .*must be there"),
-        (("stridetwin", "cam0", "imu_topic"), "/x", "stridetwin.cam0.imu_topic: '/x' .*/head/imu"),
-        (("stridetwin", "sensors", 0, "kind"), "radar", r"sensors\[0\].kind: 'radar' .*range or insole"),
-        (("stridetwin", "sensors", 0, "colour"), "red", r"sensors\[0\].colour: 'red' .*the keys"),
-        (("stridetwin", "boards", "foot_l", "squares"), [6, 1], r"boards.foot_l.squares\[1\]: 1 .*least 2"),
+        (("imu0", "update_rate"), 0, "imu0.update_rate: invalid 0: .*above 0"),
+        (("imu0", "gyroscope_noise_density"), "lots", "imu0.gyroscope_noise_density: invalid 'lots': .*a number"),
+        (("imu0", "gyroscope_random_walk"), None, "imu0.gyroscope_random_walk: missing: expected a number"),
+        (("stridetwin", "cam0", "imu_topic"), "/x", "stridetwin.cam0.imu_topic: invalid '/x': .*/head/imu"),
+        (("stridetwin", "sensors", 0, "kind"), "radar", r"sensors\[0\].kind: invalid 'radar': expected range, insole"),
+        (("stridetwin", "sensors", 0, "colour"), "red", r"sensors\[0\]: invalid 'colour': expected keys topic"),
+        (("stridetwin", "boards", "foot_l", "squares"), [6, 1],
+         r"boards.foot_l.squares\[1\]: invalid 1: expected a whole number, 2-"),
     ],
 )  # fmt: skip
 def test_errors_name_file_key_value_and_what_is_valid(path, value, says):
@@ -174,3 +176,16 @@ def test_plain_kalibr_files(tmp_path):
 def test_what_is_no_calibration(text):
     with pytest.raises(StrideTwinError, match=r"rig\.yaml"):
         rig_from_yaml(text, "rig.yaml")
+
+
+def test_all_errors_of_a_file_are_reported_at_once():
+    document = yaml.safe_load(rig_to_yaml(small_rig()))
+    document["cam0"]["camera_model"] = "omni"
+    del document["imu0"]["update_rate"]
+    document["stridetwin"]["sensors"][0]["kind"] = "radar"
+    with pytest.raises(StrideTwinError) as caught:
+        rig_from_yaml(yaml.safe_dump(document), "rig.yaml")
+    places = ("cam0.camera_model", "imu0.update_rate", "stridetwin.sensors[0].kind")
+    assert [line.split(": ")[:2] for line in str(caught.value).splitlines()] == [
+        ["rig.yaml", place] for place in places
+    ]

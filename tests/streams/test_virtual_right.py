@@ -70,5 +70,5 @@ def test_cameras_that_cannot_have_a_right_one_are_refused():
     camera = small_rig().cameras["/head/color"]
     with pytest.raises(StrideTwinError, match=r"distortion: .*without distortion"):
         right_camera(camera, 0.1, "/r")
-    with pytest.raises(StrideTwinError, match=r"--stereo-baseline: 2.0 .*0\.001 to 1 m"):
+    with pytest.raises(StrideTwinError, match=r"--stereo-baseline: invalid 2.0: .*0\.001 to 1 m"):
         right_camera(camera, 2.0, "/r")

@@ -167,7 +167,7 @@ def test_a_touch_down_without_a_pose_makes_no_double_step(walk, method):
 
 
 def test_what_is_wrong_is_said():
-    with pytest.raises(StrideTwinError, match="valid: proposed, published"):
+    with pytest.raises(StrideTwinError, match="expected proposed, published"):
         predictor("best")
     with pytest.raises(ConfigError, match="step_m"):
         LocomotionModeParameters(step_m=-1.0)

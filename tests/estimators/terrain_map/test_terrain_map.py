@@ -122,7 +122,7 @@ def test_after_a_jump_of_the_pose_the_map_begins_anew(seen):
 def test_a_wrong_picture_is_refused(seen):
     terrain_map = TerrainMap(RIG)
     terrain_map.update(pose(0, EYE, attitude(0.0)))
-    with pytest.raises(StrideTwinError, match=r"picture of \(100, 100\); valid: \(240, 320\)"):
+    with pytest.raises(StrideTwinError, match=r"picture of \(100, 100\): expected \(240, 320\)"):
         terrain_map.update(depth(0, seen[:100, :100]))
 
 

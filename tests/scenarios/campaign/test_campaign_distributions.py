@@ -62,16 +62,16 @@ def test_anything_that_is_no_distribution_is_a_value():
 @pytest.mark.parametrize(
     ("node", "message"),
     [
-        ({"kind": "ahead"}, "set.x: {'kind': 'ahead'} is not valid; valid: a value, or keys uniform, "),
-        ({"uniform": [2, 1]}, "set.x.uniform: [2.0, 1.0] is not valid; valid: two numbers, the lower first"),
-        ({"uniform": [1, 2], "sep": 1}, "'sep' is not valid; valid: keys uniform, step (did you mean 'step'?)"),
-        ({"log_uniform": [0, 1]}, "set.x.log_uniform[0]: 0 is not valid; valid: 1e-09-1e+09"),
-        ({"normal": [1, 0.1]}, "valid: the key within is required"),
-        ({"normal": [1, 0], "within": [0, 2]}, "set.x.normal: [1.0, 0.0] is not valid; valid: mean and standard"),
-        ({"normal": [1, 0.01], "within": [2, 3]}, "set.x.within: [2.0, 3.0] is not valid; valid: limits no farther"),
-        ({"integer": [1.5, 2]}, "set.x.integer[0]: 1.5 is not valid; valid: a whole number"),
-        ({"choice": []}, "set.x.choice: [] is not valid; valid: a list with at least one item"),
-        ({"choice": [1, 2], "weights": [1]}, "set.x.weights: [1.0] is not valid; valid: 2 numbers, one for each value"),
+        ({"kind": "ahead"}, "set.x: invalid {'kind': 'ahead'}: expected a value, or keys uniform, "),
+        ({"uniform": [2, 1]}, "set.x.uniform: invalid [2.0, 1.0]: expected two numbers, the lower first"),
+        ({"uniform": [1, 2], "sep": 1}, "invalid 'sep': expected keys uniform, step (did you mean 'step'?)"),
+        ({"log_uniform": [0, 1]}, "set.x.log_uniform[0]: invalid 0: expected 1e-09-1e+09"),
+        ({"normal": [1, 0.1]}, "set.x.within: missing: expected "),
+        ({"normal": [1, 0], "within": [0, 2]}, "set.x.normal: invalid [1.0, 0.0]: expected mean and standard"),
+        ({"normal": [1, 0.01], "within": [2, 3]}, "set.x.within: invalid [2.0, 3.0]: expected limits no farther"),
+        ({"integer": [1.5, 2]}, "set.x.integer[0]: invalid 1.5: expected a whole number"),
+        ({"choice": []}, "set.x.choice: invalid []: expected a list with at least one item"),
+        ({"choice": [1, 2], "weights": [1]}, "set.x.weights: invalid [1.0]: expected 2 numbers, one for each value"),
     ],
 )
 def test_errors_name_field_value_and_what_is_valid(node, message):

@@ -168,7 +168,7 @@ def test_a_reason_does_not_say_where_this_machine_has_the_campaign(campaign, tmp
 
     (job, *_) = jobs_of(campaign, tmp_path)
     monkeypatch.setattr(campaign_walk, "read_scenario", refuse)
-    words = "files/my/part.yaml: rate_hz: 0 is not valid; valid: a rate, as in walk_00000"
+    words = "files/my/part.yaml: rate_hz: invalid 0: expected a rate, as in walk_00000"
     assert campaign_walk.make(job)["reasons"] == [f"refused: {words}"]
     failed = campaign_walk.failed(job, f"{tmp_path}/scenarios/../files/a.stl and {tmp_path}/recordings/b")
     assert failed["reasons"] == ["error: files/a.stl and recordings/b"]
@@ -297,16 +297,16 @@ def test_only_one_generate_works_in_a_folder(one, campaign, tmp_path):
 def test_the_command_says_what_is_wrong(tmp_path, capsys):
     path = write(tmp_path)
     for arguments, message in (
-        (["stairs_and_rampz"], "there is no scenario or campaign 'stairs_and_rampz'; valid: "),
-        (["demo", "--workers", "2"], "--workers: 2 is not valid; valid: a campaign to go with it; demo is a scenario"),
-        ([str(path), "--workers", "2", "--scheduler", "x"], "--workers: 2 is not valid; valid: either --workers or"),
-        ([str(path), "--scheduler", "nope"], "--scheduler: 'nope' is not valid; valid: HOST:PORT or"),
-        ([str(path), "--physics", "magic"], "--physics: 'magic' is not valid; valid: kinematic, dynamic"),
+        (["stairs_and_rampz"], "there is no scenario or campaign 'stairs_and_rampz': expected "),
+        (["demo", "--workers", "2"], "--workers: invalid 2: expected a campaign to go with it; demo is a scenario"),
+        ([str(path), "--workers", "2", "--scheduler", "x"], "--workers: invalid 2: expected either --workers or"),
+        ([str(path), "--scheduler", "nope"], "--scheduler: invalid 'nope': expected HOST:PORT or"),
+        ([str(path), "--physics", "magic"], "--physics: invalid 'magic': expected kinematic, dynamic"),
     ):
         assert main(["generate", *arguments, "-o", str(tmp_path / "out")]) == 2
         assert message in capsys.readouterr().err
     assert main(["generate", str(path), "-o", str(tmp_path / "out.mcap")]) == 2
-    assert "valid: a folder, as this is a campaign" in capsys.readouterr().err
+    assert "expected a folder, as this is a campaign" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -112,13 +112,13 @@ def test_a_seed_is_any_whole_number_or_one_a_walk(seed: object, walks: list[int]
 def test_seeds_that_are_used_up_are_told() -> None:
     env = environment(WALK, [3], sensors=SENSORS)
     env.reset()
-    with pytest.raises(ConfigError, match=r"environment: seed: 'used up' is not valid; valid: .* one per walk"):
+    with pytest.raises(ConfigError, match=r"environment: seed: invalid 'used up': expected .* one per walk"):
         env.reset()
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "3", [], [None]])
 def test_what_is_no_seed_is_refused(seed: object) -> None:
-    with pytest.raises(ConfigError, match=r"environment: seed: .* valid: a whole number from 0 on"):
+    with pytest.raises(ConfigError, match=r"environment: seed: .* expected a whole number from 0 on"):
         environment(WALK, seed, sensors=SENSORS)  # type: ignore[arg-type]
 
 
@@ -161,7 +161,7 @@ def test_actions_come_in_the_same_order_however_the_scenario_names_its_joints() 
 
 
 def test_an_own_exoskeleton_without_motors_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"exo: 'no motors' is not valid; valid: motors in .*rig\.yaml"):
+    with pytest.raises(ConfigError, match=r"exo: invalid 'no motors': expected motors in .*rig\.yaml"):
         environment(own_walk(tmp_path, {}))
 
 

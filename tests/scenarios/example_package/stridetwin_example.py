@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import PATH, Declaration, Options, Stream
-from stridetwin.streams.pose import Pose
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Imu
+from stridetwin.streams.trajectory import Pose
 
 SMOOTHING = 0.02
 

@@ -10,9 +10,9 @@ import pytest
 
 from stridetwin.evaluation.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.streams.pose import Pose
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
+from stridetwin.streams.trajectory import Pose
 from stridetwin.studies.case import Case
 from stridetwin.studies.zhao2023 import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
 from stridetwin.studies.zhao2023.odometry_walks import METHODS, SENSORS, follow, recorded, true_path

@@ -14,20 +14,20 @@ LINE = {
     "estimators": {"a": {"end_error_m": 0.1}},
 }  # fmt: skip
 BAD = [
-    *(({"estimators": {"a": {"end_error_m": value}}}, f"estimators.a.end_error_m: {value!r} is not valid; valid: a n")
+    *(({"estimators": {"a": {"end_error_m": value}}}, f"estimators.a.end_error_m: invalid {value!r}: expected a n")
       for value in ("x", [1], None, LONG, 1e308, -1e308, float("nan"), float("inf"))),
-    ({"estimators": {"a": 1}}, "estimators.a: 1 is not valid"),
-    ({"estimators": []}, "estimators: [] is not valid; valid: estimators, each with its scores"),
-    ({"estimators": {"x\ud800": {}}}, r"estimators: 'x\ud800' is not valid"),
-    *(({"regressions": value}, f"regressions: {value!r} is not valid; valid: a list of texts")
+    ({"estimators": {"a": 1}}, "estimators.a: invalid 1"),
+    ({"estimators": []}, "estimators: invalid []: expected estimators, each with its scores"),
+    ({"estimators": {"x\ud800": {}}}, r"estimators: invalid 'x\ud800'"),
+    *(({"regressions": value}, f"regressions: invalid {value!r}: expected a list of texts")
       for value in (None, 5, [1], "mine: worse")),
-    ({"walks_digest": [1]}, "walks_digest: [1] is not valid; valid: text"),
-    ({"label": "x\ud800"}, r"label: 'x\ud800' is not valid; valid: text in UTF-8"),
-    ({"label": None}, "label: None is not valid"),
-    ({"label": "x" * 1000 + "\ud800"}, f"label: '{'x' * 399}... is not valid"),
-    ({"verdict": [1]}, "verdict: [1] is not valid; valid: passed, worse, failed, no baseline"),
-    *(({"walks": value}, f"walks: {value!r} is not valid; valid: a whole number") for value in ("x", -1, True, LONG)),
-    ({"failed": "x"}, "failed: 'x' is not valid"),
+    ({"walks_digest": [1]}, "walks_digest: invalid [1]: expected text"),
+    ({"label": "x\ud800"}, r"label: invalid 'x\ud800': expected text in UTF-8"),
+    ({"label": None}, "label: invalid None"),
+    ({"label": "x" * 1000 + "\ud800"}, f"label: invalid '{'x' * 399}..."),
+    ({"verdict": [1]}, "verdict: invalid [1]: expected passed, worse, failed, no baseline"),
+    *(({"walks": value}, f"walks: invalid {value!r}: expected a whole number") for value in ("x", -1, True, LONG)),
+    ({"failed": "x"}, "failed: invalid 'x'"),
 ]  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def test_a_line_that_is_none_is_one_error(tmp_path, capsys, text):
     assert main(["history", str(file), "-o", str(tmp_path / "page.html")]) == 2
     told = capsys.readouterr().err
     assert f"error: {file}: line 2: " in told
-    assert "valid: lines that `stridetwin score --history` has written" in told
+    assert "expected lines that `stridetwin score --history` has written" in told
     assert len(told) < len(str(file)) + 650
 
 

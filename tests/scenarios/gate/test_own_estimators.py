@@ -172,11 +172,11 @@ def test_a_program_that_writes_a_tum_file_is_scored_and_gated_like_any_other(wal
         ("own_filters:Broken", "own_filters:Broken: ValueError: a matrix is singular"),
         ("own_filters:Quits", "own_filters:Quits: SystemExit: 0"),
         ("own_filters:Unsaid", r"own_filters:Unsaid: ValueError: \\ud800x{580,600}$"),
-        ("own_filters:Framed", r"--estimator mine: own_filters:Framed: frame: \['a'\] is not valid; valid: text"),
+        ("own_filters:Framed", r"--estimator mine: own_filters:Framed: frame: invalid \['a'\]: expected text"),
         ("own_filters:nothing", "is no class with update"),
         ("own_filters:Missing", "cannot be imported: AttributeError"),
         ("no_such_module:A", "cannot be imported: ModuleNotFoundError"),
-        ("own_filters", "valid: module:Class"),
+        ("own_filters", "expected module:Class"),
     ],
 )
 def test_what_is_wrong_with_a_class_is_told(recording, place, name, said):
@@ -189,13 +189,13 @@ def test_what_is_wrong_with_a_class_is_told(recording, place, name, said):
     [
         (
             "Zero",
-            r"mine: q_world_frame at t = \d\.\d+ s: \[0\.0, 0\.0, 0\.0, 0\.0\] is not .* valid: a unit quaternion",
+            r"mine: q_world_frame at t = \d\.\d+ s: invalid \[0\.0, 0\.0, 0\.0, 0\.0\]: expected a unit quaternion",
         ),
         (
             "Five",
-            r"mine: q_world_frame at t = \d\.\d+ s: \[5\.0, 0\.0, 0\.0, 0\.0\] is not .* valid: a unit quaternion",
+            r"mine: q_world_frame at t = \d\.\d+ s: invalid \[5\.0, 0\.0, 0\.0, 0\.0\]: expected a unit quaternion",
         ),
-        ("Far", r"mine: p_frame_in_world at t = \d\.\d+ s: \[0\.0, 1e\+200, 0\.0\] is not .* valid: finite numbers"),
+        ("Far", r"mine: p_frame_in_world at t = \d\.\d+ s: invalid \[0\.0, 1e\+200, 0\.0\]: expected finite numbers"),
         ("Quits", r"own_filters:Quits: SystemExit: 0"),
     ],
 )
@@ -211,7 +211,7 @@ def test_what_is_no_pose_is_one_error_of_that_estimator(walk, place, capsys, nam
 def test_a_score_that_no_file_can_hold_is_an_error(walk, recording, value):
     path = read_tum(walk / "foot_ins_l.txt")
     made = Estimate(name="mine", frame="foot_l/imu", path=path, nis={"standing": value})
-    with pytest.raises(StrideTwinError, match=r"^mine: nis_standing: \S+ is not valid; valid: a number of up to 1e"):
+    with pytest.raises(StrideTwinError, match=r"^mine: nis_standing: invalid \S+: expected a number of up to 1e"):
         evaluate(recording, [made])
 
 
@@ -254,7 +254,7 @@ def test_a_class_sees_all_that_sensors_say_in_order_and_no_truth(recording):
     [
         ("import sys; sys.exit('no map was found')", "exit code 1; it said: no map was found"),
         ("pass", "has not written {output}; it said nothing"),
-        ("import sys; open(sys.argv[2], 'w').write('0 1 2')", r"{output}: line 1: '0 1 2' is not valid"),
+        ("import sys; open(sys.argv[2], 'w').write('0 1 2')", r"{output}: line 1: invalid '0 1 2'"),
     ],
 )
 def test_what_a_program_did_wrong_is_told_in_its_own_words(recording, tmp_path, text, said):
@@ -331,13 +331,13 @@ def test_words_of_a_command_are_no_shells(recording, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--program", "mine"], "valid: NAME="),
-        (["--program", "mine=cat {recording}"], "valid: COMMAND {recording} {output}"),
+        (["--program", "mine"], "expected NAME="),
+        (["--program", "mine=cat {recording}"], "expected COMMAND {recording} {output}"),
         (["--program", "mine=no-such-program {recording} {output}"], "no-such-program: there is no such program"),
         (["--program", "mine='cat {recording} {output}"], "No closing quotation"),
         (["--estimator", "mine=nowhere:A"], "cannot be imported"),
         (["--estimate", "a=x.txt", "--estimate", "a=y.txt"], "two estimators are called 'a'"),
-        (["--junit", "x.xml"], "valid: with --baseline"),
+        (["--junit", "x.xml"], "--junit compares with --baseline"),
         (["--history", "x.jsonl"], "needs the --label"),
     ],
 )
@@ -352,4 +352,4 @@ def test_a_level_that_a_baseline_is_too_large_for_is_told_before_anything_is_sco
     (tmp_path / "base.json").write_text(json.dumps({"estimators": scores, "recordings": rows}))
     words = ["score", "no-such.mcap", "--baseline", str(tmp_path / "base.json"), "--false-alarms", "0.01"]
     assert main(words) == 2
-    assert "--false-alarms: 0.01 is not valid; valid: 0.024 or more, with the 120" in capsys.readouterr().err
+    assert "--false-alarms: invalid 0.01: expected 0.024 or more, with the 120" in capsys.readouterr().err

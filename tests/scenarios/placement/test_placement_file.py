@@ -41,7 +41,7 @@ def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_pat
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"placement": None}, "no placement.*the key placement is required"),
+        ({"placement": None}, "placement: missing: expected text"),
         ({"scores": ["visibility"]}, r"scores\[0\]: 'visibility'.*did you mean 'visibility_pct'"),
         ({"scores": ["weight_g", "weight_g"]}, r"scores\[1\]: 'weight_g'.*every score once"),
         ({"scores": [{"score": "weight_g", "weight": 0}]}, "at least one score with a weight above 0"),
@@ -55,11 +55,11 @@ def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_pat
         ({"method": {"optimise": {"budget": 10}}}, "sweep, as there is nothing but choices"),
         (
             {"method": {"optimise": {"budget": 1, "starts": 2}}, "free": NUMBER},
-            r"method\.optimise\.budget: 1 is not valid; valid: 2 or more",
+            r"method\.optimise\.budget: invalid 1: expected 2 or more",
         ),
         (
             {"method": {"optimise": {"budget": 3}}, "free": NUMBER | CHOICES},
-            r"budget: 3 is not valid; valid: 4 or more \(4 combinations of choices, 3 starts\)",
+            r"budget: invalid 3: expected 4 or more \(4 combinations of choices, 3 starts\)",
         ),
         ({"free": {"light,texture": {"choice": [1, 2]}, "light, texture": {"choice": [1, 2]}}}, "every field once"),
         ({"seeds": [1, 1]}, "every seed once"),
@@ -113,13 +113,13 @@ def test_a_chosen_number_has_six_digits_and_lies_within_its_bounds_however_small
 @pytest.mark.parametrize(
     ("changes", "words", "message"),
     [
-        ({}, ["--budget", "3"], "--budget: 3 is not valid; valid: optimise to go with it; problem sweeps"),
+        ({}, ["--budget", "3"], "--budget: invalid 3: expected optimise to go with it; problem sweeps"),
         (
             {"method": {"optimise": {"budget": 9}}, "free": NUMBER | CHOICES},
             ["--budget", "3"],
-            "command line: --budget: 3 is not valid; valid: 4 or more",
+            "command line: --budget: invalid 3: expected 4 or more",
         ),
-        ({}, ["--scenario", "../mine.yaml"], "--scenario: '../mine.yaml' is not valid; valid: a file in the working f"),
+        ({}, ["--scenario", "../mine.yaml"], "--scenario: invalid '../mine.yaml': expected a file in the working f"),
     ],
 )
 def test_what_the_command_line_says_in_its_place_is_checked_too(tmp_path, monkeypatch, capsys, changes, words, message):

@@ -116,7 +116,7 @@ def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
 def test_a_score_that_nobody_tells_ends_it_with_the_first_place(tmp_path):
     node = PARTS | {"set": {"sensors": ["foot_imu"]}, "seeds": 1, "scores": ["foot_ins.nope"]}
     node |= {"free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}}}
-    with pytest.raises(StrideTwinError, match=r"scores: 'foot_ins\.nope' is not valid; valid: of this .*end_error_m"):
+    with pytest.raises(StrideTwinError, match=r"scores: invalid 'foot_ins\.nope': expected of this .*end_error_m"):
         run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
     assert len((tmp_path / "out" / NAME).read_text().splitlines()) == 1
     node |= {"scores": ["magic.end_error_m"]}
@@ -166,7 +166,7 @@ def test_a_scenario_with_parts_of_its_own_takes_the_place_of_the_files_own(tmp_p
     other = {"sensors.foot_imu.part": {"choice": ["my/imu.yaml", "MPU-9250"]}}
     path.write_text(yaml.safe_dump(PARTS | {"seeds": 1, "free": other}))
     assert main(["place", str(path), "--scenario", "mine.yaml", "-o", "out"]) == 2
-    assert "valid: a scenario whose my/imu.yaml is the placement's, or has another name" in capsys.readouterr().err
+    assert "expected a scenario whose my/imu.yaml is the placement's, or has another name" in capsys.readouterr().err
 
 
 def test_what_killed_walks_have_left_goes_when_the_folder_is_taken(tmp_path):
