@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.estimators.checkerboard import saddle_points
 from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
-from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.checkerboard.search import anywhere, around, guessed
 from stridetwin.streams.errors import StrideTwinError, check_numbers
 from stridetwin.streams.rig import Board, CameraCalibration
@@ -23,11 +23,11 @@ _CLEAR = 0.15  # least deviation from the mean brightness, in half steps, of a c
 _SPOILT = 3  # cells of a whole board that dirt may hide: fewer dark ones than any shift would miss
 
 
-def is_whole(picture: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
+def is_whole(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
     Args:
-        picture: (H, W) grey.
+        grey: (H, W).
         pattern: The board.
         view: Its estimated view.
         corners: (N, 2) squares, detected corners.
@@ -35,7 +35,7 @@ def is_whole(picture: NDArray[np.uint8], pattern: BoardPattern, view: View, corn
     """
     plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
     middle, step = (_plane(pattern.cells) @ plane).T
-    contrast = (sample(picture, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
+    contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
     right = contrast * pattern.bright.ravel() > _CLEAR  # False outside the image
     return int((~right).sum()) <= _SPOILT
 
@@ -199,7 +199,7 @@ class BoardDetector:
         guess: Array | None = None,
         guess_error_px: float = 40.0,
         motion_px: Array | None = None,
-    ) -> BoardSighting | None:
+    ) -> BoardObservation | None:
         """Detects the corners of the board in one image.
 
         With a guess, only that region is searched, in a few milliseconds, and a partly visible or blurred board is
@@ -219,12 +219,12 @@ class BoardDetector:
         Raises:
             StrideTwinError: An image of another shape than the camera's, or a guess of another shape than the board's.
         """
-        picture = self._grey(image)
+        grey = self._grey(image)
         near = None if guess is None else np.mean(guess, axis=0)
-        for rough in self._candidates(picture, guess, guess_error_px):
-            fit = self._fitted(picture, rough, motion_px)
-            if fit is not None and self._unmistakable(picture, fit, near, guess_error_px):
-                return BoardSighting(
+        for rough in self._candidates(grey, guess, guess_error_px):
+            fit = self._fitted(grey, rough, motion_px)
+            if fit is not None and self._unmistakable(grey, fit, near, guess_error_px):
+                return BoardObservation(
                     topic=image.topic,
                     t_ns=image.t_ns + self._shift_ns,
                     points_in_board=self.points_in_board[fit.which],
@@ -237,27 +237,27 @@ class BoardDetector:
         width, height = self._lens.size
         if image.pixels.shape != (height, width) or image.pixels.dtype != np.uint8:
             raise StrideTwinError(
-                f"{image.topic}: picture of shape {image.pixels.shape} and type {image.pixels.dtype}; "
+                f"{image.topic}: image of shape {image.pixels.shape} and type {image.pixels.dtype}; "
                 f"the calibration says ({height}, {width}), uint8"
             )
         return np.ascontiguousarray(image.pixels)
 
-    def _candidates(self, picture: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
+    def _candidates(self, grey: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
         if guess is None:
-            yield from anywhere(picture, self._pattern, self._lens)
+            yield from anywhere(grey, self._pattern, self._lens)
             return
         if np.shape(guess) != self._pattern.corners.shape:
             raise StrideTwinError(f"guess of shape {np.shape(guess)}; the board has {self._pattern.corners.shape}")
         if (view := guessed(self._pattern, self._lens, np.asarray(guess, dtype=float))) is not None:
-            yield from around(picture, self._pattern, view, error_px)
+            yield from around(grey, self._pattern, view, error_px)
 
-    def _fitted(self, picture: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
+    def _fitted(self, grey: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
         """The refined view and its accepted corners; None if there are too few."""
         p, corners = self._parameters, self._pattern.corners
         motion = None if motion_px is None else rough.squares_of(motion_px)
         if motion is not None and not _readable(np.abs(motion), p):
             return None
-        first = self._fit(picture, rough, Smear(blur=np.full(2, p.blur_sd), motion=motion), True)
+        first = self._fit(grey, rough, Smear(blur=np.full(2, p.blur_sd), motion=motion), True)
         good = first[:, saddle_points.OK] > 0
         if good.sum() < p.min_corners:
             return None
@@ -268,7 +268,7 @@ class BoardDetector:
         blur = np.median(first[good][:, (saddle_points.BLUR_U, saddle_points.BLUR_V)], axis=0)
         sharp = p.sharp_px / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
         smear, fits = min(
-            ((smear, self._fit(picture, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
+            ((smear, self._fit(grey, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
             key=lambda tried: _misfit(tried[1]),
         )
         ways = smear.ways(sharp)
@@ -279,7 +279,7 @@ class BoardDetector:
             closer = View.through(self._lens, corners[fit.which], self._lens.rays(fit.corners[:, :2]))
             if closer is None:
                 break
-            again = self._held(closer, self._fit(picture, closer, smear, False), ways)
+            again = self._held(closer, self._fit(grey, closer, smear, False), ways)
             if len(again.which) <= len(fit.which):
                 break
             fit = again
@@ -311,12 +311,12 @@ class BoardDetector:
             for sense in (1.0, -1.0):
                 yield Smear(blur=sharp, motion=ways * (1.0, sense))
 
-    def _fit(self, picture: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
+    def _fit(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
         """(M, COLUMNS) fits of all corners; OK are those with little misfit and the common step in brightness."""
         p, corners, colour = self._parameters, self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
         fits = saddle_points.fit_corners(
-            picture, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, _ROUNDS
+            grey, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, _ROUNDS
         )
         step = fits[:, saddle_points.STEP]
         good = (fits[:, saddle_points.OK] > 0) & (fits[:, saddle_points.RMS] < p.max_misfit * step)
@@ -325,13 +325,13 @@ class BoardDetector:
         return fits
 
     def _unmistakable(
-        self, picture: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
+        self, grey: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
     ) -> bool:  # fmt: skip
         """Whether the identity of the corners is certain."""
         if near is not None and is_alone(self._pattern, fit.view, fit.which, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]
-        return is_whole(picture, self._pattern, fit.view, self._pattern.corners[fit.which], levels)
+        return is_whole(grey, self._pattern, fit.view, self._pattern.corners[fit.which], levels)
 
 
 def _readable(ways: Array, parameters: BoardDetectorParameters) -> bool:

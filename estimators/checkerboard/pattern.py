@@ -187,12 +187,12 @@ class View:
         return np.sqrt(np.abs(u[0] * v[1] - u[1] * v[0]))
 
 
-def sample(picture: NDArray[np.uint8], pixels: Array) -> NDArray[np.float32]:
+def sample(image: NDArray[np.uint8], pixels: Array) -> NDArray[np.float32]:
     """(N,) brightness at (N, 2) pixels, bilinear; NaN outside the image."""
-    height, width = picture.shape
+    height, width = image.shape
     inside = np.all((pixels >= 0) & (pixels <= np.array([width - 1, height - 1])), axis=1)  # false for NaN as well
     at = np.where(inside[:, None], pixels, 0.0).astype(np.float32).reshape(-1, 1, 2)
-    grey = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
+    grey = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
     return np.where(inside, grey, np.nan).astype(np.float32)
 
 

@@ -39,7 +39,7 @@ _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 
 @cached(_HERE)
 def fit_corners(
-    picture: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
+    image: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
     rounds: int,
 ) -> Array:  # fmt: skip
     """Fits the brightness around every corner; unknown are the corner's position, two brightnesses and the blur.
@@ -50,7 +50,7 @@ def fit_corners(
     is averaged over the motion.
 
     Args:
-        picture: (H, W) grey.
+        image: (H, W) grey.
         start: (N, 2) predicted corners, pixels.
         edges: (N, 2, 2) one square along u (first row) and along v (second), pixels.
         colour: (N,) +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
@@ -65,7 +65,7 @@ def fit_corners(
     found = np.zeros((len(start), COLUMNS))
     for n in range(len(start)):
         if math.isfinite(start[n, 0] + start[n, 1]):
-            _fit(picture, start[n], edges[n], colour[n], blur, motion, fit_blur, rounds, found[n])
+            _fit(image, start[n], edges[n], colour[n], blur, motion, fit_blur, rounds, found[n])
     return found
 
 
@@ -91,10 +91,10 @@ def _wave(u: float, sd: float) -> tuple[float, float, float]:
 
 @cached(_HERE, error_model="numpy")
 def _fit(
-    picture: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
+    image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
     fit_blur: bool, rounds: int, out: Array,
 ) -> None:  # fmt: skip
-    height, width = picture.shape
+    height, width = image.shape
     area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
     if abs(area) < 1.0:
         return
@@ -116,7 +116,7 @@ def _fit(
         for column in range(left, right + 1, pace):
             px, py = column - start[0], row - start[1]
             if abs(ux * px + uy * py) <= HALF and abs(vx * px + vy * py) <= HALF:
-                dx[count], dy[count], grey[count] = px, py, picture[row, column]
+                dx[count], dy[count], grey[count] = px, py, image[row, column]
                 mean += grey[count]
                 count += 1
     if count < _MIN_PIXELS:

@@ -37,11 +37,11 @@ def guessed(pattern: BoardPattern, lens: Lens, corners_px: Array) -> View | None
     return View.through(lens, pattern.corners, lens.rays(corners_px))
 
 
-def around(picture: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float) -> list[View]:
+def around(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float) -> list[View]:
     """Views near a guess in which the image correlates with the board, the best first.
 
     Args:
-        picture: (H, W) grey.
+        grey: (H, W).
         pattern: The board.
         guess: Its predicted view.
         reach_px: Largest error of the guess, pixels.
@@ -50,25 +50,25 @@ def around(picture: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach
     if not (size > 0).all():
         return []
     reach = np.minimum(np.ceil(reach_px / size), _MOST_SQUARES).astype(int)
-    return [view for _, view in _alike(picture, pattern, guess, reach[0], reach[1])]
+    return [view for _, view in _alike(grey, pattern, guess, reach[0], reach[1])]
 
 
-def anywhere(picture: NDArray[np.uint8], pattern: BoardPattern, lens: Lens) -> list[View]:
+def anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: Lens) -> list[View]:
     """Views of the first grid of saddle points that correlates with the board, the best first.
 
     Args:
-        picture: (H, W) grey.
+        grey: (H, W).
         pattern: The board.
         lens: Camera's lens.
     """
     columns, rows = pattern.shape
     some_corner = pattern.corners[(rows // 2) * columns + columns // 2]  # in the middle of the board
-    for steps, places in _grids(picture):
+    for steps, places in _grids(grey):
         rays, found = lens.rays(places), []
         for quarter in _QUARTERS:
             guess = View.through(lens, some_corner + steps @ quarter, rays)
             if guess is not None:
-                found += _alike(picture, pattern, guess, rows, rows)
+                found += _alike(grey, pattern, guess, rows, rows)
         if found:
             found.sort(key=lambda candidate: -candidate[0])
             return [view for _, view in found[:_PEAKS]]
@@ -76,7 +76,7 @@ def anywhere(picture: NDArray[np.uint8], pattern: BoardPattern, lens: Lens) -> l
 
 
 def _alike(
-    picture: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_u: int, reach_v: int
+    grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_u: int, reach_v: int
 ) -> list[tuple[float, View]]:  # fmt: skip
     """Best correlations of image and pattern, with their views, shifted by up to some squares.
 
@@ -88,7 +88,7 @@ def _alike(
     v = (np.arange(rows * _PER_SQUARE) + 0.5) / _PER_SQUARE - rows / 2
     squares = np.column_stack([np.tile(u, len(v)), np.repeat(v, len(u))])
     at = np.nan_to_num(guess.pixels(squares), nan=-1e4).astype(np.float32).reshape(len(v), len(u), 2)
-    seen = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128)
+    seen = cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128)
     drawn = np.kron(pattern.bright, np.ones((_PER_SQUARE, _PER_SQUARE))).astype(np.float32)
     expected = cv2.blur(drawn, (3, 3), borderType=cv2.BORDER_REPLICATE)
     likeness = cv2.matchTemplate(seen.astype(np.float32), expected, cv2.TM_CCOEFF_NORMED)
@@ -103,9 +103,9 @@ def _alike(
     return found
 
 
-def _grids(picture: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
+def _grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
     """Grids of saddle points: (N, 2) whole steps along both edges from one of them, and (N, 2) pixels of each."""
-    places, turns = _saddle_points(picture)
+    places, turns = _saddle_points(grey)
     apart = places[None] - places[:, None]  # [i, j] from i to j
     distance = np.linalg.norm(apart, axis=2)
     distance[turns @ turns.T > _OPPOSED] = np.inf  # neighbours on a board are rotated against each other
@@ -148,9 +148,9 @@ def _grown(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
     return steps, found
 
 
-def _saddle_points(picture: NDArray[np.uint8]) -> tuple[Array, Array]:
+def _saddle_points(grey: NDArray[np.uint8]) -> tuple[Array, Array]:
     """(N, 2) strongest saddle points of the brightness, pixels, and (N, 2) unit vectors at twice their angle."""
-    smooth = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), _SADDLE_SCALE_PX)
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SADDLE_SCALE_PX)
     xx, yy = cv2.Sobel(smooth, cv2.CV_32F, 2, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 2)
     xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1)
     saddle = xy * xy - xx * yy

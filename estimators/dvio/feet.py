@@ -21,7 +21,7 @@ _KEPT = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Footing:
+class LegMeasurement:
     """Leg measurement at one time.
 
     Attributes:
@@ -53,22 +53,22 @@ class Feet:
     def __init__(self, topics: Iterable[str], speeds: Speeds) -> None:
         self.topics = frozenset(topics)
         self._speeds = speeds
-        self._told: deque[LegSpeed] = deque(maxlen=_KEPT)
-        self.forget()
+        self._speeds_kept: deque[LegSpeed] = deque(maxlen=_KEPT)
+        self.reset()
 
     @classmethod
     def of(cls, exo: Exoskeleton) -> Feet:
         """For an exoskeleton."""
         return cls(exo.topics, LegSpeeds(exo))
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Resets the heading: the odometry's world has a new one from now on."""
         self._turn, self._weight, self._last_ns = 0j, 0.0, 0
 
     def take(self, sample: Sample) -> None:
         """Takes a sample of the exoskeleton."""
-        if (told := self._speeds.update(sample)) is not None:
-            self._told.append(told)
+        if (speed := self._speeds.update(sample)) is not None:
+            self._speeds_kept.append(speed)
 
     def compare(self, t_ns: int, v: Array) -> None:
         """Takes the odometry's velocity (3,), m/s, at a time when it tracked well."""
@@ -82,7 +82,7 @@ class Feet:
         self._weight = keep * self._weight + seconds * abs(a) * abs(b)
         self._last_ns = t_ns
 
-    def at(self, t_ns: int) -> Footing | None:
+    def at(self, t_ns: int) -> LegMeasurement | None:
         """Leg measurement at a time; None if there is none."""
         leg = self._at(t_ns)
         if leg is None:
@@ -91,10 +91,10 @@ class Feet:
         if self._weight > _ENOUGH and abs(self._turn) > _ALIKE * self._weight:
             c = self._turn / abs(self._turn) * complex(*leg.v_back_in_world[:2])
             v = np.array([c.real, c.imag, leg.v_back_in_world[2]])
-        return Footing(v_in_world=v, resting=leg.resting)
+        return LegMeasurement(v_in_world=v, resting=leg.resting)
 
     def _at(self, t_ns: int) -> LegSpeed | None:
-        if not self._told:
+        if not self._speeds_kept:
             return None
-        leg = min(self._told, key=lambda s: abs(s.t_ns - t_ns))
+        leg = min(self._speeds_kept, key=lambda s: abs(s.t_ns - t_ns))
         return leg if abs(leg.t_ns - t_ns) * 1e-9 < _NEAR_S else None

@@ -30,7 +30,7 @@ class Inertial:
         self._half = math.ceil(_HELD_S * calibration.rate_hz) + 1
         self.t_ns = np.zeros(2 * self._half, np.int64)
         self.samples = np.zeros((2 * self._half, 6))
-        self.doubt = np.zeros(2 * self._half, np.uint8)
+        self.invalid = np.zeros(2 * self._half, np.uint8)
         self.count = 0
         self.period_s = 1.0 / calibration.rate_hz
         ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
@@ -47,14 +47,14 @@ class Inertial:
             return False
         half = self._half
         if self.count == 2 * half:
-            for a in (self.t_ns, self.samples, self.doubt):
+            for a in (self.t_ns, self.samples, self.invalid):
                 a[:half] = a[half:].copy()
             self.count = half
         i = self.count
         missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > 1.7 * self.period_s
         self.t_ns[i] = sample.t_ns
         self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
-        self.doubt[i] = missing or bool((size >= self._limit).any())
+        self.invalid[i] = missing or bool((size >= self._limit).any())
         self.count += 1
         return True
 
@@ -91,15 +91,16 @@ class Inertial:
         """Whether the samples are complete from a time on."""
         return self.count > 0 and int(self.t_ns[0]) <= t_ns
 
-    def still(self, until_ns: int, parameters: DvioParameters) -> bool:
+    def stationary(self, until_ns: int, parameters: DvioParameters) -> bool:
         """Whether the sensor was stationary just before a time, by the scatter of its samples."""
-        start = until_ns - round(parameters.still_s * 1e9)
+        start = until_ns - round(parameters.stationary_s * 1e9)
         if not self.reaches_back(start):
             return False
         x = self.since(start, until_ns)
-        if len(x) < 0.7 * parameters.still_s / self.period_s:
+        if len(x) < 0.7 * parameters.stationary_s / self.period_s:
             return False
         spread = x.std(axis=0)
         return bool(
-            spread[:3].max() < parameters.still_rate_sd_radps and spread[3:].max() < parameters.still_force_sd_mps2
+            spread[:3].max() < parameters.stationary_rate_sd_radps
+            and spread[3:].max() < parameters.stationary_force_sd_mps2
         )

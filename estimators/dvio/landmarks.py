@@ -17,16 +17,16 @@ from stridetwin.estimators.dvio.algebra import REORDERED
 from stridetwin.estimators.dvio.projection import (
     COLUMNS,
     HOST,
+    OBSERVATION,
+    OBSERVER,
     RESIDUAL,
-    SEER,
-    SIGHT,
     Views,
     huber,
+    observation_jacobian,
+    project,
     ray,
-    seen_at,
-    sight,
 )
-from stridetwin.estimators.dvio.state import CALIBRATION, D_LENS, D_SCALE, FRAME, NO_HOST, Terms, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, D_FOCAL, D_SCALE, FRAME, NO_HOST, FactorParameters, Window
 from stridetwin.streams.samples import Array
 
 POSE = 6
@@ -34,7 +34,7 @@ _LOOSE = 1e-2  # m²; information on an unknown inverse depth: a standard deviat
 _FIXED = 1e12  # m²; on a fixed one
 
 
-class Sightings(NamedTuple):
+class CameraEquations(NamedTuple):
     """Normal equations of the observations, M = 10 + 6 F columns, and what is needed to recover the landmarks.
 
     Attributes:
@@ -59,24 +59,26 @@ class Sightings(NamedTuple):
     J_own: Array
 
 
-def blank_sightings(frames: int, landmarks: int) -> Sightings:
+def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
     """Workspace for F frames and L landmarks."""
     m = CALIBRATION + POSE * frames
-    return Sightings(
-        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, SIGHT, COLUMNS)), own=np.zeros(landmarks),
+    return CameraEquations(
+        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, OBSERVATION, COLUMNS)), own=np.zeros(landmarks),
         b_own=np.zeros(landmarks), cross=np.zeros((landmarks, m)), J=np.zeros((3, COLUMNS)), J_own=np.zeros(3),
     )  # fmt: skip
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
-def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last: int, host_depth: bool) -> float:
+def _add(
+    window: Window, factors: FactorParameters, views: Views, s: CameraEquations, l: int, last: int, host_depth: bool
+) -> float:
     """Adds the observations (10) and measured depths (13), (14) of a landmark; returns their cost.
 
     See docs/dvio.md (7)-(9).
 
     Args:
         window: Frames and landmarks.
-        terms: Which factors there are.
+        factors: Which factors there are.
         views: Of the frames.
         s: Sums per observing frame, and the landmark's own row.
         l: Slot of the landmark.
@@ -89,15 +91,15 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
     cross = s.cross[l]
     cross[:] = 0.0
     own, b_own, cost = _LOOSE, 0.0, 0.0
-    told = marks.told[l, host]
-    if told > 0.0:
-        if terms.depth_fixed:
+    rho = marks.rho[l, host]
+    if rho > 0.0:
+        if factors.depth_fixed:
             own += _FIXED
         elif host_depth:
             # The scale applies to the landmark; on the measurement it would lower the cost by shrinking the noise.
-            r = scale * xi - told
-            c, w = huber(r * r * terms.depth_weight, terms.depth_limit)
-            w *= terms.depth_weight
+            r = scale * xi - rho
+            c, w = huber(r * r * factors.depth_weight, factors.depth_limit)
+            w *= factors.depth_weight
             cost += c
             own += w * scale * scale
             b_own -= w * scale * r
@@ -108,23 +110,23 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
     for j in range(last + 1):
         if j == host or not marks.seen[l, j]:
             continue
-        px, py, depth, before = seen_at(views, host, j, x, y, xi)
-        if not before or not sight(window, views, host, j, x, y, xi, J, Jl):
+        px, py, depth, before = project(views, host, j, x, y, xi)
+        if not before or not observation_jacobian(window, views, host, j, x, y, xi, J, Jl):
             continue
         u, v = ray(window.calibration, marks.at[l, j])
         r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
-        J[0, D_LENS] -= marks.at[l, j, 0]
-        J[1, D_LENS + 1] -= marks.at[l, j, 1]
-        c, w0 = huber((r0 * r0 + r1 * r1) * terms.sight_weight, terms.sight_limit)
-        w0 *= terms.sight_weight
+        J[0, D_FOCAL] -= marks.at[l, j, 0]
+        J[1, D_FOCAL + 1] -= marks.at[l, j, 1]
+        c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.pixel_limit)
+        w0 *= factors.pixel_weight
         cost += c
-        told = marks.told[l, j]
-        if terms.projection_depth and told > 0.0:
-            r2 = scale * depth - told
-            c, w = huber(r2 * r2 * terms.again_weight, terms.depth_limit)
-            w2 = w * terms.again_weight
+        rho = marks.rho[l, j]
+        if factors.projection_depth and rho > 0.0:
+            r2 = scale * depth - rho
+            c, w = huber(r2 * r2 * factors.later_depth_weight, factors.depth_limit)
+            w2 = w * factors.later_depth_weight
             cost += c
-            for i in range(SIGHT):
+            for i in range(OBSERVATION):
                 J[2, i] *= scale
             Jl[2] *= scale
             J[2, D_SCALE] = depth
@@ -132,7 +134,7 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
         own += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
         b_own -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
         pair = s.pairs[j]
-        for a in range(SIGHT):
+        for a in range(OBSERVATION):
             v0, v1, v2 = w0 * J[0, a], w0 * J[1, a], w2 * J[2, a]
             for e in range(COLUMNS):
                 pair[a, e] += v0 * J[0, e] + v1 * J[1, e] + v2 * J[2, e]
@@ -141,7 +143,7 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
         for a in range(CALIBRATION):
             cross[a] += l0 * J[0, a] + l1 * J[1, a] + l2 * J[2, a]
         for a in range(POSE):
-            i, k = HOST + a, SEER + a
+            i, k = HOST + a, OBSERVER + a
             cross[first + a] += l0 * J[0, i] + l1 * J[1, i] + l2 * J[2, i]
             cross[second + a] += l0 * J[0, k] + l1 * J[1, k] + l2 * J[2, k]
     s.own[l], s.b_own[l] = own, b_own
@@ -149,7 +151,7 @@ def _add(window: Window, terms: Terms, views: Views, s: Sightings, l: int, last:
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
-def _eliminate(s: Sightings, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
+def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
     """Takes a landmark out of the normal equations (Schur complement).
 
     See docs/dvio.md (11).
@@ -176,17 +178,17 @@ def _eliminate(s: Sightings, l: int, host: int, seen: NDArray[np.uint8], last: i
 
 
 @njit(error_model="numpy", **INSIDE)
-def _gather(s: Sightings, host: int, last: int) -> None:
+def _gather(s: CameraEquations, host: int, last: int) -> None:
     """Adds the sums of one host's landmarks to the normal equations."""
     first = CALIBRATION + POSE * host
     for j in range(host + 1, last + 1):
         pair, second = s.pairs[j], CALIBRATION + POSE * j
-        for a in range(SIGHT):
+        for a in range(OBSERVATION):
             i = a
             if a >= HOST:
                 i = first + a - HOST
-            if a >= SEER:
-                i = second + a - SEER
+            if a >= OBSERVER:
+                i = second + a - OBSERVER
             s.b[i] -= pair[a, RESIDUAL]
             row = s.H[i]
             for e in range(CALIBRATION):
@@ -195,9 +197,9 @@ def _gather(s: Sightings, host: int, last: int) -> None:
             if a >= HOST:
                 for e in range(POSE):
                     row[first + e] += pair[a, HOST + e]
-            if a >= SEER:
+            if a >= OBSERVER:
                 for e in range(POSE):
-                    row[second + e] += pair[a, SEER + e]
+                    row[second + e] += pair[a, OBSERVER + e]
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -212,11 +214,11 @@ def usable(window: Window, l: int, last: int) -> bool:
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_sightings(
+def add_camera_factors(
     window: Window,
-    terms: Terms,
+    factors: FactorParameters,
     views: Views,
-    s: Sightings,
+    s: CameraEquations,
     hosts: int,
     last: int,
     host_depth: bool,
@@ -227,7 +229,7 @@ def add_sightings(
 
     Args:
         window: Frames and landmarks.
-        terms: Which factors there are.
+        factors: Which factors there are.
         views: Of the frames.
         s: Workspace.
         hosts: Number of oldest frames whose landmarks count.
@@ -243,7 +245,7 @@ def add_sightings(
         s.pairs[: last + 1] = 0.0
         for l in range(len(window.landmarks.host)):
             if window.landmarks.host[l] == host and usable(window, l, last):
-                cost += _add(window, terms, views, s, l, last, host_depth)
+                cost += _add(window, factors, views, s, l, last, host_depth)
                 _eliminate(s, l, host, window.landmarks.seen[l], last)
         _gather(s, host, last)
     for i in range(m):

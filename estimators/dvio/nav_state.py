@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import carried, mul, put, skew
 from stridetwin.estimators.dvio.imu_factors import integrate
-from stridetwin.estimators.dvio.state import FRAME, ImuNoise, Increment
+from stridetwin.estimators.dvio.state import FRAME, ImuNoise, Preintegration
 from stridetwin.streams.samples import Array
 
 _FASTEST, _MOST_GYRO_BIAS, _MOST_ACCEL_BIAS = 15.0, 0.5, 3.0  # m/s, rad/s, m/s²
 
 
-class Live(NamedTuple):
+class NavState(NamedTuple):
     """A state and its covariance.
 
     Attributes:
@@ -38,21 +38,21 @@ class Live(NamedTuple):
     covariance: Array
 
 
-def blank_live() -> Live:
+def blank_nav_state() -> NavState:
     """Stationary at the origin, with zero covariance."""
-    return Live(
+    return NavState(
         t_ns=np.zeros(1, np.int64), R=np.eye(3), p=np.zeros(3), v=np.zeros(3), bias=np.zeros(6),
         covariance=np.zeros((FRAME, FRAME)),
     )  # fmt: skip
 
 
 @njit(error_model="numpy", **INSIDE)
-def carry(
-    live: Live,
-    z: Increment,
+def propagate(
+    nav: NavState,
+    z: Preintegration,
     t_ns: NDArray[np.int64],
     samples: Array,
-    doubt: NDArray[np.uint8],
+    invalid: NDArray[np.uint8],
     count: int,
     end_ns: int,
     noise: ImuNoise,
@@ -61,70 +61,70 @@ def carry(
     """Propagates a state to `end_ns`.
 
     Args:
-        live: Changed in place.
+        nav: Changed in place.
         z: Buffer for the increment.
         t_ns: See `integrate`.
         samples: See `integrate`.
-        doubt: See `integrate`.
+        invalid: See `integrate`.
         count: See `integrate`.
         end_ns: Not later than the last sample.
         noise: Of the sensor.
         gravity: m/s².
     """
-    integrate(z, t_ns, samples, doubt, count, live.t_ns[0], end_ns, live.bias, noise)
+    integrate(z, t_ns, samples, invalid, count, nav.t_ns[0], end_ns, nav.bias, noise)
     dt = z.dt[0]
-    R = live.R.copy()
+    R = nav.R.copy()
     F, G = np.eye(FRAME), np.zeros((9, 9))
     for i in range(3):
         F[i, 6 + i] = dt
         G[3 + i, 3 + i] = 1.0
-    put(F, 0, 3, mul(R, skew(z.alpha)), -1.0)
-    put(F, 3, 3, z.gamma.T, 1.0)
-    put(F, 6, 3, mul(R, skew(z.beta)), -1.0)
+    put(F, 0, 3, mul(R, skew(z.delta_p)), -1.0)
+    put(F, 3, 3, z.delta_R.T, 1.0)
+    put(F, 6, 3, mul(R, skew(z.delta_v)), -1.0)
     put(F, 0, 9, mul(R, z.by_bias[0:3]), 1.0)
     put(F, 3, 9, z.by_bias[3:6], 1.0)
     put(F, 6, 9, mul(R, z.by_bias[6:9]), 1.0)
     put(G, 0, 0, R, 1.0)
     put(G, 6, 6, R, 1.0)
-    P, Q = carried(F, live.covariance), carried(G, z.covariance)
+    P, Q = carried(F, nav.covariance), carried(G, z.covariance)
     for i in range(FRAME):
         for j in range(FRAME):
-            live.covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
+            nav.covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
     for i in range(9):
         for j in range(9):
-            live.covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
+            nav.covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
     for i in range(3):
-        live.covariance[9 + i, 9 + i] += noise.rate_walk**2 * dt
-        live.covariance[12 + i, 12 + i] += noise.force_walk**2 * dt
+        nav.covariance[9 + i, 9 + i] += noise.rate_walk**2 * dt
+        nav.covariance[12 + i, 12 + i] += noise.force_walk**2 * dt
     for i in range(3):
-        live.p[i] += live.v[i] * dt
+        nav.p[i] += nav.v[i] * dt
         for j in range(3):
-            live.p[i] += R[i, j] * z.alpha[j]
-            live.v[i] += R[i, j] * z.beta[j]
-    live.p[2] -= 0.5 * gravity * dt * dt
-    live.v[2] -= gravity * dt
-    put(live.R, 0, 0, mul(R, z.gamma), 1.0)
-    live.t_ns[0] = end_ns
+            nav.p[i] += R[i, j] * z.delta_p[j]
+            nav.v[i] += R[i, j] * z.delta_v[j]
+    nav.p[2] -= 0.5 * gravity * dt * dt
+    nav.v[2] -= gravity * dt
+    put(nav.R, 0, 0, mul(R, z.delta_R), 1.0)
+    nav.t_ns[0] = end_ns
 
 
 @njit(error_model="numpy", **INSIDE)
-def sound(live: Live) -> bool:
+def plausible(nav: NavState) -> bool:
     """Whether a state is physically possible for a person."""
-    total = live.p.sum() + live.bias.sum() + live.R.sum() + live.covariance.sum()
-    fast = live.v[0] ** 2 + live.v[1] ** 2 + live.v[2] ** 2
+    total = nav.p.sum() + nav.bias.sum() + nav.R.sum() + nav.covariance.sum()
+    fast = nav.v[0] ** 2 + nav.v[1] ** 2 + nav.v[2] ** 2
     if not (math.isfinite(total) and fast < _FASTEST**2):
         return False
-    return bool(np.abs(live.bias[:3]).max() < _MOST_GYRO_BIAS and np.abs(live.bias[3:]).max() < _MOST_ACCEL_BIAS)
+    return bool(np.abs(nav.bias[:3]).max() < _MOST_GYRO_BIAS and np.abs(nav.bias[3:]).max() < _MOST_ACCEL_BIAS)
 
 
 @njit(error_model="numpy", **INSIDE)
-def told(live: Live) -> tuple[Array, Array]:
+def pose_and_covariance(nav: NavState) -> tuple[Array, Array]:
     """(4, 4) world <- IMU, and (6, 6) covariance of its position (m) and rotation (rad), both in world axes."""
     T, to_world = np.zeros((4, 4)), np.zeros((6, 6))
-    put(T, 0, 0, live.R, 1.0)
-    put(to_world, 3, 3, live.R, 1.0)
+    put(T, 0, 0, nav.R, 1.0)
+    put(to_world, 3, 3, nav.R, 1.0)
     T[3, 3] = 1.0
     for i in range(3):
-        T[i, 3] = live.p[i]
+        T[i, 3] = nav.p[i]
         to_world[i, i] = 1.0
-    return T, carried(to_world, live.covariance[:6, :6])
+    return T, carried(to_world, nav.covariance[:6, :6])

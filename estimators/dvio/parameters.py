@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from stridetwin.estimators.dvio.state import ImuNoise, Terms
+from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise
 from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
@@ -132,12 +132,12 @@ class DvioParameters:
         projection_depth: Whether the depths measured in the other frames are used (12).
         host_depth_in_prior: Whether (11) of a landmark is marginalised into the prior; the paper drops it.
         first_estimates: Jacobians of frames in the prior are kept at the first linearisation point.
-        standing: Whether zero-velocity updates are used.
+        zero_velocity_updates: Whether zero-velocity updates are used.
         pixel_noise_px: Of an observation.
-        sight_limit: Observations beyond this many standard deviations are down-weighted (Huber).
+        pixel_limit: Observations beyond this many standard deviations are down-weighted (Huber).
         inverse_depth_sd_per_m: Of the host's measured inverse depth, 1/m; of a depth z it is this times z².
         inverse_depth_again_sd_per_m: The same for later frames; larger, because their errors are correlated.
-        depth_limit: As `sight_limit`.
+        depth_limit: As `pixel_limit`.
         depth_min_m: Nearest depth used, m.
         depth_max_m: Farthest depth used, m.
         depth_edge_per_m: Difference of inverse depths about a point that counts as an edge, 1/m.
@@ -162,24 +162,24 @@ class DvioParameters:
         accel_bias_sd_mps2: Turn-on bias, m/s², if the calibration has a smaller one.
         saturated_rate_sd_radps: Error of a rate that is saturated or replaces missing samples, rad/s.
         saturated_force_sd_mps2: The same for a force, m/s².
-        still_s: Time without motion after which the sensor is stationary.
-        still_rate_sd_radps: Largest scatter of the rate of a stationary sensor, rad/s.
-        still_force_sd_mps2: Largest scatter of its force, m/s².
-        still_speed_sd_mps: Speed of a stationary sensor, m/s.
+        stationary_s: Time without motion after which the sensor is stationary.
+        stationary_rate_sd_radps: Largest scatter of the rate of a stationary sensor, rad/s.
+        stationary_force_sd_mps2: Largest scatter of its force, m/s².
+        stationary_speed_sd_mps: Speed of a stationary sensor, m/s.
         align_s: In motion, longest wait for vision and IMU to align; then the mean force is taken as the vertical.
         start_s: Duration of that mean.
         max_gap_s: A longer gap of the IMU causes a new start.
         planes: Whether floors and walls in the depth image are states too.
         plane_depth_max_m: Farthest depth used for planes, m; below the sensor's range.
-        plane_doubt: Error of a plane in one image beyond its depth noise: of its direction, rad, and of its distance,
+        plane_error: Error of a plane in one image beyond its depth noise: of its direction, rad, and of its distance,
             relative.
-        plane_limit: As `sight_limit`.
+        plane_limit: As `pixel_limit`.
         feet: Whether the legs of an exoskeleton measure the speed when the camera observes little.
         feet_speed_sd_mps: Of the camera's speed relative to the trunk, m/s.
         wait_s: Longest wait for the depth image of a colour image.
         unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, typical of a room.
         measured_sd: From this many standard deviations of inverse depth on, parallax counts as a measurement.
-        still_px: Motion of points per frame up to which the camera may be stationary.
+        stationary_px: Motion of points per frame up to which the camera may be stationary.
         predicted_share: If fewer points than this share are where they were predicted, all are searched for.
         points_min: With fewer points only the IMU is used.
         observations_min: A frame with fewer counts as dead reckoning.
@@ -201,9 +201,9 @@ class DvioParameters:
     projection_depth: bool = True
     host_depth_in_prior: bool = True
     first_estimates: bool = True
-    standing: bool = True
+    zero_velocity_updates: bool = True
     pixel_noise_px: float = 0.35
-    sight_limit: float = 1.05
+    pixel_limit: float = 1.05
     inverse_depth_sd_per_m: float = 0.007
     inverse_depth_again_sd_per_m: float = 0.014
     depth_limit: float = 1.05
@@ -231,23 +231,23 @@ class DvioParameters:
     accel_bias_sd_mps2: float = 0.1
     saturated_rate_sd_radps: float = 1.0
     saturated_force_sd_mps2: float = 5.0
-    still_s: float = 0.25
-    still_rate_sd_radps: float = 0.02
-    still_force_sd_mps2: float = 0.15
-    still_speed_sd_mps: float = 0.01
+    stationary_s: float = 0.25
+    stationary_rate_sd_radps: float = 0.02
+    stationary_force_sd_mps2: float = 0.15
+    stationary_speed_sd_mps: float = 0.01
     align_s: float = 3.0
     start_s: float = 1.0
     max_gap_s: float = 0.5
     planes: bool = False
     plane_depth_max_m: float = 5.0
-    plane_doubt: float = 3e-3
+    plane_error: float = 3e-3
     plane_limit: float = 2.5
     feet: bool = False
     feet_speed_sd_mps: float = 0.2
     wait_s: float = 0.05
     unknown_inverse_depth_per_m: float = 0.15
     measured_sd: float = 8.0
-    still_px: float = 0.25
+    stationary_px: float = 0.25
     predicted_share: float = 0.5
     points_min: int = 8
     observations_min: int = 10
@@ -260,14 +260,14 @@ class DvioParameters:
         if self.host_depth not in HOST_DEPTHS:
             raise ConfigError("DvioParameters", "host_depth", self.host_depth, ", ".join(HOST_DEPTHS))
         numbers = _numbers(self)
-        told = {
+        may_be_zero = {
             "extrinsic_position_sd_m",
             "extrinsic_rotation_sd_rad",
             "time_offset_sd_s",
             "depth_scale_sd",
             "focal_sd",
         }
-        check_numbers("DvioParameters", numbers, may_be_zero=told | {"rate_share_rts", "plane_doubt"})
+        check_numbers("DvioParameters", numbers, may_be_zero | {"rate_share_rts", "plane_error"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
         for name in ("tracking", "start", "recovery"):
@@ -287,18 +287,18 @@ class DvioParameters:
             rate_share=self.rate_share_rts,
             rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
             force_walk=w * max(imu.accelerometer_random_walk, 1e-5),
-            doubtful_rate=self.saturated_rate_sd_radps,
-            doubtful_force=self.saturated_force_sd_mps2,
+            invalid_rate=self.saturated_rate_sd_radps,
+            invalid_force=self.saturated_force_sd_mps2,
         )
 
-    def terms(self, focal_px: float, noise: ImuNoise) -> Terms:
+    def factors(self, focal_px: float, noise: ImuNoise) -> FactorParameters:
         """Noise model of the factors for a camera's focal length."""
-        return Terms(
+        return FactorParameters(
             gravity=self.gravity_mps2,
-            sight_weight=(focal_px / self.pixel_noise_px) ** 2,
-            sight_limit=self.sight_limit,
+            pixel_weight=(focal_px / self.pixel_noise_px) ** 2,
+            pixel_limit=self.pixel_limit,
             depth_weight=self.inverse_depth_sd_per_m**-2,
-            again_weight=self.inverse_depth_again_sd_per_m**-2,
+            later_depth_weight=self.inverse_depth_again_sd_per_m**-2,
             depth_limit=self.depth_limit,
             plane_limit=self.plane_limit,
             host_depth=self.host_depth == "factor",
@@ -314,7 +314,7 @@ class DvioParameters:
 _PUBLISHED: dict[str, Any] = {
     "host_depth_in_prior": False,
     "first_estimates": False,
-    "standing": False,
+    "zero_velocity_updates": False,
     "extrinsic_position_sd_m": 0.0,
     "extrinsic_rotation_sd_rad": 0.0,
     "time_offset_sd_s": 0.0,

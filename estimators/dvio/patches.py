@@ -109,7 +109,7 @@ def pick(
 
 @njit(error_model="numpy", **INSIDE)
 def read_depth(
-    depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, spread: float, told: Array
+    depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, spread: float, rho: Array
 ) -> None:
     """Inverse depth at points on smooth surfaces.
 
@@ -119,12 +119,12 @@ def read_depth(
         least: Nearest depth that counts, m.
         most: Farthest.
         spread: Largest difference of inverse depths about a point, 1/m; a larger one is an edge.
-        told: (N,) out: median of the inverse depths, 1/m; 0 where none.
+        rho: (N,) out: median of the inverse depths, 1/m; 0 where none.
     """
     height, width = depth.shape
     values = np.empty((2 * _DEPTH_REACH + 1) ** 2)
     for i in range(len(points)):
-        told[i] = 0.0
+        rho[i] = 0.0
         if not (abs(points[i, 0]) < 1e6 and abs(points[i, 1]) < 1e6):
             continue
         x, y = int(points[i, 0] + 0.5), int(points[i, 1] + 0.5)
@@ -141,7 +141,7 @@ def read_depth(
             continue
         ordered = np.sort(values[:n])
         if ordered[n - 1] - ordered[0] <= spread:
-            told[i] = ordered[n // 2]
+            rho[i] = ordered[n // 2]
 
 
 REACH = 6  # px; half of a patch

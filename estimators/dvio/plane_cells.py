@@ -84,7 +84,7 @@ def _sums(depth: NDArray[np.float32], rays: Array, least: float, most: float, sd
 
 
 @njit(error_model="numpy", **INSIDE)
-def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) -> float:
+def _apart(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
     """Squared Mahalanobis distance between the plane of a cell's sums and a region's.
 
     Args:
@@ -92,9 +92,9 @@ def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) 
         region: (3, 3) inverse of the region's normal equations; 0 takes its plane as exact.
         variance: Of a sample.
         plane: (3,) of the region.
-        room: (2, 3, 3).
+        buffers: (2, 3, 3).
     """
-    own, both = room[0], room[1]
+    own, both = buffers[0], buffers[1]
     e = np.empty(3)
     if not _solve(s, own, e):
         return math.inf
@@ -125,7 +125,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
         plane: (3,) its plane; changed.
     """
     rows, columns = group.shape
-    inverse, room, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
+    inverse, buffers, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
     _solve(total, inverse, plane)
     anywhere, grown = False, True
     while grown or not anywhere:
@@ -142,7 +142,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
                     or (c > 0 and group[r, c - 1] == name)
                     or (c + 1 < columns and group[r, c + 1] == name)
                 )
-                if beside and _apart(cells[r, c], inverse, variance, plane, room) < _ALIKE:
+                if beside and _apart(cells[r, c], inverse, variance, plane, buffers) < _ALIKE:
                     group[r, c] = name
                     total += cells[r, c]
                     _solve(total, inverse, plane)
@@ -152,7 +152,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     inverse[:] = 0.0
     for r in range(rows):
         for c in range(columns):
-            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, room) > _ALIKE:
+            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, buffers) > _ALIKE:
                 group[r, c] = -1
                 total -= cells[r, c]
                 count -= 1
@@ -166,7 +166,7 @@ def read_planes(
     least: float,
     most: float,
     sd: float,
-    doubt: float,
+    plane_error: float,
     planes: Array,
     weights: Array,
 ) -> int:
@@ -178,7 +178,7 @@ def read_planes(
         least: Nearest depth that counts, m.
         most: Farthest: below the sensor's range, near whose end measured depths are biased towards the camera.
         sd: Of an inverse depth, 1/m.
-        doubt: Of a plane: error of its direction, rad, and of its distance, relative, beyond the samples' noise.
+        plane_error: Of a plane: error of its direction, rad, and of its distance, relative, beyond the samples' noise.
         planes: (P, 3) out: inverse depth at (x, y) is its product with (x, y, 1); 1/m, largest first.
         weights: (P, 3, 3) out: inverse of its covariance.
 
@@ -215,7 +215,7 @@ def read_planes(
         count = min(count + 1, len(planes))
         for k in range(count - 1, at, -1):
             size[k], planes[k], weights[k] = size[k - 1], planes[k - 1], weights[k - 1]
-        off = (doubt * doubt) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
+        off = (plane_error * plane_error) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
         size[at], planes[at] = n, plane
         covariance = sd * sd * inverse
         for k in range(3):

@@ -29,26 +29,26 @@ _ENOUGH = 1e-2  # relative decrease of the cost below which the iteration stops
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sightings:
+class Observations:
     """Observations of N points in K images.
 
     Attributes:
         seen: (K, N) whether.
         at: (K, N, 2) where, on the plane at depth 1.
-        told: (K, N) measured inverse depth there, 1/m; 0 where none.
+        rho: (K, N) measured inverse depth there, 1/m; 0 where none.
         sd: Of `at`.
-        told_sd: Of `told`, 1/m.
+        rho_sd: Of `rho`, 1/m.
     """
 
     seen: NDArray[np.bool_]
     at: Array
-    told: Array
+    rho: Array
     sd: float
-    told_sd: float
+    rho_sd: float
 
-    def since(self, k: int) -> Sightings:
+    def since(self, k: int) -> Observations:
         """Observations of the images from the k-th on."""
-        return replace(self, seen=self.seen[k:], at=self.at[k:], told=self.told[k:])
+        return replace(self, seen=self.seen[k:], at=self.at[k:], rho=self.rho[k:])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +72,7 @@ class Structure:
     scaled: bool
 
 
-def structure_with_depth(s: Sightings) -> Structure | None:
+def structure_with_depth(s: Observations) -> Structure | None:
     """Cameras by the points of known depth: P3P from each image to the next, then all of (5) at once.
 
     None if the images share too few points; `first` > 0 if only the newer ones are connected.
@@ -81,8 +81,8 @@ def structure_with_depth(s: Sightings) -> Structure | None:
     R, p = [np.eye(3)], [np.zeros(3)]
     agree = s.seen.copy()
     while k > 0:
-        shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.told[k - 1] > 0))
-        step = _step(_rays(s.at[k - 1, shared]) / s.told[k - 1, shared, None], s.at[k, shared], s.sd)
+        shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.rho[k - 1] > 0))
+        step = _step(_rays(s.at[k - 1, shared]) / s.rho[k - 1, shared, None], s.at[k, shared], s.sd)
         if step is None:
             break
         M, t, fits = step  # camera k <- camera k - 1
@@ -94,15 +94,15 @@ def structure_with_depth(s: Sightings) -> Structure | None:
         return None
     s = s.since(k)
     # The newest image's depths are left to the window that begins with it.
-    told = s.told.copy()
-    told[-1] = 0.0
-    seen = agree[k:] & ((agree[k:].sum(axis=0) > 1) & (told > 0).any(axis=0))
+    rho = s.rho.copy()
+    rho[-1] = 0.0
+    seen = agree[k:] & ((agree[k:].sum(axis=0) > 1) & (rho > 0).any(axis=0))
     R_all, p_all = np.array(R[::-1]), np.array(p[::-1])
-    points = _placed(R_all, p_all, s.at, told)
-    return _bundled(replace(s, seen=seen, told=told), R_all, p_all, points, k, scaled=True)
+    points = _placed(R_all, p_all, s.at, rho)
+    return _bundled(replace(s, seen=seen, rho=rho), R_all, p_all, points, k, scaled=True)
 
 
-def structure_of_bearings(s: Sightings) -> Structure | None:
+def structure_of_bearings(s: Observations) -> Structure | None:
     """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then (2) of all.
 
     None if no image shares enough points with the newest at enough parallax.
@@ -116,18 +116,18 @@ def structure_of_bearings(s: Sightings) -> Structure | None:
         E, _ = cv2.findEssentialMat(a, b, np.eye(3), method=cv2.RANSAC, prob=_SURE, threshold=3.0 * s.sd)
         if E is None or E.shape != (3, 3):
             continue
-        found, turn, shift, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=_FAR)[:4]
+        found, rotation, translation, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=_FAR)[:4]
         fits = np.asarray(mask)[:, 0] > 0
         if found < FEW or found < 0.6 * len(shared):
             continue
-        M, t = np.asarray(turn, float), np.asarray(shift, float)[:, 0]
+        M, t = np.asarray(rotation, float), np.asarray(translation, float)[:, 0]
         if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < _SHARED_PARALLAX:
             return None  # older ones are missing, and newer ones have less parallax
         return _around(s.since(k), shared[fits], M, t, k)
     return None
 
 
-def _around(s: Sightings, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
+def _around(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
     """The images between the oldest and the newest, whose relative pose is known."""
     K, N = s.seen.shape
     ends = np.zeros((K, N), bool)
@@ -144,7 +144,7 @@ def _around(s: Sightings, shared: NDArray[np.int64], M: Array, t: Array, first: 
     R_all, p_all = np.array([*R, np.eye(3)]), np.array([*p, np.zeros(3)])
     seen = s.seen & (s.seen.sum(axis=0) > 1)
     points, sure = _crossing(R_all, p_all, s.at, seen)
-    return _bundled(replace(s, seen=seen & sure, told=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
+    return _bundled(replace(s, seen=seen & sure, rho=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
 
 
 def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
@@ -158,14 +158,14 @@ def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[
     """
     if len(points) < fewest:
         return None
-    found, turn, shift, inliers = cv2.solvePnPRansac(
+    found, rotation, translation, inliers = cv2.solvePnPRansac(
         points, at, np.eye(3), None, iterationsCount=60, reprojectionError=error, flags=cv2.SOLVEPNP_AP3P
     )
     if not found or inliers is None or len(inliers) < fewest:
         return None
     fits = np.zeros(len(points), bool)
     fits[inliers[:, 0]] = True
-    return np.asarray(cv2.Rodrigues(turn)[0], float), np.asarray(shift, float)[:, 0], fits
+    return np.asarray(cv2.Rodrigues(rotation)[0], float), np.asarray(translation, float)[:, 0], fits
 
 
 def _step(points: Array, at: Array, sd: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
@@ -173,11 +173,11 @@ def _step(points: Array, at: Array, sd: float) -> tuple[Array, Array, NDArray[np
     return perspective(points, at, 8.0 * sd, max(FEW, 0.5 * len(points)))
 
 
-def _placed(R: Array, p: Array, at: Array, told: Array) -> Array:
+def _placed(R: Array, p: Array, at: Array, rho: Array) -> Array:
     """(N, 3) points by the first measured depth of each."""
     n = np.arange(at.shape[1])
-    k = (told > 0).argmax(axis=0)
-    depth = 1.0 / np.where(told[k, n] > 0, told[k, n], 1.0)
+    k = (rho > 0).argmax(axis=0)
+    depth = 1.0 / np.where(rho[k, n] > 0, rho[k, n], 1.0)
     return turned(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
 
 
@@ -195,10 +195,10 @@ def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[A
     return points, sure & (before | ~seen).all(axis=0)
 
 
-def _bundled(s: Sightings, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
+def _bundled(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
     """Least squares of (1) and (3) over cameras and points, twice: the second time without outliers."""
     use = s.seen.sum(axis=0) > 1
-    s = replace(s, seen=s.seen[:, use], at=s.at[:, use], told=s.told[:, use])
+    s = replace(s, seen=s.seen[:, use], at=s.at[:, use], rho=s.rho[:, use])
     points = points[use]
     for steps in (3, 2):
         if (s.seen.sum(axis=1) < FEW).any() or not np.isfinite(points).all():
@@ -207,21 +207,23 @@ def _bundled(s: Sightings, R: Array, p: Array, points: Array, first: int, scaled
         r, _ = _residuals(s, R, p, points)
         off = np.linalg.norm(r[..., :2], axis=-1)
         seen = s.seen & (off < _CULL)
-        told = np.where(np.abs(r[..., 2]) < _CULL, s.told, 0.0)
-        seen &= (seen.sum(axis=0) > 1) & ((told > 0).any(axis=0) | (not scaled))
+        rho = np.where(np.abs(r[..., 2]) < _CULL, s.rho, 0.0)
+        seen &= (seen.sum(axis=0) > 1) & ((rho > 0).any(axis=0) | (not scaled))
         fits = float(seen.sum() / max(s.seen.sum(), 1))
-        s = replace(s, seen=seen, told=told)
+        s = replace(s, seen=seen, rho=rho)
     if (s.seen.sum(axis=1) < FEW).any() or fits < 0.7:
         return None
     r, _ = _residuals(s, R, p, points)
     H = _equations(s, R, p, points, scaled).H
     if not np.isfinite(H).all():
         return None
-    freedom = 2 * s.seen.sum() + (s.told > 0)[s.seen].sum() - 6 * len(R) - 3 * s.seen.any(axis=0).sum()
+    freedom = 2 * s.seen.sum() + (s.rho > 0)[s.seen].sum() - 6 * len(R) - 3 * s.seen.any(axis=0).sum()
     return Structure(first=first, R=R, p=p, information=H, misfit=float((r**2).sum() / max(freedom, 1)), scaled=scaled)
 
 
-def _descended(s: Sightings, R: Array, p: Array, points: Array, scaled: bool, steps: int) -> tuple[Array, Array, Array]:
+def _descended(
+    s: Observations, R: Array, p: Array, points: Array, scaled: bool, steps: int
+) -> tuple[Array, Array, Array]:
     """Levenberg–Marquardt."""
     damping, cost = 1e-4, _cost(_residuals(s, R, p, points)[0])
     for _ in range(steps):
@@ -242,13 +244,13 @@ def _descended(s: Sightings, R: Array, p: Array, points: Array, scaled: bool, st
     return R, p, points
 
 
-def _residuals(s: Sightings, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
+def _residuals(s: Observations, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
     """(K, N, 3) of (1) and, as inverse depths, of (3), in standard deviations, and (K, N, 3) m points in cameras."""
     q = np.matmul(points[None] - p[:, None], R)
     inverse = 1.0 / np.maximum(q[..., 2], _NEAR)
     r = np.empty(q.shape)
     r[..., :2] = (q[..., :2] * inverse[..., None] - s.at) / s.sd * s.seen[..., None]
-    r[..., 2] = (inverse - s.told) / s.told_sd * (s.seen & (s.told > 0))
+    r[..., 2] = (inverse - s.rho) / s.rho_sd * (s.seen & (s.rho > 0))
     return r, q
 
 
@@ -279,7 +281,7 @@ class _Normal(NamedTuple):
     b_points: Array
 
 
-def _equations(s: Sightings, R: Array, p: Array, points: Array, scaled: bool) -> _Normal:
+def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool) -> _Normal:
     r, q = _residuals(s, R, p, points)
     K, N = s.seen.shape
     inverse = 1.0 / np.maximum(q[..., 2], _NEAR)
@@ -287,8 +289,8 @@ def _equations(s: Sightings, R: Array, p: Array, points: Array, scaled: bool) ->
     A = np.zeros((K, N, 3, 3))  # by the point in the camera
     A[..., 0, 0] = A[..., 1, 1] = inverse / s.sd
     A[..., :2, 2] = -q[..., :2] * (inverse**2)[..., None] / s.sd
-    A[..., 2, 2] = -(inverse**2) / s.told_sd
-    w *= np.stack([s.seen, s.seen, s.seen & (s.told > 0)], axis=-1)
+    A[..., 2, 2] = -(inverse**2) / s.rho_sd
+    w *= np.stack([s.seen, s.seen, s.seen & (s.rho > 0)], axis=-1)
     A *= w[..., None]
     r = r * w
     by_point = np.matmul(A.reshape(K, 3 * N, 3), np.swapaxes(R, 1, 2)).reshape(K, N, 3, 3)

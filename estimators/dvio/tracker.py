@@ -81,7 +81,7 @@ class Tracker:
         thresholds = (self._parameters.fast_threshold, self._parameters.fast_threshold_low)
         self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in thresholds]
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Restarts: no point is tracked into the next image."""
         self._grey, self._scales = None, []
 
@@ -218,7 +218,7 @@ class Stereo:
         D = [np.array(c.distortion, dtype=float) for c in (left, right)]
         # The rectifying rotation of each camera depends only on the rotation between them.
         none = np.zeros(4)
-        R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], alpha=0)[:4]
+        R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], delta_p=0)[:4]
         P1, P2 = (np.diag([1 / _SHRINK, 1 / _SHRINK, 1.0]) @ P for P in (P1, P2))
         maps = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
         self._maps = [

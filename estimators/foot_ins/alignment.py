@@ -57,7 +57,7 @@ def begin(memory: Memory, t_ns: int) -> None:
 def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot was stationary for `align_s`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
-    if statistic > parameters.still_level:
+    if statistic > parameters.stationary_level:
         clock[T_STILL] = t_ns
         force_sum[0] = 0.0
     for i in range(2):

@@ -19,7 +19,7 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     Memory,
 )
-from stridetwin.estimators.foot_ins.strapdown import carry, shift
+from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
 from stridetwin.streams.samples import Array
 
 AT_LIMIT = 0.99  # share of the range above which a sample counts as clipped
@@ -62,11 +62,13 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     for back in range(first + 1):
         i = (head - back) % RING
         moved[back] = x[:GYRO_BIAS]
-        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2)
+        propagate_state(
+            memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2
+        )
     for back in range(first, -1, -1):
         i = (head - back) % RING
         memory.ring[i] += hidden[back]  # later reads of the ring include the peak
-        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
+        propagate_state(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
         moved[back, :ATTITUDE] = x[:ATTITUDE] - moved[back, :ATTITUDE]
         moved[back, ATTITUDE + 1 :] *= -1.0
         moved[back, ATTITUDE:] = product(x[ATTITUDE:GYRO_BIAS], moved[back, ATTITUDE:])
@@ -74,7 +76,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
 
 
 @njit(**INSIDE)
-def hides(memory: Memory, parameters: KernelParameters) -> bool:
+def is_clipped(memory: Memory, parameters: KernelParameters) -> bool:
     """Whether a channel is clipped, or too recently so for `restore` to have reconstructed its peak.
 
     An update meanwhile would blame the state for the error, and the same peak would be added a second time.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
-from stridetwin.estimators.foot_ins.level_floor import stand
+from stridetwin.estimators.foot_ins.level_floor import level_floor_update
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
@@ -27,7 +27,14 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
-from stridetwin.estimators.foot_ins.zero_velocity import motion, push, roll, standing_speed, zero_rate, zero_velocity
+from stridetwin.estimators.foot_ins.zero_velocity import (
+    append_sample,
+    motion_statistic,
+    move_contact_point,
+    stationary_speed_sd,
+    zero_rate_update,
+    zero_velocity_update,
+)
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent)
@@ -72,8 +79,8 @@ def take(
     dt = (t_ns - clock[T_LAST]) * 1e-9
     if dt > parameters.max_gap_s:
         begin(memory, t_ns)
-    push(memory, t_ns, rate, force)
-    statistic = motion(memory, parameters)
+    append_sample(memory, t_ns, rate, force)
+    statistic = motion_statistic(memory, parameters)
     phase = TRACKING
     if clock[PHASE] == ALIGNING:
         phase = ALIGNING
@@ -106,15 +113,15 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
     memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / parameters.peak_decay_s))
     predict(memory, parameters, rate, force, dt)
     restore(memory, parameters)
-    roll(memory, parameters, dt)
-    speed = standing_speed(statistic, memory.peak[0], parameters)
+    move_contact_point(memory, parameters, dt)
+    speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
     if speed < parameters.max_velocity_sd_mps:
-        zero_velocity(memory, parameters, rate, dt, speed)
+        zero_velocity_update(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf
-    stand(memory, parameters, t_ns, speed)
+    level_floor_update(memory, parameters, t_ns, speed)
     if memory.peak[0] < parameters.rest_level:
-        zero_rate(memory, parameters, rate, dt)
+        zero_rate_update(memory, parameters, rate, dt)
     return TRACKING, speed
 
 

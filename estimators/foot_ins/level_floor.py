@@ -30,7 +30,7 @@ from stridetwin.estimators.foot_ins.zero_velocity import inject
 
 
 @njit(**INSIDE)
-def stand(memory: Memory, parameters: KernelParameters, t_ns: int, standing_speed: float) -> None:
+def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, stationary_speed_sd: float) -> None:
     """Compares the height of a foot that has just become stationary with that of its last floor.
 
     See docs/foot_ins.md (14).
@@ -45,12 +45,12 @@ def stand(memory: Memory, parameters: KernelParameters, t_ns: int, standing_spee
         memory: Changed in place.
         parameters: Of the filter.
         t_ns: Time of the sample.
-        standing_speed: Standard deviation of the stationary foot's speed, m/s, inf if it is moving.
+        stationary_speed_sd: Standard deviation of the stationary foot's speed, m/s, inf if it is moving.
     """
     clock = memory.clock
-    if standing_speed > parameters.stand_speed_mps:
+    if stationary_speed_sd > parameters.stand_speed_mps:
         clock[T_STOOD] = t_ns
-        if standing_speed == math.inf and clock[LANDED] == STANDING:
+        if stationary_speed_sd == math.inf and clock[LANDED] == STANDING:
             clock[LANDED] = SWINGING
         return
     if clock[LANDED] == STANDING or (t_ns - clock[T_STOOD]) * 1e-9 < parameters.stand_s:

@@ -73,15 +73,15 @@ class FootInsParameters:
     """Specific force that counts 1 in the statistic, m/s². [real walks]"""
     peak_decay_s: float = 0.2
     """Decay time of the statistic's peak, s. [real walks]"""
-    still_level: float = 2890.0
+    stationary_level: float = 2890.0
     """Statistic above which the trust in zero velocity decreases for any foot. [real walks]"""
-    still_share: float = 0.008
+    stationary_share: float = 0.008
     """The same as a share of the recent peak, for less quiet stances of a fast gait. [real walks]"""
-    still_power: float = 4.63
+    stationary_power: float = 4.63
     """Steepness of the loss of trust above that level. [real walks]"""
-    still_velocity_mps: float = 0.01
+    stationary_speed_mps: float = 0.01
     """Speed of a stationary foot, m/s. [real walks]"""
-    still_correlation_s: float = 0.018
+    stationary_correlation_s: float = 0.018
     """Correlation time of that speed: updates within it share their error, s. [real walks]"""
     max_velocity_sd_mps: float = 2.0
     """Updates with a larger standard deviation are skipped, m/s."""

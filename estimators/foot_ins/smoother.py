@@ -17,7 +17,7 @@ When a clipped peak is restored (`clipping`), the filter's state jumps, and with
 began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
 and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift` on an error.
 
-The filter computes Ψ, J and j as a by-product: `listen` extends its covariance by 19 rows, with covariance 0 of their
+The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 19 rows, with covariance 0 of their
 own and I with the error. Every linear operation on the error turns I into Ψᵀ; each correction subtracts g gᵀ / s from
 the zeros and adds g z / s to the error of these rows.
 """
@@ -117,13 +117,13 @@ def empty_window(capacity: int) -> Window:
     )
 
 
-def listening() -> Memory:
-    """Memory of a foot whose covariance has the rows that `listen` needs."""
+def augmented_memory() -> Memory:
+    """Memory of a foot whose covariance has the rows that `augment` needs."""
     return blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
 
 
 @njit(**INSIDE)
-def listen(memory: Memory) -> None:
+def augment(memory: Memory) -> None:
     """Prepares the additional rows for the next sample, in place."""
     P = memory.covariance
     P[:, STATES:] = 0.0
@@ -134,11 +134,11 @@ def listen(memory: Memory) -> None:
 
 
 @njit(**INSIDE)
-def put_back(window: Window, memory: Memory) -> None:
+def apply_restored(window: Window, memory: Memory) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore`, in place.
 
     Args:
-        window: Before `hold` takes the sample at which the peak was restored.
+        window: Before `append` takes the sample at which the peak was restored.
         memory: After that sample; its passage now begins at the corrected state.
     """
     place, capacity = window.place, len(window.t_ns)
@@ -196,7 +196,7 @@ def _begin_at(M: Array, dp: Array, dv: Array) -> None:
 
 
 @njit(**INSIDE)
-def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
+def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
     """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
     capacity = len(window.t_ns)
     i = (window.place[OLDEST] + window.place[HELD]) % capacity
@@ -225,7 +225,7 @@ def _join(window: Window, earlier: int, later: int, into: int) -> None:
 
 
 @njit(**INSIDE)
-def give(window: Window) -> int:
+def release_oldest(window: Window) -> int:
     """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held.
 
     See docs/foot_ins.md (17).
@@ -260,7 +260,7 @@ def give(window: Window) -> int:
 @njit(**INSIDE)
 def _write(window: Window, out: Rows, k: int) -> None:
     """Gives the oldest sample and writes it into row `k`."""
-    i = give(window)
+    i = release_oldest(window)
     out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
     out[3][k] = window.given.nominal
     note_pose_covariance(window.given, out[4][k])
@@ -280,7 +280,7 @@ def run(
     """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
 
     Args:
-        memory: Of `listening`, changed in place.
+        memory: Of `augmented_memory`, changed in place.
         window: Changed in place.
         parameters: Of the filter.
         lag_ns: Age at which a sample leaves the window.
@@ -294,13 +294,13 @@ def run(
     """
     n = 0
     for k in range(len(t_ns)):
-        listen(memory)
+        augment(memory)
         phase, speed = step(memory, parameters, t_ns[k], rate[k], force[k])
         if phase == IGNORED:
             continue
         if phase == TRACKING and memory.clock[RESTORED] > 0:
-            put_back(window, memory)
-        hold(window, memory, phase, speed)
+            apply_restored(window, memory)
+        append(window, memory, phase, speed)
         full = window.place[HELD] == len(window.t_ns)
         if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
             _write(window, out, n)
@@ -354,7 +354,7 @@ class FootInsSmoother:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
-        self._memory = listening()
+        self._memory = augmented_memory()
         self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
         if start is not None:
             start.place(self._memory)

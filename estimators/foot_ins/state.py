@@ -17,7 +17,7 @@ NOMINAL = 20
 # R_true = exp([e]x) R.
 D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR = 0, 3, 6, 9, 12, 15, 18
 STATES = 19
-TOLD = 15  # number of them in an estimate
+REPORTED = 15  # number of them in an estimate
 
 # Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
 # not surely stationary, all in ns; head and fill of the ring; phase; whether the heading is known; whether the lever

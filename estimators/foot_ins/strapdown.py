@@ -28,7 +28,7 @@ from stridetwin.streams.samples import Array
 
 
 @njit(**INSIDE)
-def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
+def propagate_covariance(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
 
     See docs/foot_ins.md (4).
@@ -133,7 +133,7 @@ def correct(P: Array, dx: Array, o: int, h: Array, z: float, r: float) -> None:
 
 
 @njit(**INSIDE)
-def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
+def propagate_state(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
     """Propagates a nominal state over one interval, in place; a negative `dt` exactly reverses it.
 
     See docs/foot_ins.md (2), (3).
@@ -179,10 +179,10 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
         dt: s; longer than `max_step_s` means that samples are missing.
     """
     x, P = memory.nominal, memory.covariance
-    R, force_in_world = carry(x, rate, force, dt, parameters.gravity_mps2)
+    R, force_in_world = propagate_state(x, rate, force, dt, parameters.gravity_mps2)
     acceleration2 = force_in_world[0] ** 2 + force_in_world[1] ** 2 + (force_in_world[2] - parameters.gravity_mps2) ** 2
     o = memory.row
-    propagate(P, o, R, force_in_world, dt)
+    propagate_covariance(P, o, R, force_in_world, dt)
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2 + parameters.accel_motion_noise_per_rthz**2 * acceleration2
     if memory.clock[FILL] > 1:

@@ -36,7 +36,7 @@ from stridetwin.streams.samples import Array
 
 
 @njit(**INSIDE)
-def push(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
+def append_sample(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
     """Appends one sample (rad/s, m/s²) to the ring."""
     head = (memory.clock[HEAD] + 1) % RING
     memory.clock[HEAD] = head
@@ -47,7 +47,7 @@ def push(memory: Memory, t_ns: int, rate: Array, force: Array) -> None:
 
 
 @njit(**INSIDE)
-def motion(memory: Memory, parameters: KernelParameters) -> float:
+def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
     See docs/foot_ins.md (6).
@@ -74,17 +74,17 @@ def motion(memory: Memory, parameters: KernelParameters) -> float:
 
 
 @njit(**INSIDE)
-def standing_speed(statistic: float, peak: float, parameters: KernelParameters) -> float:
+def stationary_speed_sd(statistic: float, peak: float, parameters: KernelParameters) -> float:
     """Standard deviation of the foot's speed, m/s, as a stationary foot, from the motion statistic.
 
     See docs/foot_ins.md (7).
     """
-    level = max(parameters.still_level, parameters.still_share * peak)
-    return parameters.still_velocity_mps * math.sqrt(1.0 + (statistic / level) ** parameters.still_power)
+    level = max(parameters.stationary_level, parameters.stationary_share * peak)
+    return parameters.stationary_speed_mps * math.sqrt(1.0 + (statistic / level) ** parameters.stationary_power)
 
 
 @njit(**INSIDE)
-def roll(memory: Memory, parameters: KernelParameters, dt: float) -> None:
+def move_contact_point(memory: Memory, parameters: KernelParameters, dt: float) -> None:
     """Random displacement of the stationary point along the sole over `dt` (s).
 
     See docs/foot_ins.md (13).
@@ -108,7 +108,9 @@ def across_sole(memory: Memory, variance: float) -> Array:
 
 
 @njit(**INSIDE)
-def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt: float, standing_speed: float) -> None:
+def zero_velocity_update(
+    memory: Memory, parameters: KernelParameters, rate: Array, dt: float, stationary_speed_sd: float
+) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
 
     See docs/foot_ins.md (8)-(10).
@@ -120,13 +122,13 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     direction adds σ_r² (|w|² I - w wᵀ) to the noise, so a rotating foot constrains the speed across its axis little.
     Without this, the update would pull the rise of the heel to zero in every step.
 
-    The foot's true speed in stance is not white noise: within `still_correlation_s` all updates share one error, so
-    each sample counts as dt / still_correlation_s of an update, whatever the sample rate.
+    The foot's true speed in stance is not white noise: within `stationary_correlation_s` all updates share one error,
+    so each sample counts as dt / stationary_correlation_s of an update, whatever the sample rate.
 
-    A swinging foot may appear stationary for an instant: it glides without rotation while its force passes g. Then the
-    normalised innovation is large, and the update's standard deviation grows in proportion to the excess over
-    `max_surprise` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a diverged filter recovers within
-    some samples of stance.
+    A swinging foot may appear stationary for an instant: it glides without rotation while its force passes g. Then
+    the normalised innovation is large, and the update's standard deviation grows in proportion to the excess over
+    `innovation_gate` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a diverged filter recovers
+    within some samples of stance.
     """
     x = memory.nominal
     R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
@@ -138,35 +140,35 @@ def zero_velocity(memory: Memory, parameters: KernelParameters, rate: Array, dt:
     H[:, D_ATTITUDE : D_ATTITUDE + 3] = skew(x[VELOCITY : VELOCITY + 3])
     H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = skew(r) @ R
     H[:, D_CONTACT : D_CONTACT + 3] = skew(w) @ R
-    shared = math.sqrt(max(1.0, parameters.still_correlation_s / dt))
-    W = _whitening(w, shared * standing_speed, shared * parameters.lever_sd_m)
+    shared = math.sqrt(max(1.0, parameters.stationary_correlation_s / dt))
+    W = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
     H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
-    memory.nis[0] += surprise(_own(memory), shared * H, shared * z) ** 2 / 3.0
+    memory.nis[0] += normalized_innovation(_own_covariance(memory), shared * H, shared * z) ** 2 / 3.0
     memory.nis[1] += 1.0
-    _update_in_doubt(memory, H, z, parameters.innovation_gate)
+    _gated_update(memory, H, z, parameters.innovation_gate)
 
 
 @njit(**INSIDE)
-def _update_in_doubt(memory: Memory, H: Array, z: Array, max_surprise: float) -> None:
-    """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `max_surprise`.
+def _gated_update(memory: Memory, H: Array, z: Array, innovation_gate: float) -> None:
+    """Update with an innovation z (m,) of unit noise, which grows in proportion to what exceeds `innovation_gate`.
 
     See docs/foot_ins.md (11).
     """
-    doubt = max(1.0, surprise(_own(memory), H, z) / max_surprise)
+    inflation = max(1.0, normalized_innovation(_own_covariance(memory), H, z) / innovation_gate)
     for i in range(len(z)):
-        correct(memory.covariance, memory.error, memory.row, H[i] / doubt, z[i] / doubt, 1.0)
+        correct(memory.covariance, memory.error, memory.row, H[i] / inflation, z[i] / inflation, 1.0)
     inject(memory)
 
 
 @njit(**INSIDE)
-def _own(memory: Memory) -> Array:
+def _own_covariance(memory: Memory) -> Array:
     """(19, 19) covariance of the foot alone."""
     o = memory.row
     return np.ascontiguousarray(memory.covariance[o : o + STATES, o : o + STATES])
 
 
 @njit(**INSIDE)
-def surprise(P: Array, H: Array, z: Array) -> float:
+def normalized_innovation(P: Array, H: Array, z: Array) -> float:
     """Normalised innovation: length of z (m,), of unit noise and Jacobian H (m, n), in standard deviations."""
     return math.sqrt(z @ np.linalg.solve(H @ P @ H.T + np.eye(len(z)), z))
 
@@ -180,16 +182,16 @@ def _whitening(w: Array, speed_sd: float, lever_sd: float) -> Array:
 
 
 @njit(**INSIDE)
-def zero_rate(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
+def zero_rate_update(memory: Memory, parameters: KernelParameters, rate: Array, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
-    A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity`.
+    A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity_update`.
     """
     sd = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt)
     H = np.zeros((3, STATES))
     H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = np.eye(3) / sd
     z = (rate - memory.nominal[GYRO_BIAS : GYRO_BIAS + 3]) / sd
-    _update_in_doubt(memory, H, z, parameters.innovation_gate)
+    _gated_update(memory, H, z, parameters.innovation_gate)
 
 
 @njit(**INSIDE)
@@ -204,7 +206,7 @@ def inject(memory: Memory) -> None:
         x[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
         x[CONTACT + i] += error[D_CONTACT + i]
     x[FLOOR] += error[D_FLOOR]
-    turn = exponential(error[D_ATTITUDE], error[D_ATTITUDE + 1], error[D_ATTITUDE + 2])
-    x[ATTITUDE : ATTITUDE + 4] = product(turn, x[ATTITUDE : ATTITUDE + 4])
+    rotation = exponential(error[D_ATTITUDE], error[D_ATTITUDE + 1], error[D_ATTITUDE + 2])
+    x[ATTITUDE : ATTITUDE + 4] = product(rotation, x[ATTITUDE : ATTITUDE + 4])
     shift(memory.covariance, memory.row, error[D_POSITION : D_POSITION + 3], error[D_VELOCITY : D_VELOCITY + 3])
     error[:] = 0.0

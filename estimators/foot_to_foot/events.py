@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stridetwin.estimators.checkerboard.pose import BoardSighting, admissible, board_poses
-from stridetwin.estimators.foot_to_foot.state import FEET, IMU, RANGE, RELATIVE, SIGHTING, Events
+from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
+from stridetwin.estimators.foot_to_foot.state import FEET, IMU, OBSERVATION, RANGE, RELATIVE, Events
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block, Imu, Range
 
@@ -38,9 +38,9 @@ class RelativePosition:
             raise ConfigError("RelativePosition", "sd", self.sd, "a finite number > 0")
 
     @classmethod
-    def of_sighting(
+    def of_observation(
         cls,
-        sighting: BoardSighting,
+        observation: BoardObservation,
         *,
         T_imu_camera: ArrayLike,
         T_other_board: ArrayLike,
@@ -54,7 +54,7 @@ class RelativePosition:
         Of a plane's two poses, the more likely one is used.
 
         Args:
-            sighting: By foot a of the board f on foot b.
+            observation: By foot a of the board f on foot b.
             T_imu_camera: (4, 4) pose of the camera C in a's IMU.
             T_other_board: (4, 4) pose of the board in b's IMU.
             R_camera_board: (3, 3) prior of the board's orientation in the camera.
@@ -63,7 +63,7 @@ class RelativePosition:
         Returns:
             None if the corners are collinear.
         """
-        poses = admissible(board_poses(sighting), R_camera_board, rotation_sd)
+        poses = admissible(board_poses(observation), R_camera_board, rotation_sd)
         if not poses:
             return None
         T_camera_other = poses[0].T_camera_board @ np.linalg.inv(np.asarray(T_other_board, dtype=float))
@@ -71,10 +71,10 @@ class RelativePosition:
         J = np.hstack([np.eye(3), [[0, z, -y], [-z, 0, x], [y, -x, 0]]])
         sd = float(np.sqrt(np.trace(J @ poses[0].covariance @ J.T) / 3))
         p = (np.asarray(T_imu_camera) @ T_camera_other)[:3, 3]
-        return cls(topic=sighting.topic, t_ns=sighting.t_ns, p_other_in_imu=p, sd=sd)
+        return cls(topic=observation.topic, t_ns=observation.t_ns, p_other_in_imu=p, sd=sd)
 
 
-Aid = tuple[int, BoardSighting | RelativePosition | Range]  # with the foot that carries the camera or the sonar
+Aid = tuple[int, BoardObservation | RelativePosition | Range]  # with the foot that carries the camera or the sonar
 
 
 def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Sequence[int]) -> tuple[Events, list[Aid]]:
@@ -114,7 +114,7 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
     final = np.lexsort((np.r_[t_ns, aid_t], kind != IMU, np.r_[place, ready]))
     rate = _joined([b.columns["angular_rate"] for b in blocks], float, (0, 3))
     force = _joined([b.columns["specific_force"] for b in blocks], float, (0, 3))
-    seen = [a for _, a in used if isinstance(a, BoardSighting)]
+    seen = [a for _, a in used if isinstance(a, BoardObservation)]
     points, rays, ray_sd, numbers = _padded(seen)
     relative = [a for _, a in used if isinstance(a, RelativePosition)]
     events = Events(
@@ -135,7 +135,7 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
     return events, [a for a, later in zip(aids, coming) if later]
 
 
-_KIND = {BoardSighting: SIGHTING, RelativePosition: RELATIVE, Range: RANGE}
+_KIND = {BoardObservation: OBSERVATION, RelativePosition: RELATIVE, Range: RANGE}
 
 
 def _joined(arrays: Sequence[NDArray], dtype: type, empty: tuple[int, ...]) -> NDArray:
@@ -143,7 +143,7 @@ def _joined(arrays: Sequence[NDArray], dtype: type, empty: tuple[int, ...]) -> N
     return np.concatenate([np.zeros(empty, dtype), *arrays]).astype(dtype, copy=False)
 
 
-def _padded(seen: Sequence[BoardSighting]) -> tuple[NDArray, NDArray, NDArray, NDArray[np.int64]]:
+def _padded(seen: Sequence[BoardObservation]) -> tuple[NDArray, NDArray, NDArray, NDArray[np.int64]]:
     """Points (S, M, 3), rays (S, M, 2) and their sd (S, M), M the largest number of points, and (S,) numbers."""
     count = np.array([len(s.rays) for s in seen], np.int64)
     m = max(count, default=0)

@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream, deprecated
-from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
-from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, STATES, TOLD
+from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, REPORTED, STATES
 from stridetwin.estimators.foot_to_foot import kernel
-from stridetwin.estimators.foot_to_foot.board_tracking import Expected, Eyes, relative_position
+from stridetwin.estimators.foot_to_foot.board_tracking import BoardTracker, Expected, relative_position
 from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_order
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters, for_kernel
-from stridetwin.estimators.foot_to_foot.shoe_rig import Worn, shoes_of, side_by_side
-from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, SIGHTINGS, Events, blank_pair
+from stridetwin.estimators.foot_to_foot.shoe_rig import LeftRightCheck, shoes_of, side_by_side
+from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, OBSERVATIONS, Events, blank_pair
 from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.pose import Pose
@@ -31,13 +31,13 @@ from stridetwin.streams.samples import Array, Block, Image, Imu, Range
 
 # Aids of each method; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {
-    PROPOSED: (BoardSighting, Range),
+    PROPOSED: (BoardObservation, Range),
     "published": (RelativePosition,),
     "zupt_relative_position": (RelativePosition,),
     "zupt_relative_distance": (Range,),
     "zupt": (),
 }
-Aiding = BoardSighting | RelativePosition | Range
+Aiding = BoardObservation | RelativePosition | Range
 HELD = 16  # aids that may wait for the IMUs to reach their time; the oldest is dropped first
 
 
@@ -49,14 +49,14 @@ class FootToFootEstimate:
         t_ns: Time of the sample.
         feet: Of each foot with samples, by `l` and `r`, at that foot's newest sample.
         covariance: (30, 30) of the left foot's 15 errors, then the right's; see `FootInsEstimate`.
-        sightings: Boards observed in the images processed with this sample.
+        observations: Boards observed in the images processed with this sample.
         pose: Of the foot whose IMU gave the sample; None after a sample of another kind.
     """
 
     t_ns: int
     feet: Mapping[str, FootInsEstimate]
     covariance: Array
-    sightings: tuple[BoardSighting, ...] = ()
+    observations: tuple[BoardObservation, ...] = ()
     pose: Pose | None = None
 
 
@@ -85,8 +85,8 @@ class FootToFoot:
     declaration: ClassVar[Declaration] = Declaration(
         name="foot_to_foot", kind=PATH, order=2, methods=tuple(METHODS), label="feet together", budget_s=0.05,
         parts={"foot_l/imu": "l", "foot_r/imu": "r"},
-        description="paths of both feet, tied together by what shoe cameras and sonars tell of each other",
-        summary="Feet together: both IMUs in one filter, with what shoe cameras and sonars tell of each other.",
+        description="paths of both feet, coupled by shoe cameras and sonars",
+        summary="Feet together: both IMUs in one filter, coupled by the shoe cameras and sonars.",
     )  # fmt: skip
 
     def __init__(
@@ -137,7 +137,7 @@ class FootToFoot:
         self._newest_ns = [NEVER, NEVER]
         self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
         self._held: deque[Aid] = deque(maxlen=HELD)
-        self._eyes, self._worn = Eyes(shoes, parameters.exposure_s), Worn(shoes.mounts)
+        self._boards, self._left_right = BoardTracker(shoes, parameters.exposure_s), LeftRightCheck(shoes.mounts)
         self._camera_of = {camera.topic: FEET.index(f) for f, camera in shoes.cameras.items()}
         self._imu_of = {imu.topic: FEET.index(f) for f, imu in shoes.imus.items()}
         self._sonar_of = {topic: i for i, topic in enumerate(shoes.sonar_topics) if topic}
@@ -179,10 +179,10 @@ class FootToFoot:
             used = phase[events.kind == IMU][0] != IGNORED
         elif isinstance(sample, Image):
             self._foot(sample, self._camera_of)
-            used = bool({BoardSighting, RelativePosition} & set(self._listens_to)) and self._eyes.take(sample)
+            used = bool({BoardObservation, RelativePosition} & set(self._listens_to)) and self._boards.take(sample)
         else:
             used = len(self._take({}, [sample])[1]) > 0
-        if not used or ((seen := self._look()) is None and isinstance(sample, Image)):
+        if not used or ((seen := self._process_images()) is None and isinstance(sample, Image)):
             return None
         feet = {
             FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f], f"foot_{FEET[f]}/imu")
@@ -190,20 +190,20 @@ class FootToFoot:
             if self._phase[f] != EMPTY
         }
         pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
-        told = np.r_[:TOLD, STATES : STATES + TOLD]
-        covariance = self._pair.covariance[np.ix_(told, told)]
+        reported = np.r_[:REPORTED, STATES : STATES + REPORTED]
+        covariance = self._pair.covariance[np.ix_(reported, reported)]
         return FootToFootEstimate(
-            t_ns=sample.t_ns, feet=feet, covariance=covariance, sightings=tuple(seen or ()), pose=pose
+            t_ns=sample.t_ns, feet=feet, covariance=covariance, observations=tuple(seen or ()), pose=pose
         )
 
     @property
     def nis(self) -> dict[str, float]:
         """Mean normalised innovation squared per degree of freedom: 1 if consistent.
 
-        Of the updates used: `standing_l`, `standing_r`, `sightings`, `echoes`.
+        Of the updates used: `standing_l`, `standing_r`, `sightings` (boards), `echoes`.
         """
         sums = {f"standing_{f}": memory.nis for f, memory in zip(FEET, self._pair.feet)}
-        sums |= {"sightings": self._pair.nis[SIGHTINGS], "echoes": self._pair.nis[ECHOES]}
+        sums |= {"sightings": self._pair.nis[OBSERVATIONS], "echoes": self._pair.nis[ECHOES]}
         return {name: float(total / count) for name, (total, count) in sums.items() if count}
 
     def foot_of(self, sample: Imu) -> str:
@@ -260,20 +260,20 @@ class FootToFoot:
     def _foot_of(self, aid: Aiding) -> int:
         return self._foot(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
 
-    def _look(self) -> list[BoardSighting] | None:
+    def _process_images(self) -> list[BoardObservation] | None:
         """Processes the images whose time has come and uses their observations; None if there is no such image."""
-        ready = self._eyes.ready(min(self._newest_ns))
+        ready = self._boards.ready(min(self._newest_ns))
         seen = []
-        for picture, foot, t_ns in ready:
+        for image, foot, t_ns in ready:
             expected = self._expected(foot, t_ns)
-            if expected is None or (sighting := self._eyes.look(picture, expected)) is None:
+            if expected is None or (observation := self._boards.detect(image, expected)) is None:
                 continue
-            seen.append(sighting)
-            if not self._worn.agrees(sighting, foot, self._attitudes()):
+            seen.append(observation)
+            if not self._left_right.agrees(observation, foot, self._attitudes()):
                 continue
-            aid: Aiding | None = sighting
-            if BoardSighting not in self._listens_to:
-                aid = relative_position(sighting, foot, self._pair.mounts, expected)
+            aid: Aiding | None = observation
+            if BoardObservation not in self._listens_to:
+                aid = relative_position(observation, foot, self._pair.mounts, expected)
             if aid is not None:
                 self._take({}, [aid])
         return seen if ready else None
@@ -284,8 +284,8 @@ class FootToFoot:
         return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
     def _expected(self, foot: int, t_ns: int) -> Expected | None:
-        known, p, R, covariance, p_before, R_before = kernel.foresee(
-            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._eyes.exposure_ns
+        known, p, R, covariance, p_before, R_before = kernel.predict_board(
+            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._boards.exposure_ns
         )
         if not known:
             return None

@@ -17,7 +17,7 @@ from stridetwin.streams.samples import Array
 
 
 @njit(**INSIDE)
-def turn_by_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
+def apply_gyro_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
     """Propagates the scale error into the attitude error over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
 
     See docs/foot_to_foot.md (8).

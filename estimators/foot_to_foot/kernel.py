@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from stridetwin.estimators import foot_ins
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.algebra import rotation_matrix
-from stridetwin.estimators.foot_ins.clipping import hides
+from stridetwin.estimators.foot_ins.clipping import is_clipped
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, possible, step
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import ATTITUDE, IGNORED, VELOCITY, Memory
-from stridetwin.estimators.foot_to_foot.gyro_scale import turn_by_scale
+from stridetwin.estimators.foot_to_foot.gyro_scale import apply_gyro_scale
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
-from stridetwin.estimators.foot_to_foot.published import published_step, relate
-from stridetwin.estimators.foot_to_foot.ranging import hear
+from stridetwin.estimators.foot_to_foot.published import published_step, relative_position_update
+from stridetwin.estimators.foot_to_foot.ranging import sonar_update
 from stridetwin.estimators.foot_to_foot.rewind import rewind
-from stridetwin.estimators.foot_to_foot.state import IMU, RELATIVE, SIGHTING, Events, Pair, inject_all
-from stridetwin.estimators.foot_to_foot.vision import UNUSED, board_in_camera, see
+from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, Events, Pair, inject_all
+from stridetwin.estimators.foot_to_foot.vision import UNUSED, board_in_camera, board_update
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent)
 
 
 @njit(**INSIDE)
-def still_world(memory: Memory, earth: Array, rate: Array, force: Array) -> tuple[Array, Array]:
+def in_inertial_world(memory: Memory, earth: Array, rate: Array, force: Array) -> tuple[Array, Array]:
     """The sample (rad/s, m/s²) in a world without rotation: minus the Earth's rate and the Coriolis force.
 
     Titterton & Weston 2004, ch. 3; the centrifugal force is part of gravity.
@@ -59,7 +59,7 @@ def run(
         events: An aid comes right after the IMU sample by which both feet have reached its time.
         phase: (N,) int8, out: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
         figure: (N,) out: of an IMU sample, standard deviation of the stationary foot's speed, m/s; of an aid, its
-            normalised innovation, see `vision.see`.
+            normalised innovation, see `vision.board_update`.
         state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
     """
@@ -69,9 +69,9 @@ def run(
         if kind == IMU:
             memory = pair.feet[f]
             rate = (1.0 - pair.scales[f]) * events.rate[row]
-            rate, force = still_world(memory, pair.earth, rate, events.force[row])
+            rate, force = in_inertial_world(memory, pair.earth, rate, events.force[row])
             if possible(rate, force):
-                turn_by_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
+                apply_gyro_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
             if parameters.published:
                 phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
             else:
@@ -80,17 +80,17 @@ def run(
             last = k
         else:
             phase[k] = IGNORED
-            if not parameters.published and (hides(pair.feet[0], feet[0]) or hides(pair.feet[1], feet[1])):
+            if not parameters.published and (is_clipped(pair.feet[0], feet[0]) or is_clipped(pair.feet[1], feet[1])):
                 figure[k] = UNUSED
-            elif kind == SIGHTING:
+            elif kind == OBSERVATION:
                 m = events.numbers[row]
                 points, rays, sd = events.points[row, :m], events.rays[row, :m], events.ray_sd[row, :m]
-                figure[k] = see(pair, feet[f], parameters, f, t_ns, points, rays, sd)
+                figure[k] = board_update(pair, feet[f], parameters, f, t_ns, points, rays, sd)
             elif kind == RELATIVE:
                 relative, sd = events.relative[row], events.relative_sd[row]
-                figure[k] = relate(pair, feet[f], parameters, f, t_ns, relative, sd)
+                figure[k] = relative_position_update(pair, feet[f], parameters, f, t_ns, relative, sd)
             else:
-                figure[k] = hear(pair, feet[f], parameters, f, t_ns, events.distance[row])
+                figure[k] = sonar_update(pair, feet[f], parameters, f, t_ns, events.distance[row])
         if last >= 0:
             memory = pair.feet[events.foot[last]]
             state[last] = memory.nominal
@@ -98,7 +98,7 @@ def run(
 
 
 @_called
-def foresee(
+def predict_board(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int
 ) -> tuple[bool, Array, Array, Array, Array, Array]:
     """Predicted pose of the other foot's board in a foot's camera.

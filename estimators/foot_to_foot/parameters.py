@@ -50,9 +50,9 @@ class FootToFootParameters(_Common):
         gyro_scale_sd: Scale error of a gyro's axis, relative; estimated only if a camera observes the other shoe,
             because nothing else makes it observable.
         scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz` there, which covers scale errors.
-        sighting_correlation_s: Correlation time of an observation's error: observations within it share their error, s.
+        observation_correlation_s: Correlation time of an observation's error, s: observations within it share it.
         max_frame_s: Largest time that one observation counts for, s.
-        sighting_gate: Innovation of an observation, in standard deviations, beyond which it is down-weighted.
+        observation_gate: Innovation of an observation, in standard deviations, beyond which it is down-weighted.
         range_sd_m: Of a sonar's echo, m: its resolution, and which part of the shoe reflects.
         range_gate: Echoes with a larger innovation, in standard deviations, are from something else.
         sonar_after_s: The sonar is used only if the other shoe has not been observed for so long, s.
@@ -66,9 +66,9 @@ class FootToFootParameters(_Common):
     camera_clock_walk_s_rts: float = 1e-4
     gyro_scale_sd: float = 0.003
     scaled_gyro_noise_radps_rthz: float = 0.001
-    sighting_correlation_s: float = 1.0
+    observation_correlation_s: float = 1.0
     max_frame_s: float = 0.05
-    sighting_gate: float = 4.5
+    observation_gate: float = 4.5
     range_sd_m: float = 0.1
     range_gate: float = 3.0
     sonar_after_s: float = 1.0

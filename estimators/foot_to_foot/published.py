@@ -76,7 +76,7 @@ def published_step(
 
 
 @njit(**INSIDE)
-def relate(
+def relative_position_update(
     pair: Pair,
     foot: KernelParameters,
     parameters: PairParameters,

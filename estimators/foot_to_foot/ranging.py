@@ -11,7 +11,7 @@ from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_POSITION, STATES
 from stridetwin.estimators.foot_ins.strapdown import correct
-from stridetwin.estimators.foot_ins.zero_velocity import surprise
+from stridetwin.estimators.foot_ins.zero_velocity import normalized_innovation
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.rewind import cross, rewind
 from stridetwin.estimators.foot_to_foot.state import ALL_STATES, ECHOES, Pair, inject_all
@@ -19,7 +19,7 @@ from stridetwin.estimators.foot_to_foot.vision import UNUSED
 
 
 @njit(**INSIDE)
-def hear(
+def sonar_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
 ) -> float:
     """Update with the distance between the two IMUs from a sonar's echo.
@@ -28,8 +28,8 @@ def hear(
 
     The published system uses the positions alone. Here the attitudes at both ends enter too, and the sonar is used only
     if the other shoe has not been observed for `sonar_after_s`: an echo comes from some part of it, always with the
-    same sign, so all within `sighting_correlation_s` share one error. Most echoes of a real walk are from the floor or
-    from things beyond: those too far from the predicted distance are rejected.
+    same sign, so all within `observation_correlation_s` share one error. Most echoes of a real walk are from the floor
+    or from things beyond: those too far from the predicted distance are rejected.
 
     Args:
         pair: Changed in place.
@@ -61,17 +61,17 @@ def hear(
         H[:, of_a + D_ATTITUDE : of_a + D_ATTITUDE + 3] = cross(to, arm_a)
         H[:, of_b + D_ATTITUDE : of_b + D_ATTITUDE + 3] = -cross(to, arm_b)
     z = np.array([(distance - size) / parameters.range_sd_m])
-    length = surprise(pair.covariance, H, z)
+    length = normalized_innovation(pair.covariance, H, z)
     if parameters.published:
-        used, doubt = abs(distance - size) < parameters.max_range_misfit_m, 1.0
+        used, inflation = abs(distance - size) < parameters.max_range_misfit_m, 1.0
     else:
-        echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.sighting_correlation_s)
-        used, doubt = length < parameters.range_gate, math.sqrt(parameters.sighting_correlation_s / echo_s)
+        echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.observation_correlation_s)
+        used, inflation = length < parameters.range_gate, math.sqrt(parameters.observation_correlation_s / echo_s)
     if not used:
         return UNUSED
     pair.heard[sonar] = t_ns
     pair.nis[ECHOES, 0] += length**2
     pair.nis[ECHOES, 1] += 1.0
-    correct(pair.covariance, pair.error, 0, H[0] / doubt, z[0] / doubt, 1.0)
+    correct(pair.covariance, pair.error, 0, H[0] / inflation, z[0] / inflation, 1.0)
     inject_all(pair)
     return length

@@ -28,7 +28,7 @@ from stridetwin.streams.samples import Array
 MAX_LEAD_S = 0.05  # s; longer extrapolation of the newest sample is too inaccurate
 
 
-class Then(NamedTuple):
+class PastState(NamedTuple):
     """State of a foot's IMU at a past time.
 
     Attributes:
@@ -51,7 +51,7 @@ class Then(NamedTuple):
 
 
 @njit(**INSIDE)
-def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
+def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> PastState:
     """State of the foot's IMU at `t_ns`, from the newest state back through the samples since.
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
@@ -93,7 +93,7 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
     led = p - x[POSITION : POSITION + 3] + age * x[VELOCITY : VELOCITY + 3]
     led[2] += 0.5 * gravity * age * age
     R = rotation_matrix(q)
-    return Then(known, p, R, v, R @ w, age, led)
+    return PastState(known, p, R, v, R @ w, age, led)
 
 
 @njit(**INSIDE)

@@ -17,7 +17,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.checkerboard.pose import BoardSighting, admissible, board_poses
+from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
 from stridetwin.estimators.foot_ins.filter import StartPose
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET, NEVER
@@ -28,7 +28,7 @@ from stridetwin.streams.samples import Array
 _SD = 0.3  # rad: a plane's orientation in an image, and the feet's headings while unknown
 _MOST = 4.0  # standard deviations; limit of one image's evidence
 _APART_NS = 50_000_000  # closer images are not independent
-_DOUBT, _SURE, _CLEAR = (
+_UNCERTAIN, _SURE, _CLEAR = (
     4.0,
     20.0,
     10.0,
@@ -42,7 +42,7 @@ _NAMES = {
 }
 
 
-class Worn:
+class LeftRightCheck:
     """Accumulates evidence from images about left and right, until it suffices.
 
     Args:
@@ -55,11 +55,11 @@ class Worn:
         self._newest_ns = NEVER
         self._settled = False
 
-    def agrees(self, sighting: BoardSighting, camera: int, R_world_imu: Array) -> bool:
+    def agrees(self, observation: BoardObservation, camera: int, R_world_imu: Array) -> bool:
         """Whether an observation may be used: False while left and right seem swapped.
 
         Args:
-            sighting: Of a foot's camera.
+            observation: Of a foot's camera.
             camera: That foot, according to the rig.
             R_world_imu: (2, 3, 3) attitudes that the IMUs of the left and of the right foot give about that time.
 
@@ -68,8 +68,8 @@ class Worn:
         """
         if self._settled:
             return True
-        if sighting.t_ns - self._newest_ns >= _APART_NS and (poses := admissible(board_poses(sighting))):
-            self._newest_ns = sighting.t_ns
+        if observation.t_ns - self._newest_ns >= _APART_NS and (poses := admissible(board_poses(observation))):
+            self._newest_ns = observation.t_ns
             seen = np.array([pose.T_camera_board[:3, :3] for pose in poses])
             self._against += [self._misfit(seen, camera, R_world_imu, *way) for way in _WAYS]
         behind = self._against[0] - self._against[1:].min()
@@ -77,17 +77,17 @@ class Worn:
         if behind > _SURE and np.diff(np.sort(self._against))[0] > _CLEAR:
             what = _NAMES[_WAYS[int(np.argmin(self._against))]]
             raise StrideTwinError(
-                f"left and right are exchanged at {sighting.t_ns * 1e-9:.2f} s: {what}; "
+                f"left and right are exchanged at {observation.t_ns * 1e-9:.2f} s: {what}; "
                 "valid: every part on the shoe that the rig says"
             )
-        return bool(behind < _DOUBT)
+        return bool(behind < _UNCERTAIN)
 
     def _misfit(self, R_camera_board: Array, camera: int, R_world_imu: Array, imus: int, cameras: int) -> float:
         """Negative log-likelihood of one assignment, of the most likely of (N, 3, 3) poses."""
         foot = camera ^ cameras  # the foot that actually carries the camera
-        by_picture = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
+        by_image = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
         by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
-        cosine = (np.einsum("nij,ij->n", by_picture, by_imus).max() - 1.0) / 2.0
+        cosine = (np.einsum("nij,ij->n", by_image, by_imus).max() - 1.0) / 2.0
         return 0.5 * min(math.acos(max(-1.0, min(1.0, cosine))) / _SD, _MOST) ** 2
 
 

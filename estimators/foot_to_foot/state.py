@@ -28,7 +28,7 @@ SCALES = CLOCKS + 2
 ALL_STATES = SCALES + 2 * 3
 
 NEVER = -(2**62)  # ns
-SIGHTINGS, ECHOES = 0, 1  # rows of what is known of their innovations
+OBSERVATIONS, ECHOES = 0, 1  # rows of what is known of their innovations
 
 
 class Pair(NamedTuple):
@@ -122,7 +122,7 @@ class Events(NamedTuple):
     """Samples of every kind in the order in which the filter takes them.
 
     Attributes:
-        kind: (N,) int8, IMU, SIGHTING, RELATIVE or RANGE.
+        kind: (N,) int8, IMU, OBSERVATION, RELATIVE or RANGE.
         t_ns: (N,) int64.
         foot: (N,) int8; of an aid, the foot that carries the camera or the sonar.
         row: (N,) int64 of the event in the arrays of its kind.
@@ -152,4 +152,4 @@ class Events(NamedTuple):
     distance: Array
 
 
-IMU, SIGHTING, RELATIVE, RANGE = range(4)
+IMU, OBSERVATION, RELATIVE, RANGE = range(4)

@@ -12,9 +12,9 @@ from stridetwin.estimators.foot_ins.algebra import exponential, rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
 from stridetwin.estimators.foot_ins.strapdown import correct
-from stridetwin.estimators.foot_ins.zero_velocity import surprise
+from stridetwin.estimators.foot_ins.zero_velocity import normalized_innovation
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
-from stridetwin.estimators.foot_to_foot.rewind import Then, cross, rewind
+from stridetwin.estimators.foot_to_foot.rewind import PastState, cross, rewind
 from stridetwin.estimators.foot_to_foot.state import (
     ALL_STATES,
     BOARD,
@@ -22,20 +22,20 @@ from stridetwin.estimators.foot_to_foot.state import (
     CLOCKS,
     MOUNTS,
     NEVER,
-    SIGHTINGS,
+    OBSERVATIONS,
     Pair,
     inject_all,
 )
 from stridetwin.streams.samples import Array
 
 MIN_DEPTH = 0.02  # m; a predicted board nearer than this, or behind the camera, is invalid
-LOOKS = 5  # largest number of relinearisations per image
+RELINEARIZATIONS = 5  # largest number of relinearisations per image
 SETTLED = 0.1  # standard deviations of the image; smaller changes of the board end the iteration
 UNUSED = -1.0  # the normalised innovation of an unused measurement
 
 
 @njit(**INSIDE)
-def see(
+def board_update(
     pair: Pair,
     foot: KernelParameters,
     parameters: PairParameters,
@@ -52,7 +52,7 @@ def see(
     The points depend on the state only through the board's pose in the camera. So the 2M rows are compressed to six,
     the triangle R of a QR decomposition, before the update; the remainder measures how well any pose of the board
     explains them. Errors of lens, print and a yielding shoe are the same in every frame of one pass of the other shoe,
-    so within `sighting_correlation_s` all observations share one error. A bad fit and a large normalised innovation
+    so within `observation_correlation_s` all observations share one error. A bad fit and a large normalised innovation
     (after Chang 2014, as with zero velocities) increase the noise in proportion.
 
     Args:
@@ -77,31 +77,31 @@ def see(
     walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
     p, R, G = board_in_camera(pair, camera, a, b)
     by_clock = G[:, CLOCKS + camera]
-    foretold = G @ pair.covariance @ G.T + walked * np.outer(by_clock, by_clock)
+    predicted = G @ pair.covariance @ G.T + walked * np.outer(by_clock, by_clock)
     m = len(points_in_board)
     # An error of a foot's rotation since the exposure moves all points alike.
-    turned = foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
-    sd = np.sqrt(ray_sd**2 + m * turned)
+    rotated = foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
+    sd = np.sqrt(ray_sd**2 + m * rotated)
     frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
-    shared = math.sqrt(max(1.0, parameters.sighting_correlation_s / frame_s))
-    ahead, T, z, alone = _tied(p, R, foretold, points_in_board, rays, sd, shared)
+    shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
+    ahead, T, z, alone = _reduced_measurement(p, R, predicted, points_in_board, rays, sd, shared)
     if not ahead:
         return UNUSED
     pair.covariance[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
     H, z = (T / (alone * shared)) @ G, z / (alone * shared)
-    length = surprise(pair.covariance, H, z)
-    pair.nis[SIGHTINGS, 0] += surprise(pair.covariance, shared * H, shared * z) ** 2 / 6.0
-    pair.nis[SIGHTINGS, 1] += 1.0
-    doubt = max(1.0, length / parameters.sighting_gate)
+    length = normalized_innovation(pair.covariance, H, z)
+    pair.nis[OBSERVATIONS, 0] += normalized_innovation(pair.covariance, shared * H, shared * z) ** 2 / 6.0
+    pair.nis[OBSERVATIONS, 1] += 1.0
+    inflation = max(1.0, length / parameters.observation_gate)
     for i in range(6):
-        correct(pair.covariance, pair.error, 0, H[i] / doubt, z[i] / doubt, 1.0)
+        correct(pair.covariance, pair.error, 0, H[i] / inflation, z[i] / inflation, 1.0)
     inject_all(pair)
     pair.seen[camera] = t_ns
     return length
 
 
 @njit(**INSIDE)
-def _tied(
+def _reduced_measurement(
     p: Array, R: Array, covariance: Array, points_in_board: Array, rays: Array, ray_sd: Array, shared: float
 ) -> tuple[bool, Array, Array, float]:
     """An image's linear measurement of the deviation of the board's pose from the predicted one.
@@ -126,11 +126,11 @@ def _tied(
         deviations of the rays; misfit, at least 1, by which these are too small.
     """
     u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: estimated minus predicted pose
-    for look in range(LOOKS):
+    for i in range(RELINEARIZATIONS):
         q = exponential(u[3], u[4], u[5])
         A, ahead = _rows(p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
         if not ahead:
-            return look > 0, T, z, alone
+            return i > 0, T, z, alone
         triangle = np.linalg.qr(A)[1]
         T = np.ascontiguousarray(triangle[:6, :6])
         z = triangle[:6, 6] + T @ u
@@ -145,7 +145,7 @@ def _tied(
 
 
 @njit(**INSIDE)
-def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, Array, Array]:
+def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tuple[Array, Array, Array]:
     """Pose of the other foot's board in a foot's camera, and how it depends on the state.
 
     See docs/foot_to_foot.md (1), (2).
@@ -168,7 +168,7 @@ def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, A
     in_imu = a.R.T @ d
     to_camera = np.ascontiguousarray((a.R @ R_c).T)  # camera <- world
     out = np.ascontiguousarray(R_c.T)  # camera <- a's IMU
-    turn_b = to_camera @ b.R  # camera <- b's IMU
+    R_camera_b = to_camera @ b.R  # camera <- b's IMU
 
     G = np.zeros((6, ALL_STATES))
     by_a, by_b = cross(to_camera, d), -cross(to_camera, arm)
@@ -181,25 +181,25 @@ def board_in_camera(pair: Pair, camera: int, a: Then, b: Then) -> tuple[Array, A
     G[:3, c + 3 : c + 6] = cross(out, in_imu - mount_a[:3])
     G[3:, c + 3 : c + 6] = -out
     m = MOUNTS + 6 * (BOARD + board)
-    G[:3, m : m + 3] = turn_b
-    G[3:, m + 3 : m + 6] = turn_b
-    return out @ (in_imu - mount_a[:3]), turn_b @ R_m, G
+    G[:3, m : m + 3] = R_camera_b
+    G[3:, m + 3 : m + 6] = R_camera_b
+    return out @ (in_imu - mount_a[:3]), R_camera_b @ R_m, G
 
 
 @njit(**INSIDE)
-def _pose_columns(G: Array, o: int, turn: Array, by_attitude: Array, then: Then) -> None:
-    """Writes a foot's columns of G: those of its pose then, in terms of its newest state.
+def _pose_columns(G: Array, o: int, to_camera: Array, by_attitude: Array, past: PastState) -> None:
+    """Writes a foot's columns of G: those of its pose at that time, in terms of its newest state.
 
     See docs/foot_to_foot.md (3).
 
     δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × led: the force acts in the rotated direction.
     """
-    G[:3, o + D_POSITION : o + D_POSITION + 3] = turn
-    G[:3, o + D_VELOCITY : o + D_VELOCITY + 3] = -then.age * turn
-    G[:3, o + D_ATTITUDE : o + D_ATTITUDE + 3] = by_attitude - cross(turn, then.led)
-    G[:3, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = then.age * (by_attitude @ then.R)
-    G[3:, o + D_ATTITUDE : o + D_ATTITUDE + 3] = turn
-    G[3:, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = then.age * (turn @ then.R)
+    G[:3, o + D_POSITION : o + D_POSITION + 3] = to_camera
+    G[:3, o + D_VELOCITY : o + D_VELOCITY + 3] = -past.age * to_camera
+    G[:3, o + D_ATTITUDE : o + D_ATTITUDE + 3] = by_attitude - cross(to_camera, past.led)
+    G[:3, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = past.age * (by_attitude @ past.R)
+    G[3:, o + D_ATTITUDE : o + D_ATTITUDE + 3] = to_camera
+    G[3:, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = past.age * (to_camera @ past.R)
 
 
 @njit(**INSIDE)

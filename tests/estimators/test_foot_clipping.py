@@ -77,7 +77,7 @@ def test_a_landing_hides_a_share_of_the_range_upwards_and_of_nothing_else(axis: 
     calibration = replace(EXACT, accelerometer_range=limit)
 
     def speed(excess: float) -> Array:
-        nothing_stands = FootInsParameters(still_velocity_mps=1e6, rest_level=0.0, impact_excess=excess)
+        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0, impact_excess=excess)
         return FootIns(calibration, parameters=nothing_stands).run(imu).v_imu_in_world[hit + 5]
 
     np.testing.assert_allclose(
@@ -93,7 +93,7 @@ def test_where_a_long_span_at_the_limit_has_no_shape_the_covariance_grows() -> N
     imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
 
     def variance(noise: float) -> Array:
-        nothing_stands = FootInsParameters(still_velocity_mps=1e6, rest_level=0.0, accel_limit_noise_mps2_rthz=noise)
+        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0, accel_limit_noise_mps2_rthz=noise)
         ins = FootIns(replace(EXACT, accelerometer_range=limit), parameters=nothing_stands)
         last = [ins.update(sample) for sample in imu][begin + samples + 10]
         assert last is not None

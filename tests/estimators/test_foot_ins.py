@@ -316,7 +316,7 @@ def test_nothing_that_a_sensor_says_yields_a_nan(stream: list[tuple[int, list[fl
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("gravity_mps2", 0.0), ("window_s", -1.0), ("still_power", float("nan")), ("gyro_noise_radps_rthz", -1e-3)],
+    [("gravity_mps2", 0.0), ("window_s", -1.0), ("stationary_power", float("nan")), ("gyro_noise_radps_rthz", -1e-3)],
 )
 def test_a_bad_parameter_is_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ConfigError, match=field):

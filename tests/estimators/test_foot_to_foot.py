@@ -16,7 +16,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.state import PHASE, STATES, TRACKING
 from stridetwin.estimators.foot_to_foot import (
-    BoardSighting,
+    BoardObservation,
     FootToFoot,
     FootToFootEstimate,
     FootToFootParameters,
@@ -37,8 +37,8 @@ from tests.estimators.one_foot import take
 
 inject_all = from_python(state.inject_all)
 rewind = from_python(compiled_rewind)
-see = from_python(vision.see)
-tied, board_in_camera = from_python(vision._tied), from_python(vision.board_in_camera)
+see = from_python(vision.board_update)
+tied, board_in_camera = from_python(vision._reduced_measurement), from_python(vision.board_in_camera)
 
 GRAVITY = FootInsParameters().gravity_mps2
 ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
@@ -67,7 +67,7 @@ def moving_pair(seed: int) -> Pair:
     rng = np.random.default_rng(seed)
     mounts = np.column_stack([rng.normal(0, 0.1, (4, 3)), Rotation.random(4, rng=rng).as_quat(scalar_first=True)])
     pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(3))
-    parameters = for_sensor(FootInsParameters(still_velocity_mps=1e3), None)
+    parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e3), None)
     for foot in range(2):
         k = np.arange(80)
         moves = k[:, None] >= 40
@@ -119,7 +119,7 @@ def test_a_turn_of_the_whole_world_is_not_seen(seed: int, camera: int, age_ns: i
 @given(st.integers(1, 20))
 @settings(max_examples=10, deadline=None)
 def test_rewinding_meets_the_state_of_then(back: int) -> None:
-    parameters = for_sensor(FootInsParameters(still_velocity_mps=1e3), None)
+    parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e3), None)
     rng = np.random.default_rng(back)
     mounts, arms = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1)), np.zeros((2, 3))
     pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, arms, arms, np.zeros(3))
@@ -145,12 +145,12 @@ def test_a_board_foretold_far_off_is_found_where_it_is() -> None:
     points = np.array([[0.02 * i, 0.02 * j, 0.0] for i in range(6) for j in range(5)]) - [0.05, 0.04, 0.0]
     p, turn = np.array([0.02, -0.03, 0.45]), Rotation.from_euler("xyz", [0.3, 2.8, 0.2])
     seen = turn.apply(points) + p
-    foretold, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
+    predicted, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
     covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
-    ahead, T, z, _ = tied(foretold, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
+    ahead, T, z, _ = tied(predicted, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
     found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
     assert ahead
-    np.testing.assert_allclose(foretold + found[:3], p, atol=2e-3)
+    np.testing.assert_allclose(predicted + found[:3], p, atol=2e-3)
 
 
 def test_one_foot_alone_is_the_one_foot_filter() -> None:
@@ -235,10 +235,10 @@ def test_the_other_shoe_in_sight_holds_the_headings_together(short) -> None:
 
 def test_a_camera_that_is_covered_leaves_the_feet_to_themselves_and_says_so(short) -> None:
     simulation, imus, aids = short
-    covered = [a for a in aids if not (isinstance(a, BoardSighting) and 2e9 < a.t_ns < 4e9)]
+    covered = [a for a in aids if not (isinstance(a, BoardObservation) and 2e9 < a.t_ns < 4e9)]
     spread = []
     for heard in (aids, covered):
-        paths = estimator_for(simulation).run(imus, [a for a in heard if isinstance(a, BoardSighting)])
+        paths = estimator_for(simulation).run(imus, [a for a in heard if isinstance(a, BoardObservation)])
         left, right = (paths[f].trajectory for f in FEET)
         k = int(np.searchsorted(left.t_ns, int(3.9e9)))
         spread.append(np.trace(left.covariance[k, :3, :3]))
@@ -252,7 +252,7 @@ def test_the_sonar_is_heard_where_the_other_shoe_is_not_seen(short) -> None:
     alone, heard = (estimator_for(simulation).run(imus, a)["l"].trajectory for a in ([], echoes))
     assert not np.array_equal(alone.p_frame_in_world[-1], heard.p_frame_in_world[-1])
     both, seen_only = (estimator_for(simulation).run(imus, a)["l"].trajectory.p_frame_in_world[-1] for a in (
-        aids, [a for a in aids if isinstance(a, BoardSighting)]
+        aids, [a for a in aids if isinstance(a, BoardObservation)]
     ))  # fmt: skip
     assert np.linalg.norm(both - seen_only) < 0.005
 
@@ -287,7 +287,7 @@ def test_a_sighting_that_fits_no_board_moves_nothing_far(short) -> None:
     simulation, imus, aids = short
     rng = np.random.default_rng(0)
     wild = [
-        replace(a, rays=rng.uniform(-0.7, 0.7, a.rays.shape)) if isinstance(a, BoardSighting) and i % 7 == 0 else a
+        replace(a, rays=rng.uniform(-0.7, 0.7, a.rays.shape)) if isinstance(a, BoardObservation) and i % 7 == 0 else a
         for i, a in enumerate(aids)
     ]
     assert np.all(np.linalg.norm(ends(simulation, imus, wild) - ends(simulation, imus, aids), axis=1) < 0.05)
@@ -298,7 +298,7 @@ def test_a_sighting_too_late_is_left_out(short) -> None:
     estimator = estimator_for(simulation)
     estimator.run(imus, [])
     before = estimator.update(replace(list(imus["l"])[-1], t_ns=int(imus["l"].t_ns[-1]) + 8_000_000))
-    old = next(a for a in aids if isinstance(a, BoardSighting))
+    old = next(a for a in aids if isinstance(a, BoardObservation))
     after = estimator.update(old)
     assert before is not None
     assert after is not None
@@ -320,7 +320,7 @@ def test_wrong_use_is_named(short) -> None:
     with pytest.raises(ConfigError, match="'r'"):
         FootToFoot(ONE_FOOT).run(imus)
     with pytest.raises(ConfigError, match="4 to 64"):
-        BoardSighting(
+        BoardObservation(
             topic="/foot_l/camera", t_ns=0, points_in_board=np.zeros((3, 3)), rays=np.zeros((3, 2)), ray_sd=np.ones(3)
         )
     with pytest.raises(ConfigError, match="three"):
@@ -352,15 +352,15 @@ def test_relative_position_of_a_board_pose_is_the_papers_equation() -> None:
     T_camera_board[:3, 3] = 0.01, 0.02, 0.25
     points = np.column_stack([*(m.ravel() for m in np.mgrid[-4:5, -3:4] * 0.005), np.zeros(63)])
     seen = points @ T_camera_board[:3, :3].T + T_camera_board[:3, 3]
-    sighting = BoardSighting(
+    observation = BoardObservation(
         topic="/foot_l/camera",
         t_ns=0,
         points_in_board=points,
         rays=seen[:, :2] / seen[:, 2:],
         ray_sd=np.full(len(points), 1e-4),
     )
-    got = RelativePosition.of_sighting(
-        sighting, T_imu_camera=T_imu_camera, T_other_board=T_other_board, R_camera_board=T_camera_board[:3, :3]
+    got = RelativePosition.of_observation(
+        observation, T_imu_camera=T_imu_camera, T_other_board=T_other_board, R_camera_board=T_camera_board[:3, :3]
     )
     assert got is not None
     C_bf, p_bf = T_other_board[:3, :3], T_other_board[:3, 3]

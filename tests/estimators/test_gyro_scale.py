@@ -16,12 +16,12 @@ from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyW
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import take
 
-turn_by_scale = from_python(scale_of_gyros.turn_by_scale)
+apply_gyro_scale = from_python(scale_of_gyros.apply_gyro_scale)
 
 
 @pytest.mark.parametrize("foot", [0, 1])
 def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(foot: int) -> None:
-    parameters = for_sensor(FootInsParameters(still_velocity_mps=1e6, rest_level=0.0), None)
+    parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0), None)
     gravity = np.array([0.0, 0.0, parameters.gravity_mps2])
     rates = np.random.default_rng(1).normal(4.0, 3.0, (30, 3))
     arms, mounts = np.zeros((2, 3)), np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
@@ -34,7 +34,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
         pair.covariance[:, :SCALES] = 0.0
         for k, rate in enumerate(rates, 40):
             scaled = (1.0 - scale) * rate
-            turn_by_scale(pair, foot, scaled, k * 8_000_000, parameters.max_gap_s)
+            apply_gyro_scale(pair, foot, scaled, k * 8_000_000, parameters.max_gap_s)
             take(pair.feet[foot], parameters, k * 8_000_000, scaled, gravity)
         a, s = STATES * foot + D_ATTITUDE, SCALES + 3 * foot
         q = pair.feet[foot].nominal[ATTITUDE : ATTITUDE + 4]

@@ -27,8 +27,8 @@ def errors(wall, made):
     R, p = wall.pose(made[0].t_ns * 1e-9)
     heading = R @ made[0].T_world_imu[:3, :3].T
     turn = Rotation.from_euler("z", np.arctan2(heading[1, 0], heading[0, 0])).as_matrix()
-    told = np.array([turn @ (e.T_world_imu[:3, 3] - made[0].T_world_imu[:3, 3]) + p for e in made])
-    return np.linalg.norm(told - np.array([wall.pose(e.t_ns * 1e-9)[1] for e in made]), axis=1)
+    measured = np.array([turn @ (e.T_world_imu[:3, 3] - made[0].T_world_imu[:3, 3]) + p for e in made])
+    return np.linalg.norm(measured - np.array([wall.pose(e.t_ns * 1e-9)[1] for e in made]), axis=1)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def plain(sway):
 
 
 def told_by(made, samples):
-    """Those of the estimates that were told by the last of some samples."""
+    """Those of the estimates that were measured by the last of some samples."""
     return [e for e in made if e.t_ns <= max(s.t_ns for s in samples if isinstance(s, Imu))]
 
 
@@ -115,10 +115,10 @@ def tilt_and_speed_errors(wall, e):
     """rad and m/s, which no heading changes."""
     t, h = e.t_ns * 1e-9, 1e-4
     R, _ = wall.pose(t)
-    told = e.T_world_imu[:3, :3]
+    measured = e.T_world_imu[:3, :3]
     v = (wall.pose(t + h)[1] - wall.pose(t - h)[1]) / (2 * h)
-    tilt = np.arccos(np.clip(R[2] @ told[2], -1, 1))
-    return tilt, np.linalg.norm(R.T @ v - told.T @ e.v_imu_in_world)
+    tilt = np.arccos(np.clip(R[2] @ measured[2], -1, 1))
+    return tilt, np.linalg.norm(R.T @ v - measured.T @ e.v_imu_in_world)
 
 
 @pytest.mark.parametrize("method", ["proposed", "dvio", "vins_mono"])
@@ -147,8 +147,8 @@ def test_a_start_in_motion_is_deterministic():
 
 def test_starts_in_motion_as_well_as_it_can_where_the_pictures_do_not_fit():
     wall, elsewhere = moving(4.0), Wall(lambda t: swaying(9.0 + 1.7 * t), 4.0, seed=8)
-    pictures = {(type(s), s.t_ns): s for s in elsewhere.samples() if not isinstance(s, Imu)}
-    _, made = followed(wall, [pictures.get((type(s), s.t_ns), s) for s in wall.samples()])
+    images = {(type(s), s.t_ns): s for s in elsewhere.samples() if not isinstance(s, Imu)}
+    _, made = followed(wall, [images.get((type(s), s.t_ns), s) for s in wall.samples()])
     assert 2_900_000_000 < made[0].t_ns < 3_400_000_000
     assert made[0].covariance[3:5, 3:5].max() > 0.1**2
     assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
@@ -227,12 +227,12 @@ def test_camera_covered_is_said(sway):
 
 
 def unseen(samples, start_s, end_s=np.inf):
-    """The samples without the pictures of a time."""
+    """The samples without the images of a time."""
     return [s for s in samples if isinstance(s, Imu) or not start_s * 1e9 < s.t_ns < end_s * 1e9]
 
 
 def delayed(samples, seconds, first_s=0.0):
-    """The samples as they come where pictures from a time on take so long."""
+    """The samples as they come where images from a time on take so long."""
     return sorted(
         samples, key=lambda s: s.t_ns + (0 if isinstance(s, Imu) or s.t_ns < first_s * 1e9 else seconds * 1e9)
     )
@@ -260,10 +260,10 @@ def test_pictures_that_come_late_after_longer_than_samples_stay_are_used():
 
 
 def blindfolded(motion, start_s, end_s, seconds):
-    """A wall that nobody sees for a while; no picture of it is made meanwhile."""
+    """A wall that nobody sees for a while; no image of it is made meanwhile."""
     wall = Wall(motion, seconds, seed=2)
-    pictures = wall.pictures
-    wall.pictures = lambda t_ns: () if start_s * 1e9 < t_ns < end_s * 1e9 else pictures(t_ns)
+    images = wall.images
+    wall.images = lambda t_ns: () if start_s * 1e9 < t_ns < end_s * 1e9 else images(t_ns)
     return wall
 
 
@@ -293,7 +293,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
 
 def test_does_without_samples_of_the_imu_that_have_gone(sway):
     wall, samples = sway
-    # an IMU of ten times the told rate, whose samples stay for 0.6 s
+    # an IMU of ten times the measured rate, whose samples stay for 0.6 s
     fast = [
         c
         for s in unseen(samples, 3.0, 5.0)
@@ -312,7 +312,7 @@ def test_memory_is_constant(sway):
     for s in samples:
         odometry.update(s)
         w = odometry._core.window
-        sizes.append((int(w.frames.count[0]), len(odometry._pictures), odometry._core.inertial.count))
+        sizes.append((int(w.frames.count[0]), len(odometry._images), odometry._core.inertial.count))
     assert max(n for n, _, _ in sizes) <= DvioParameters().keyframes + 1
     assert max(n for _, n, _ in sizes) <= 4
 

@@ -53,13 +53,13 @@ def painted(c: CameraCalibration) -> Image:
 
 def test_tells_the_depth_of_a_wall():
     left, right = pair()
-    told = Stereo(left, right, "/head/depth").depth(painted(left), painted(right))
+    measured = Stereo(left, right, "/head/depth").depth(painted(left), painted(right))
     true, _ = depths(left)
-    there = told.depth > 0
-    assert told.t_ns == 7
-    assert told.depth.shape == true.shape
+    there = measured.depth > 0
+    assert measured.t_ns == 7
+    assert measured.depth.shape == true.shape
     assert there.mean() > 0.6
-    off = np.abs(1 / told.depth[there] - 1 / true[there])
+    off = np.abs(1 / measured.depth[there] - 1 / true[there])
     assert np.median(off) < 0.01
 
 
