@@ -194,11 +194,7 @@ class BoardDetector:
         return pixels if np.isfinite(pixels).all() else None
 
     def detect(
-        self,
-        image: Image,
-        guess: Array | None = None,
-        guess_error_px: float = 40.0,
-        motion_px: Array | None = None,
+        self, image: Image, guess: Array | None = None, guess_error_px: float = 40.0, motion_px: Array | None = None
     ) -> BoardObservation | None:
         """Detects the corners of the board in one image.
 

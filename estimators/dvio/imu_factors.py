@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import (
@@ -37,6 +36,7 @@ from stridetwin.estimators.dvio.state import (
     FactorParameters,
     Frames,
     ImuNoise,
+    ImuSamples,
     Preintegration,
     Window,
 )
@@ -131,45 +131,26 @@ def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_densit
 
 
 @njit(error_model="numpy", **INSIDE)
-def integrate(
-    z: Preintegration,
-    t_ns: NDArray[np.int64],
-    samples: Array,
-    invalid: NDArray[np.uint8],
-    count: int,
-    start_ns: int,
-    end_ns: int,
-    bias: Array,
-    noise: ImuNoise,
-) -> None:
-    """Pre-integrates from `start_ns` to `end_ns`.
+def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise) -> None:
+    """Pre-integrates into `z` from `start_ns` to `end_ns`, at the biases (6,).
 
-    Args:
-        z: Overwritten.
-        t_ns: Stamps of the samples, rising.
-        samples: Rate (rad/s) and force (m/s²) of each, 6 columns.
-        invalid: Of each: 1 if it is saturated or replaces missing samples.
-        count: Number of samples; the first is not later than the start, the last not before the end.
-        start_ns: Start time.
-        end_ns: End time.
-        bias: (6,) of gyroscope and accelerometer.
-        noise: Of the sensor.
+    The first sample is not later than the start, and the last one not before the end.
     """
     clear(z, bias)
     at = start_ns
-    i = np.searchsorted(t_ns[:count], start_ns, side="right")
-    while at < end_ns and i < count:
-        until = min(t_ns[i], end_ns)
+    i = np.searchsorted(imu.t_ns, start_ns, side="right")
+    while at < end_ns and i < len(imu.t_ns):
+        until = min(imu.t_ns[i], end_ns)
         dt = (until - at) * 1e-9
         share = 0.0
         for k in range(3):
-            share += (noise.rate_share * (samples[i, k] - bias[k])) ** 2
+            share += (noise.rate_share * (imu.values[i, k] - bias[k])) ** 2
         rate_density, force_density = np.sqrt(noise.rate**2 + share), noise.force
-        if invalid[i]:
+        if imu.invalid[i]:
             # A constant error over the interval, as a density.
             rate_density += noise.invalid_rate * np.sqrt(dt)
             force_density += noise.invalid_force * np.sqrt(dt)
-        advance(z, samples[i, :3], samples[i, 3:], dt, rate_density, force_density)
+        advance(z, imu.values[i, :3], imu.values[i, 3:], dt, rate_density, force_density)
         at = until
         i += 1
 

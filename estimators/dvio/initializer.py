@@ -349,8 +349,8 @@ class Initializer:
         ids = np.flatnonzero(self._alive)
         if not len(ids):
             return
-        core, x, z = self._core, self._core.inertial, blank_preintegration()
-        kernel.integrate(z, x.t_ns, x.samples, x.invalid, x.count, self._before_ns, t_ns, core.nav.bias, core.noise)
+        core, z = self._core, blank_preintegration()
+        kernel.integrate(z, core.inertial.kept, self._before_ns, t_ns, core.nav.bias, core.noise)
         R_ic, was = core.window.calibration.R, self._pixels[ids]
         rays = np.concatenate([core.lens.normalised(was), np.ones((len(ids), 1))], axis=1) @ (R_ic.T @ z.delta_R @ R_ic)
         there, good = core.tracker.follow(was, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
@@ -380,22 +380,13 @@ class Initializer:
         found = self._structure()
         if found is None:
             return None
-        core, x, t_ns = self._core, self._core.inertial, self._t_ns[found.first :]
+        core, t_ns = self._core, self._t_ns[found.first :]
         preintegrations = blank_preintegration(len(t_ns) - 1)
         for k in range(len(t_ns) - 1):
             kernel.integrate_into(
-                preintegrations,
-                k,
-                x.t_ns,
-                x.samples,
-                x.invalid,
-                x.count,
-                t_ns[k],
-                t_ns[k + 1],
-                core.nav.bias,
-                core.noise,
+                preintegrations, k, core.inertial.kept, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise
             )
-        return aligned(found, preintegrations, np.array([x.rate_at(t) for t in t_ns]), self._priors())
+        return aligned(found, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._priors())
 
     def _structure(self) -> Structure | None:
         """Structure from at least as many images as an alignment needs."""

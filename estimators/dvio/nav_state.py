@@ -1,4 +1,4 @@
-"""The newest state between images: propagated with each IMU sample, with its covariance."""
+"""The newest valid IMU samples, and the state between images that is propagated with each, with its covariance."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import carried, mul, put, skew
 from stridetwin.estimators.dvio.imu_factors import integrate
-from stridetwin.estimators.dvio.state import FRAME, ImuNoise, Preintegration
-from stridetwin.streams.samples import Array
+from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
+from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.samples import Array, Imu
 
 _FASTEST, _MOST_GYRO_BIAS, _MOST_ACCEL_BIAS = 15.0, 0.5, 3.0  # m/s, rad/s, m/s²
 
@@ -47,31 +49,9 @@ def blank_nav_state() -> NavState:
 
 
 @njit(error_model="numpy", **INSIDE)
-def propagate(
-    nav: NavState,
-    z: Preintegration,
-    t_ns: NDArray[np.int64],
-    samples: Array,
-    invalid: NDArray[np.uint8],
-    count: int,
-    end_ns: int,
-    noise: ImuNoise,
-    gravity: float,
-) -> None:
-    """Propagates a state to `end_ns`.
-
-    Args:
-        nav: Changed in place.
-        z: Buffer for the increment.
-        t_ns: See `integrate`.
-        samples: See `integrate`.
-        invalid: See `integrate`.
-        count: See `integrate`.
-        end_ns: Not later than the last sample.
-        noise: Of the sensor.
-        gravity: m/s².
-    """
-    integrate(z, t_ns, samples, invalid, count, nav.t_ns[0], end_ns, nav.bias, noise)
+def propagate(nav: NavState, z: Preintegration, imu: ImuSamples, end_ns: int, noise: ImuNoise, gravity: float) -> None:
+    """Propagates a state to `end_ns`, not later than the last sample; `z` is a buffer."""
+    integrate(z, imu, nav.t_ns[0], end_ns, nav.bias, noise)
     dt = z.dt[0]
     R = nav.R.copy()
     F, G = np.eye(FRAME), np.zeros((9, 9))
@@ -128,3 +108,105 @@ def pose_and_covariance(nav: NavState) -> tuple[Array, Array]:
         T[i, 3] = nav.p[i]
         to_world[i, i] = 1.0
     return T, carried(to_world, nav.covariance[:6, :6])
+
+
+_HELD_S = 6.0  # at least; longer than a start in motion, or than a gap in vision followed by a late image
+_SATURATED = 0.995
+_MOST = np.repeat([100.0, 1000.0], 3)  # rad/s, m/s²; no head moves faster
+
+
+class Inertial:
+    """A buffer of samples in time order.
+
+    A sample that is not finite, out of range or not later than the last one is rejected. A sample is invalid if it is
+    saturated, or if it follows missing samples (it then replaces them, as the mean with the previous one). Samples of
+    the last 6 s are kept, at the nominal rate.
+
+    Args:
+        calibration: Rate and ranges.
+    """
+
+    def __init__(self, calibration: ImuCalibration) -> None:
+        self._half = math.ceil(_HELD_S * calibration.rate_hz) + 1
+        self.t_ns = np.zeros(2 * self._half, np.int64)
+        self.samples = np.zeros((2 * self._half, 6))
+        self.invalid = np.zeros(2 * self._half, np.uint8)
+        self.count = 0
+        self.period_s = 1.0 / calibration.rate_hz
+        ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
+        self._limit = np.repeat(ranges, 3) * _SATURATED
+
+    def take(self, sample: Imu) -> bool:
+        """Takes a sample; False where it is ignored."""
+        if self.count and sample.t_ns <= self.t_ns[self.count - 1]:
+            return False
+        x = np.empty(6)
+        x[:3], x[3:] = sample.angular_rate, sample.specific_force
+        size = np.abs(x)
+        if not (size <= _MOST).all():
+            return False
+        half = self._half
+        if self.count == 2 * half:
+            for a in (self.t_ns, self.samples, self.invalid):
+                a[:half] = a[half:].copy()
+            self.count = half
+        i = self.count
+        missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > 1.7 * self.period_s
+        self.t_ns[i] = sample.t_ns
+        self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
+        self.invalid[i] = missing or bool((size >= self._limit).any())
+        self.count += 1
+        return True
+
+    @property
+    def kept(self) -> ImuSamples:
+        """The samples, without a copy."""
+        n = self.count
+        return ImuSamples(self.t_ns[:n], self.samples[:n], self.invalid[:n])
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest sample."""
+        return int(self.t_ns[self.count - 1])
+
+    @property
+    def staying_ns(self) -> int:
+        """Stamp of the oldest sample that remains after the next one."""
+        return int(self.t_ns[max(self.count - self._half, 0)])
+
+    def gap_s(self) -> float:
+        """Time between the two newest samples, s."""
+        return (self.newest_ns - int(self.t_ns[self.count - 2])) * 1e-9 if self.count > 1 else 0.0
+
+    def rate_at(self, t_ns: int) -> Array:
+        """(3,) measured angular rate near a time, rad/s."""
+        i = int(np.searchsorted(self.t_ns[: self.count], t_ns))
+        i = min(max(i, 1), self.count - 1)
+        share = (t_ns - self.t_ns[i - 1]) / (self.t_ns[i] - self.t_ns[i - 1])
+        # a sample is the mean over the period that ends with it
+        j = min(i + 1, self.count - 1) if share > 0.5 else max(i - 1, 0)
+        weight = abs(share - 0.5)
+        return np.asarray((1 - weight) * self.samples[i, :3] + weight * self.samples[j, :3])
+
+    def since(self, t_ns: int, until_ns: int) -> Array:
+        """(N, 6) samples within (t_ns, until_ns]."""
+        i, j = np.searchsorted(self.t_ns[: self.count], [t_ns, until_ns], side="right")
+        return self.samples[i:j]
+
+    def reaches_back(self, t_ns: int) -> bool:
+        """Whether the samples are complete from a time on."""
+        return self.count > 0 and int(self.t_ns[0]) <= t_ns
+
+    def stationary(self, until_ns: int, parameters: DvioParameters) -> bool:
+        """Whether the sensor was stationary just before a time, by the scatter of its samples."""
+        start = until_ns - round(parameters.stationary_s * 1e9)
+        if not self.reaches_back(start):
+            return False
+        x = self.since(start, until_ns)
+        if len(x) < 0.7 * parameters.stationary_s / self.period_s:
+            return False
+        spread = x.std(axis=0)
+        return bool(
+            spread[:3].max() < parameters.stationary_rate_sd_radps
+            and spread[3:].max() < parameters.stationary_force_sd_mps2
+        )

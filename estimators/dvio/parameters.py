@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
+from stridetwin.estimators.base import PROPOSED, current_name
 from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise
-from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration

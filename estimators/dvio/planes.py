@@ -306,7 +306,7 @@ def match_planes(
 
 
 @njit(error_model="numpy", **INSIDE)
-def found_plane(window: Window, k: int, measured: Array, weight: Array) -> None:
+def add_plane(window: Window, k: int, measured: Array, weight: Array) -> None:
     """Adds a new plane in slot `k` as measured in the newest frame: (3,) 1/m and (3, 3) inverse covariance."""
     f, c, planes = window.frames, window.calibration, window.planes
     j = f.count[0] - 1

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import LegMeasurement
-from stridetwin.estimators.dvio.inertial import Inertial
-from stridetwin.estimators.dvio.nav_state import NavState, blank_nav_state
+from stridetwin.estimators.dvio.nav_state import Inertial, NavState, blank_nav_state
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
 from stridetwin.estimators.dvio.planes import free_slot
@@ -166,7 +165,6 @@ class Core:
         before = int(f.count[0]) - 1
         slot = before + 1 if self._newest_is_key else before
         t_ns = self.imu_time(frame.t_ns)
-        x = self.inertial
         predicted = self._predicted(before, t_ns)
         moved = self._follow(frame, predicted, before, slot)
         few = self._alive.sum() < p.observations_min
@@ -178,9 +176,14 @@ class Core:
         if p.feet:
             self._set_leg_velocity(slot, legs.v_in_world if few and legs is not None else None)
         kernel.integrate_into(
-            w.preintegrations, slot - 1, x.t_ns, x.samples, x.invalid, x.count,
-            f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1], self.noise,
-        )  # fmt: skip
+            w.preintegrations,
+            slot - 1,
+            self.inertial.kept,
+            f.t_ns[slot - 1],
+            f.t_ns[slot],
+            f.bias[slot - 1],
+            self.noise,
+        )
         key = self._is_key(slot)
         kernel.minimise(w, self.factors, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
         self._measure()
@@ -188,7 +191,7 @@ class Core:
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
         inverse = np.linalg.inv(np.tril(L))
         self.nav.covariance[:] = inverse.T @ inverse
-        self.seen = kernel.cull(w, self.factors, self._work, p.cull_sd, self._alive)
+        self.seen = kernel.cull(w, self.factors, self._work.views, p.cull_sd, self._alive)
         if key:
             self._find(frame, slot)
             self._observe_planes(frame)
@@ -235,18 +238,9 @@ class Core:
         return bool(kernel.plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
-        x = self.inertial
         if until_ns > state.t_ns[0]:
             kernel.propagate(
-                state,
-                self._preintegration,
-                x.t_ns,
-                x.samples,
-                x.invalid,
-                x.count,
-                until_ns,
-                self.noise,
-                self.parameters.gravity_mps2,
+                state, self._preintegration, self.inertial.kept, until_ns, self.noise, self.parameters.gravity_mps2
             )
 
     def _save_previous(self) -> None:
@@ -408,7 +402,7 @@ class Core:
         for i in new[:unmatched]:
             k = free_slot(w)
             if k is not None:
-                kernel.found_plane(w, k, rho[i], weights[i])
+                kernel.add_plane(w, k, rho[i], weights[i])
 
     def _anchor(self, frame: CameraFrame, slot: int) -> None:
         """Stores the patches of the landmarks that the slot hosts."""

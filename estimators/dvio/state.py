@@ -78,6 +78,20 @@ class ImuNoise(NamedTuple):
     invalid_force: float
 
 
+class ImuSamples(NamedTuple):
+    """Samples of the IMU in time order.
+
+    Attributes:
+        t_ns: (N,) end of the interval that each is the mean of.
+        values: (N, 6) rate (rad/s) and specific force (m/s²).
+        invalid: (N,) 1 where a sample is saturated or replaces missing ones.
+    """
+
+    t_ns: NDArray[np.int64]
+    values: Array
+    invalid: NDArray[np.uint8]
+
+
 class Preintegration(NamedTuple):
     """Preintegrated IMU measurement between two frames, in the first one's axes, without gravity.
 

@@ -10,6 +10,7 @@ from numba import njit
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import across_sole
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     ATTITUDE,
@@ -35,7 +36,6 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     Memory,
 )
-from stridetwin.estimators.foot_ins.zero_velocity import across_sole
 from stridetwin.streams.samples import Array
 
 

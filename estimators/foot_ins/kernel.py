@@ -12,8 +12,16 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
-from stridetwin.estimators.foot_ins.level_floor import level_floor_update
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import (
+    append_sample,
+    level_floor_update,
+    motion_statistic,
+    move_contact_point,
+    stationary_speed_sd,
+    zero_rate_update,
+    zero_velocity_update,
+)
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     D_ATTITUDE,
@@ -27,14 +35,6 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
-from stridetwin.estimators.foot_ins.zero_velocity import (
-    append_sample,
-    motion_statistic,
-    move_contact_point,
-    stationary_speed_sd,
-    zero_rate_update,
-    zero_velocity_update,
-)
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent)

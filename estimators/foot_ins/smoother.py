@@ -37,6 +37,7 @@ from stridetwin.estimators.foot_ins.algebra import product
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose, standing_nis
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
+from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     D_ATTITUDE,
@@ -57,7 +58,6 @@ from stridetwin.estimators.foot_ins.state import (
     blank,
 )
 from stridetwin.estimators.foot_ins.strapdown import shift, shift_rows
-from stridetwin.estimators.foot_ins.zero_velocity import inject
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu

@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream, deprecated
+from stridetwin.estimators.base import (
+    PATH,
+    PROPOSED,
+    Declaration,
+    Options,
+    PathEstimate,
+    Progress,
+    Stream,
+    current_name,
+    deprecated,
+)
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
@@ -22,12 +32,12 @@ from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters, for_kernel
 from stridetwin.estimators.foot_to_foot.shoe_rig import LeftRightCheck, shoes_of, side_by_side
 from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, OBSERVATIONS, Events, blank_pair
-from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.pose import Pose
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Block, Image, Imu, Range
+from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
+from stridetwin.streams.trajectory import Trajectory
 
 # Aids of each method; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {
@@ -161,9 +171,23 @@ class FootToFoot:
         Raises:
             StrideTwinError: A topic or calibration is missing, or a foot is never stationary.
         """
-        from stridetwin.estimators.foot_to_foot.path import follow_recording
-
-        return follow_recording(cls(recording.rig, options=options), recording, options)
+        estimator, name = cls(recording.rig, options=options), cls.declaration.name
+        streams = [s for s in cls.streams(recording.rig, options) if s.required or s.topic in recording.topics]
+        if any(s.kind is Image for s in streams):
+            paths = follow(estimator, recording.samples([s.topic for s in streams]))
+        else:  # no image is searched at a prediction, so one block gives the same numbers
+            blocks = {foot: recording.block(f"/foot_{foot}/imu") for foot in FEET}
+            paths = estimator.run(
+                blocks, [echo for s in streams if s.kind is Range for echo in recording.block(s.topic)]
+            )
+        world = name if options.method == PROPOSED else f"{name}_{options.method}"
+        common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
+        found = []
+        for foot, path in paths.items():
+            standing = estimator.nis.get(f"standing_{foot}")
+            nis = common if standing is None else {"standing": standing, **common}
+            found.append(path.estimate(recording, world, foot, cls.declaration.label or "", nis, world))
+        return found
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
         """Takes one sample; returns the new estimate, or None if the sample is ignored or has to wait.
@@ -302,3 +326,31 @@ class FootToFoot:
 def _block(sample: Imu) -> Block[Imu]:
     columns = {"angular_rate": sample.angular_rate[None], "specific_force": sample.specific_force[None]}
     return Block(topic=sample.topic, kind=Imu, t_ns=np.array([sample.t_ns]), columns=columns)
+
+
+def follow(estimator: FootToFoot, samples: Iterable[Sample]) -> dict[str, FootInsPath]:
+    """The path of each foot with samples, by `l` and `r`; samples of kinds that the filter does not use are skipped."""
+    rows: dict[str, list[FootInsEstimate]] = {}
+    for sample in samples:
+        if not isinstance(sample, Imu | Image | Range):
+            continue
+        estimate = estimator.update(sample)
+        if estimate is not None and isinstance(sample, Imu):
+            foot = estimator.foot_of(sample)
+            rows.setdefault(foot, []).append(estimate.feet[foot])
+    return {foot: _path(own) for foot, own in sorted(rows.items())}
+
+
+def _path(rows: list[FootInsEstimate]) -> FootInsPath:
+    pose = np.r_[0:3, 6:9]  # position and attitude among the 15 errors
+    return FootInsPath(
+        trajectory=Trajectory(
+            t_ns=np.array([e.t_ns for e in rows], np.int64),
+            p_frame_in_world=np.array([e.pose.p_frame_in_world for e in rows]),
+            q_world_frame=np.array([e.pose.q_world_frame for e in rows]),
+            covariance=np.array([e.covariance[np.ix_(pose, pose)] for e in rows]),
+        ),
+        v_imu_in_world=np.array([e.v_imu_in_world for e in rows]),
+        standing_speed_sd=np.array([e.standing_speed_sd for e in rows]),
+        aligned=np.array([e.aligned for e in rows]),
+    )

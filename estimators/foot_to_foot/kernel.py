@@ -14,14 +14,21 @@ from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.clipping import is_clipped
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, possible, step
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.state import ATTITUDE, IGNORED, VELOCITY, Memory
-from stridetwin.estimators.foot_to_foot.gyro_scale import apply_gyro_scale
+from stridetwin.estimators.foot_ins.state import (
+    ATTITUDE,
+    D_ATTITUDE,
+    IGNORED,
+    PHASE,
+    T_LAST,
+    TRACKING,
+    VELOCITY,
+    Memory,
+)
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.published import published_step, relative_position_update
-from stridetwin.estimators.foot_to_foot.ranging import sonar_update
+from stridetwin.estimators.foot_to_foot.relative_updates import UNUSED, board_in_camera, board_update, sonar_update
 from stridetwin.estimators.foot_to_foot.rewind import rewind
-from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, Events, Pair, inject_all
-from stridetwin.estimators.foot_to_foot.vision import UNUSED, board_in_camera, board_update
+from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent)
@@ -37,6 +44,39 @@ def in_inertial_world(memory: Memory, earth: Array, rate: Array, force: Array) -
     coriolis = np.array([w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]])
     to_sensor = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4]).T
     return rate - to_sensor @ earth, force - to_sensor @ (2.0 * coriolis)
+
+
+@njit(**INSIDE)
+def apply_gyro_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
+    """Propagates the scale error into the attitude error over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
+
+    See docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two
+    feet that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004, 12.3).
+
+    Args:
+        pair: Its covariance is changed in place.
+        foot: Foot with the gyro.
+        rate: (3,) rad/s, sensor frame.
+        t_ns: Of the sample.
+        max_gap_s: After a longer gap the foot is aligned again, and nothing is done here.
+    """
+    memory = pair.feet[foot]
+    dt = (t_ns - memory.clock[T_LAST]) * 1e-9
+    s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
+    if memory.clock[PHASE] != TRACKING or not 0.0 < dt <= max_gap_s or pair.covariance[s, s] == 0.0:
+        return
+    D = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4]) * (rate * dt)
+    _add_scale_error(pair.covariance, a, s, D)
+    _add_scale_error(pair.covariance.T, a, s, D)
+
+
+@njit(**INSIDE)
+def _add_scale_error(M: Array, a: int, s: int, D: Array) -> None:
+    """Attitude rows from `a` on minus D times the scale rows from `s` on, in place."""
+    for j in range(M.shape[1]):
+        s0, s1, s2 = M[s, j], M[s + 1, j], M[s + 2, j]
+        for i in range(3):
+            M[a + i, j] -= D[i, 0] * s0 + D[i, 1] * s1 + D[i, 2] * s2
 
 
 @_called
@@ -59,7 +99,7 @@ def run(
         events: An aid comes right after the IMU sample by which both feet have reached its time.
         phase: (N,) int8, out: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
         figure: (N,) out: of an IMU sample, standard deviation of the stationary foot's speed, m/s; of an aid, its
-            normalised innovation, see `vision.board_update`.
+            normalised innovation, see `relative_updates.board_update`.
         state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
     """

@@ -15,6 +15,7 @@ from numba import njit
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kernel import take
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     D_VELOCITY,
@@ -27,11 +28,10 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.strapdown import correct, predict
-from stridetwin.estimators.foot_ins.zero_velocity import inject
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
+from stridetwin.estimators.foot_to_foot.relative_updates import UNUSED
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import ALL_STATES, Pair, inject_all
-from stridetwin.estimators.foot_to_foot.vision import UNUSED
 from stridetwin.streams.samples import Array
 
 

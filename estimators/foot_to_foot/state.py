@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.algebra import exponential, product
+from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
-from stridetwin.estimators.foot_ins.zero_velocity import inject
 from stridetwin.streams.samples import Array
 
 LEFT, RIGHT = 0, 1

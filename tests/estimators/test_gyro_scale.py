@@ -8,15 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, STATES
-from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters
-from stridetwin.estimators.foot_to_foot import gyro_scale as scale_of_gyros
+from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters, kernel
 from stridetwin.estimators.foot_to_foot.state import SCALES, blank_pair
 from stridetwin.streams.samples import Array
 from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyWalk
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import take
 
-apply_gyro_scale = from_python(scale_of_gyros.apply_gyro_scale)
+apply_gyro_scale = from_python(kernel.apply_gyro_scale)
 
 
 @pytest.mark.parametrize("foot", [0, 1])

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.initializer import Priors, aligned, gyro_bias
-from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
+from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import Observations, structure_of_bearings, structure_with_depth
 from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
 
@@ -62,7 +62,7 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
     at_image, z, R_first = t_ns[::BETWEEN], blank_preintegration(), first.as_matrix()
     R, p, v = np.zeros((IMAGES, 3, 3)), np.zeros((IMAGES, 3)), np.zeros((IMAGES, 3))
     for k, end in enumerate(at_image):
-        kernel.integrate(z, t_ns, true, invalid, n, 0, int(end), np.zeros(6), NOISE)
+        kernel.integrate(z, ImuSamples(t_ns, true, invalid), 0, int(end), np.zeros(6), NOISE)
         dt = z.dt[0]
         R[k], v[k] = R_first @ z.delta_R, v_first + GRAVITY * dt + R_first @ z.delta_v
         p[k] = v_first * dt + 0.5 * GRAVITY * dt**2 + R_first @ z.delta_p
@@ -74,7 +74,7 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
     )
     for k in range(IMAGES - 1):
         ends = int(at_image[k]), int(at_image[k + 1])
-        kernel.integrate_into(preintegrations, k, t_ns, measured, invalid, n, *ends, np.zeros(6), NOISE)
+        kernel.integrate_into(preintegrations, k, ImuSamples(t_ns, measured, invalid), *ends, np.zeros(6), NOISE)
     off = noisy * rng.normal(size=8)
     R_ic = T_IMU_CAMERA[:3, :3] @ Rotation.from_rotvec(off[3:6] * MOUNT_SD[3:]).as_matrix()
     R_seen = R @ Rotation.from_rotvec(rate[::BETWEEN] * off[6] * OFFSET_SD).as_matrix()

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.inertial import Inertial
+from stridetwin.estimators.dvio.nav_state import Inertial
 from stridetwin.estimators.dvio.state import blank_preintegration
 from stridetwin.streams.rig import ImuCalibration, Mount
 from stridetwin.streams.samples import Imu
@@ -34,5 +34,5 @@ def test_reaches_back_for_six_seconds_at_any_rate(rate_hz):
     assert least >= 6e9
     z = blank_preintegration()
     start = x.newest_ns - 3_000_000_000
-    kernel.integrate(z, x.t_ns, x.samples, x.invalid, x.count, start, x.newest_ns, np.zeros(6), NOISE)
+    kernel.integrate(z, x.kept, start, x.newest_ns, np.zeros(6), NOISE)
     assert np.linalg.norm(Rotation.from_matrix(z.delta_R).as_rotvec()) == pytest.approx(0.3, rel=1e-6)

@@ -197,7 +197,7 @@ def test_a_plane_is_known_again_and_its_neighbour_is_not():
     assert unmatched == 1
     assert new[0] == 1
     assert w.planes.seen[:, 2].tolist()[:3] == [1, 0, 1]
-    kernel.found_plane(w, 4, shelf, np.eye(3))
+    kernel.add_plane(w, 4, shelf, np.eye(3))
     assert w.planes.normal[4] == pytest.approx(w.planes.normal[1], abs=1e-9)
     assert w.planes.distance[4] == pytest.approx(w.planes.distance[1] - 0.1, abs=1e-9)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
+from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
 from tests.estimators.dvio.scenes import NOISE
 
 PERIOD_NS = 5_000_000
@@ -25,7 +25,7 @@ def stretch(rng: np.random.Generator, n: int = 30):
 
 def integrated(t_ns, samples, start_ns, end_ns, bias, noise=NOISE) -> Preintegration:
     z = blank_preintegration()
-    kernel.integrate(z, t_ns, samples, np.zeros(len(t_ns), np.uint8), len(t_ns), start_ns, end_ns, bias, noise)
+    kernel.integrate(z, ImuSamples(t_ns, samples, np.zeros(len(t_ns), np.uint8)), start_ns, end_ns, bias, noise)
     return z
 
 
@@ -94,7 +94,7 @@ def test_a_doubtful_sample_is_known_less():
     invalid = np.zeros(len(t_ns), np.uint8)
     invalid[10] = 1
     z = blank_preintegration()
-    kernel.integrate(z, t_ns, samples, invalid, len(t_ns), 0, int(t_ns[-1]), np.zeros(6), NOISE)
+    kernel.integrate(z, ImuSamples(t_ns, samples, invalid), 0, int(t_ns[-1]), np.zeros(6), NOISE)
     assert z.delta_p == pytest.approx(sure.delta_p)
     added = np.diag(z.covariance - sure.covariance)[6:]
     assert added == pytest.approx(np.full(3, (NOISE.invalid_force * 0.005) ** 2), rel=0.2)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.solver import blank_work, drop_oldest
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANES, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANES, ImuSamples, Window
 from tests.estimators.dvio.scenes import NOISE, SHARED, TERMS, moved, see_corner, seen_window
 
 PERIOD_NS = 5_000_000
@@ -32,7 +32,7 @@ def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
         middle = f.R[k] @ Rotation.from_rotvec(0.1 * rate).as_matrix()
         samples = np.tile(np.concatenate([rate, middle.T @ a]), (n, 1)) + f.bias[k]
         kernel.integrate_into(
-            w.preintegrations, k, t_ns, samples, np.zeros(n, np.uint8), n, t_ns[0], t_ns[-1], f.bias[k], NOISE
+            w.preintegrations, k, ImuSamples(t_ns, samples, np.zeros(n, np.uint8)), t_ns[0], t_ns[-1], f.bias[k], NOISE
         )
     marks.at[:] += 1e-3 * rng.normal(size=marks.at.shape)
     marks.rho[:] += 4e-3 * rng.normal(size=marks.rho.shape) * (marks.rho > 0)
