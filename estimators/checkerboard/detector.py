@@ -6,7 +6,7 @@ Corners are identified if the whole board is visible, or if no other part of it 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 from stridetwin.estimators.checkerboard import saddle_points
 from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
 from stridetwin.estimators.checkerboard.pose import BoardObservation
-from stridetwin.estimators.checkerboard.search import anywhere, around, guessed
+from stridetwin.estimators.checkerboard.saddle_points import CornerFitParameters
+from stridetwin.estimators.checkerboard.search import SearchParameters, anywhere, around, guessed
 from stridetwin.streams.errors import StrideTwinError, check_numbers
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
-_CLEAR = 0.15  # least deviation from the mean brightness, in half steps, of a clearly bright or dark cell
-_SPOILT = 3  # cells of a whole board that dirt may hide: fewer dark ones than any shift would miss
 
-
-def is_whole(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
+def is_whole(
+    grey: NDArray[np.uint8],
+    pattern: BoardPattern,
+    view: View,
+    corners: Array,
+    levels: Array,
+    p: BoardDetectorParameters,
+) -> bool:
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
     Args:
@@ -32,12 +37,13 @@ def is_whole(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners
         view: Its estimated view.
         corners: (N, 2) squares, detected corners.
         levels: (N, 2) middle and half step of the brightness at each; both change slowly over a board.
+        p: Of the detector.
     """
     plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
     middle, step = (_plane(pattern.cells) @ plane).T
     contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
-    right = contrast * pattern.bright.ravel() > _CLEAR  # False outside the image
-    return int((~right).sum()) <= _SPOILT
+    right = contrast * pattern.bright.ravel() > p.clear_contrast  # False outside the image
+    return int((~right).sum()) <= p.hidden_cells_max
 
 
 def is_alone(pattern: BoardPattern, view: View, which: NDArray[np.intp], near: Array, reach_px: float) -> bool:
@@ -68,8 +74,6 @@ def _plane(squares: Array) -> Array:
     return np.column_stack([np.ones(len(squares)), squares])
 
 
-_ROUNDS = 7
-_PASSES = 2
 _BOX = 12.0  # variance of a Gaussian that blurs as much as a box: its width squared over this
 
 
@@ -85,7 +89,7 @@ class Smear:
     blur: Array
     motion: Array | None
 
-    def ways(self, sharp: Array) -> Array:
+    def total_motion(self, sharp: Array) -> Array:
         """(2,) motion along u and v, squares, of equal blur, where `sharp` (2,) is the blur at rest."""
         motion = np.zeros(2) if self.motion is None else self.motion
         return np.sqrt(_BOX * np.maximum(self.blur**2 - sharp**2, 0.0) + motion**2)
@@ -129,6 +133,11 @@ class BoardDetectorParameters:
         max_streak: The same along both axes: along the diagonal squares have one colour, which hides the motion.
         smeared_share: Least share of all corners that a smeared board must show.
         smeared_misfit: Largest misfit of its median corner.
+        clear_contrast: Least difference from the mean brightness, in half steps, of a clearly bright or dark cell.
+        hidden_cells_max: Cells of a whole board that dirt may hide: fewer dark ones than any shift would miss.
+        passes: Largest number of refits of the view, because one from few corners is inaccurate at the others.
+        fit: Of each corner.
+        search: Of candidate views.
         corner_sd_px: Error of a corner in addition to its residuals, pixels: remaining errors of lens and print.
         smear_sd: The same, as a share of the motion that blurs the board.
     """
@@ -149,10 +158,16 @@ class BoardDetectorParameters:
     smeared_misfit: float = 0.12
     corner_sd_px: float = 0.02
     smear_sd: float = 0.01
+    clear_contrast: float = 0.15
+    hidden_cells_max: int = 3
+    passes: int = 2
+    fit: CornerFitParameters = field(default_factory=CornerFitParameters)
+    search: SearchParameters = field(default_factory=SearchParameters)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number > 0."""
-        check_numbers("BoardDetectorParameters", asdict(self))
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("fit", "search")}
+        check_numbers("BoardDetectorParameters", values | self.fit._asdict())
 
 
 class BoardDetector:
@@ -240,12 +255,12 @@ class BoardDetector:
 
     def _candidates(self, grey: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
         if guess is None:
-            yield from anywhere(grey, self._pattern, self._lens)
+            yield from anywhere(grey, self._pattern, self._lens, self._parameters.search)
             return
         if np.shape(guess) != self._pattern.corners.shape:
             raise StrideTwinError(f"guess of shape {np.shape(guess)}; the board has {self._pattern.corners.shape}")
         if (view := guessed(self._pattern, self._lens, np.asarray(guess, dtype=float))) is not None:
-            yield from around(grey, self._pattern, view, error_px)
+            yield from around(grey, self._pattern, view, error_px, self._parameters.search)
 
     def _fitted(self, grey: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
         """The refined view and its accepted corners; None if there are too few."""
@@ -267,52 +282,52 @@ class BoardDetector:
             ((smear, self._fit(grey, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
             key=lambda tried: _misfit(tried[1]),
         )
-        ways = smear.ways(sharp)
-        fit = self._held(view, fits, ways)
-        for _ in range(_PASSES):  # a view from few corners is inaccurate at the others
+        motion_uv = smear.total_motion(sharp)
+        fit = self._held(view, fits, motion_uv)
+        for _ in range(self._parameters.passes):
             if len(fit.which) in (len(corners), 0):
                 break
             closer = View.through(self._lens, corners[fit.which], self._lens.rays(fit.corners[:, :2]))
             if closer is None:
                 break
-            again = self._held(closer, self._fit(grey, closer, smear, False), ways)
+            again = self._held(closer, self._fit(grey, closer, smear, False), motion_uv)
             if len(again.which) <= len(fit.which):
                 break
             fit = again
-        return fit if self._enough(fit, ways) else None
+        return fit if self._enough(fit, motion_uv) else None
 
-    def _held(self, view: View, fits: Array, ways: Array) -> BoardFit:
+    def _held(self, view: View, fits: Array, motion_uv: Array) -> BoardFit:
         """The corners that are certain enough and consistent with a plane board."""
         p, size = self._parameters, view.size_px(self._pattern.corners)
         shown = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
-        sd = np.sqrt(shown**2 + p.corner_sd_px**2 + (p.smear_sd * np.linalg.norm(ways) * size) ** 2)
+        sd = np.sqrt(shown**2 + p.corner_sd_px**2 + (p.smear_sd * np.linalg.norm(motion_uv) * size) ** 2)
         off = np.linalg.norm(fits[:, :2] - view.pixels(self._pattern.corners), axis=1)
         even = (off < np.maximum(p.flatness * size, 5 * sd)) & (sd < p.max_corner_sd * size)
         which = np.flatnonzero((fits[:, saddle_points.OK] > 0) & even)
         return BoardFit(view=view, which=which, corners=fits[which], sd_px=sd[which])
 
-    def _enough(self, fit: BoardFit, ways: Array) -> bool:
+    def _enough(self, fit: BoardFit, motion_uv: Array) -> bool:
         """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more."""
-        p, count, length = self._parameters, len(fit.which), np.linalg.norm(ways)
+        p, count, length = self._parameters, len(fit.which), np.linalg.norm(motion_uv)
         if length <= p.max_sharp:
             return count >= p.min_corners
         many = count >= p.smeared_share * len(self._pattern.corners)
-        return bool(many and _readable(ways, p) and _misfit(fit.corners) < p.smeared_misfit)
+        return bool(many and _readable(motion_uv, p) and _misfit(fit.corners) < p.smeared_misfit)
 
     def _smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
         """Possible blurs: a motion that smears both families of edges has one of two directions."""
         yield Smear(blur=blur, motion=motion)
-        ways = Smear(blur=blur, motion=None).ways(sharp)
-        if motion is None and ways.min() > self._parameters.min_smear:
+        motion_uv = Smear(blur=blur, motion=None).total_motion(sharp)
+        if motion is None and motion_uv.min() > self._parameters.min_smear:
             for sense in (1.0, -1.0):
-                yield Smear(blur=sharp, motion=ways * (1.0, sense))
+                yield Smear(blur=sharp, motion=motion_uv * (1.0, sense))
 
     def _fit(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
         """(M, COLUMNS) fits of all corners; OK are those with little misfit and the common step in brightness."""
         p, corners, colour = self._parameters, self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
         fits = saddle_points.fit_corners(
-            grey, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, _ROUNDS
+            grey, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, p.fit
         )
         step = fits[:, saddle_points.STEP]
         good = (fits[:, saddle_points.OK] > 0) & (fits[:, saddle_points.RMS] < p.max_misfit * step)
@@ -327,12 +342,12 @@ class BoardDetector:
         if near is not None and is_alone(self._pattern, fit.view, fit.which, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]
-        return is_whole(grey, self._pattern, fit.view, self._pattern.corners[fit.which], levels)
+        return is_whole(grey, self._pattern, fit.view, self._pattern.corners[fit.which], levels, self._parameters)
 
 
-def _readable(ways: Array, parameters: BoardDetectorParameters) -> bool:
+def _readable(motion_uv: Array, parameters: BoardDetectorParameters) -> bool:
     """Whether a board that moves by (2,) squares along u and v during the exposure keeps its pattern."""
-    return bool(np.linalg.norm(ways) <= parameters.max_smear and ways.min() <= parameters.max_streak)
+    return bool(np.linalg.norm(motion_uv) <= parameters.max_smear and motion_uv.min() <= parameters.max_streak)
 
 
 def _misfit(fits: Array) -> float:

@@ -145,8 +145,8 @@ class Dvio:
         self._feet: Feet | None = None
         if self._parameters.feet:
             if exoskeleton is None:
-                raise ConfigError("Dvio", "feet", True, "false, or give the exoskeleton whose legs tell the speed")
-            self._feet = Feet.of(exoskeleton)
+                raise ConfigError("Dvio", "feet", True, "false, or an exoskeleton whose legs measure the speed")
+            self._feet = Feet.of(exoskeleton, self._parameters.legs)
         self._alone_s = max(recovery.alone_s, recovery.alone_frames / camera.rate_hz)
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
@@ -309,7 +309,7 @@ class Dvio:
             return
         feet = self._feet
         legs = feet.at(t_ns) if feet is not None else None
-        core.take(frame, core.inertial.stationary(t_ns, self._parameters), legs)
+        core.take(frame, core.inertial.stationary(t_ns), legs)
         self._health = TRACKING if core.tracking else COASTING
         if feet is not None and self._health == TRACKING:
             feet.compare(int(core.nav.t_ns[0]), core.nav.v)
@@ -324,7 +324,7 @@ class Dvio:
             return
         if self._begun_ns is None:
             self._begun_ns = t_ns
-        resting = core.inertial.stationary(t_ns, p)
+        resting = core.inertial.stationary(t_ns)
         if not resting and (found := self._initializer.take(frame)) is not None:
             covariance = self._by_alignment(found)
         elif resting or (t_ns - self._begun_ns) * 1e-9 >= p.align_s:

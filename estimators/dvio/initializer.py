@@ -28,13 +28,10 @@ from stridetwin.streams.samples import Array
 # Errors that one interval depends on: pose of the two cameras, the two velocities, tilt, biases, scale,
 # the camera's position and attitude on the IMU, time offset.
 _CAMERA_A, _CAMERA_B, _V_A, _V_B, _TILT, _BIAS, _SCALE, _MOUNT, _OFFSET, _LOCAL = 0, 6, 12, 15, 18, 20, 26, 27, 33, 34
-_STEP = 1e-6  # step of numerical derivatives
-_STEPS, _LARGE, _ENOUGH = (
-    4,
-    0.1,
-    1e-4,
-)  # a step below the last value ends the iteration, one above the second recomputes derivatives
-_WRONG_GRAVITY = 0.3  # relative error allowed for the linear problem's gravity
+_STEP = 1e-6  # of numerical derivatives
+# Gauss-Newton: largest number of steps; a step above the second value recomputes the derivatives, one below the last
+# ends the iteration.
+_STEPS, _LARGE, _SETTLED = 4, 0.1, 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +46,7 @@ class Priors:
         offset_sd: Of the camera's clock, s.
         scale_sd: Of measured depths, relative.
         gravity: m/s².
+        gravity_error: Largest relative error of the linear problem's gravity.
     """
 
     T_imu_camera: Array
@@ -58,6 +56,7 @@ class Priors:
     offset_sd: float
     scale_sd: float
     gravity: float
+    gravity_error: float = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,7 +174,7 @@ def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors
     x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
     scale, g = (1.0 if structure.scaled else float(x[-1])), x[3 * K : 3 * K + 3]
     size = float(np.linalg.norm(g))
-    if not (scale > 0.0 and abs(size - priors.gravity) < _WRONG_GRAVITY * priors.gravity):
+    if not (scale > 0.0 and abs(size - priors.gravity) < priors.gravity_error * priors.gravity):
         return None
     up: Array = np.asarray(-g / size, float)
     return _State(
@@ -225,7 +224,7 @@ def _refined(s: _State, structure: Structure, z: Preintegration, rates: Array, p
         moved += e
         size = np.abs(e[6 * K :]).max()
         large = size > _LARGE
-        if size < _ENOUGH:
+        if size < _SETTLED:
             break
     r = _mismatch(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
     cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + moved[:V] @ structure.information @ moved[:V])
@@ -395,6 +394,7 @@ class Initializer:
         s = Observations(
             seen=self._seen[:K, often], at=self._at[:K, often], rho=self._rho[:K, often],
             sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=p.inverse_depth_again_sd_per_m,
+            parameters=p.structure,
         )  # fmt: skip
         found = structure_with_depth(s) if (s.prior_sd > 0).any() else structure_of_bearings(s)
         return None if found is None or len(found.R) < self._parameters.views_min else found
@@ -411,4 +411,5 @@ class Initializer:
             offset_sd=p.time_offset_sd_s,
             scale_sd=p.depth_scale_sd,
             gravity=p.gravity_mps2,
+            gravity_error=self._parameters.gravity_error,
         )

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import carried, mul, put, skew
 from stridetwin.estimators.dvio.imu_factors import integrate
-from stridetwin.estimators.dvio.parameters import DvioParameters
+from stridetwin.estimators.dvio.parameters import DvioParameters, PlausibleState
 from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
-
-_FASTEST, _MOST_GYRO_BIAS, _MOST_ACCEL_BIAS = 15.0, 0.5, 3.0  # m/s, rad/s, m/s²
 
 
 class NavState(NamedTuple):
@@ -88,13 +86,14 @@ def propagate(nav: NavState, z: Preintegration, imu: ImuSamples, end_ns: int, no
 
 
 @njit(error_model="numpy", **INSIDE)
-def plausible(nav: NavState) -> bool:
+def plausible(nav: NavState, limits: PlausibleState) -> bool:
     """Whether a state is physically possible for a person."""
     total = nav.p.sum() + nav.bias.sum() + nav.R.sum() + nav.covariance.sum()
     fast = nav.v[0] ** 2 + nav.v[1] ** 2 + nav.v[2] ** 2
-    if not (math.isfinite(total) and fast < _FASTEST**2):
+    if not (math.isfinite(total) and fast < limits.speed_mps**2):
         return False
-    return bool(np.abs(nav.bias[:3]).max() < _MOST_GYRO_BIAS and np.abs(nav.bias[3:]).max() < _MOST_ACCEL_BIAS)
+    gyro, accel = np.abs(nav.bias[:3]).max(), np.abs(nav.bias[3:]).max()
+    return bool(gyro < limits.gyro_bias_radps and accel < limits.accel_bias_mps2)
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -110,11 +109,6 @@ def pose_and_covariance(nav: NavState) -> tuple[Array, Array]:
     return T, carried(to_world, nav.covariance[:6, :6])
 
 
-_HELD_S = 6.0  # at least; longer than a start in motion, or than a gap in vision followed by a late image
-_SATURATED = 0.995
-_MOST = np.repeat([100.0, 1000.0], 3)  # rad/s, m/s²; no head moves faster
-
-
 class Inertial:
     """A buffer of samples in time order.
 
@@ -124,17 +118,20 @@ class Inertial:
 
     Args:
         calibration: Rate and ranges.
+        parameters: Of the odometry.
     """
 
-    def __init__(self, calibration: ImuCalibration) -> None:
-        self._half = math.ceil(_HELD_S * calibration.rate_hz) + 1
+    def __init__(self, calibration: ImuCalibration, parameters: DvioParameters) -> None:
+        self._parameters, p = parameters, parameters.imu
+        self._half = math.ceil(p.buffer_s * calibration.rate_hz) + 1
         self.t_ns = np.zeros(2 * self._half, np.int64)
         self.samples = np.zeros((2 * self._half, 6))
         self.invalid = np.zeros(2 * self._half, np.uint8)
         self.count = 0
         self.period_s = 1.0 / calibration.rate_hz
         ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
-        self._limit = np.repeat(ranges, 3) * _SATURATED
+        self._limit = np.repeat(ranges, 3) * p.saturated_share
+        self._largest = np.repeat([p.rate_max_radps, p.force_max_mps2], 3)
 
     def take(self, sample: Imu) -> bool:
         """Takes a sample; False where it is ignored."""
@@ -143,7 +140,7 @@ class Inertial:
         x = np.empty(6)
         x[:3], x[3:] = sample.angular_rate, sample.specific_force
         size = np.abs(x)
-        if not (size <= _MOST).all():
+        if not (size <= self._largest).all():
             return False
         half = self._half
         if self.count == 2 * half:
@@ -151,7 +148,7 @@ class Inertial:
                 a[:half] = a[half:].copy()
             self.count = half
         i = self.count
-        missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > 1.7 * self.period_s
+        missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > self._parameters.imu.gap_periods * self.period_s
         self.t_ns[i] = sample.t_ns
         self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
         self.invalid[i] = missing or bool((size >= self._limit).any())
@@ -197,16 +194,14 @@ class Inertial:
         """Whether the samples are complete from a time on."""
         return self.count > 0 and int(self.t_ns[0]) <= t_ns
 
-    def stationary(self, until_ns: int, parameters: DvioParameters) -> bool:
+    def stationary(self, until_ns: int) -> bool:
         """Whether the sensor was stationary just before a time, by the scatter of its samples."""
-        start = until_ns - round(parameters.stationary_s * 1e9)
+        p = self._parameters
+        start = until_ns - round(p.stationary_s * 1e9)
         if not self.reaches_back(start):
             return False
         x = self.since(start, until_ns)
-        if len(x) < 0.7 * parameters.stationary_s / self.period_s:
+        if len(x) < p.imu.complete_share * p.stationary_s / self.period_s:
             return False
         spread = x.std(axis=0)
-        return bool(
-            spread[:3].max() < parameters.stationary_rate_sd_radps
-            and spread[3:].max() < parameters.stationary_force_sd_mps2
-        )
+        return bool(spread[:3].max() < p.stationary_rate_sd_radps and spread[3:].max() < p.stationary_force_sd_mps2)

@@ -32,9 +32,6 @@ from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration, of the plane, and of the observing frame's pose.
 _PLANE, _OBSERVER, COLUMNS = CALIBRATION, CALIBRATION + PLANE, CALIBRATION + PLANE + 6
-_LEAST_DISTANCE = 0.05  # m; least distance of a camera from a plane
-_TURNED, _OFF = 0.1, 0.15  # rad, m; a plane farther off never matches, however uncertain
-_CHI2_GATE = 16.3  # chi-square gate: 0.1 % of a plane's own observations exceed it
 
 
 class PlaneWorkspace(NamedTuple):
@@ -115,7 +112,7 @@ def plane_residual(
     focal = (1.0 + c.focal[0], 1.0 + c.focal[1], 1.0)
     R, p = at_exposure(f, j, c.offset[0])
     _, m, away = _in_camera(window, planes.normal[k], planes.distance[k], R, p)
-    if away < _LEAST_DISTANCE:
+    if away < factors.planes.distance_min_m:
         return False
     for i in range(3):
         workspace.r[i] = c.scale[0] * focal[i] * m[i] / away - measured[i]
@@ -125,7 +122,7 @@ def plane_residual(
     if factors.first_estimates and f.held[j]:
         R, p = f.R_first[j], f.p_first[j]
     a, m, away = _in_camera(window, n, d, R, p)
-    if away < _LEAST_DISTANCE:
+    if away < factors.planes.distance_min_m:
         return False
     T = tangent(n)
     # derivatives of the distance by plane, position and attitude
@@ -191,7 +188,7 @@ def add_planes(window: Window, factors: FactorParameters, last: int, H: Array, b
             if not planes.seen[k, j] or not plane_residual(window, factors, k, j, planes.measured[k, j], workspace):
                 continue
             W, r, J = planes.weight[k, j], workspace.r, workspace.J
-            c, w = huber(_squared(W, r), factors.plane_limit)
+            c, w = huber(_squared(W, r), factors.planes.huber_sd)
             cost += c
             WJ, Wr = mul(W, J), rotate(W, r)
             for e in range(COLUMNS):
@@ -211,11 +208,11 @@ def cull_planes(window: Window, factors: FactorParameters) -> None:
         for j in range(window.frames.count[0]):
             if planes.used[k] and planes.seen[k, j]:
                 fits = plane_residual(window, factors, k, j, planes.measured[k, j], workspace)
-                planes.seen[k, j] = fits and _squared(planes.weight[k, j], workspace.r) < _CHI2_GATE
+                planes.seen[k, j] = fits and _squared(planes.weight[k, j], workspace.r) < factors.planes.gate
 
 
 @njit(error_model="numpy", **INSIDE)
-def _mahalanobis2(
+def _distance2(
     window: Window,
     factors: FactorParameters,
     L: Array,
@@ -240,9 +237,10 @@ def _mahalanobis2(
     if not plane_residual(window, factors, k, j, measured, workspace):
         return math.inf
     c = window.calibration
-    expected = measured + workspace.r
+    expected, p = measured + workspace.r, factors.planes
     size, known = math.sqrt(_dot(measured, measured)), math.sqrt(_dot(expected, expected))
-    if _dot(measured, expected) < math.cos(_TURNED) * size * known or abs(1.0 / size - 1.0 / known) * c.scale[0] > _OFF:
+    apart_m = abs(1.0 / size - 1.0 / known) * c.scale[0]
+    if _dot(measured, expected) < math.cos(p.match_rad) * size * known or apart_m > p.match_m:
         return math.inf
     shared = window.shared
     n = shared + FRAME * (j + 1)
@@ -286,12 +284,12 @@ def match_planes(
     workspace = PlaneWorkspace(np.empty(3), np.empty((3, COLUMNS)))
     planes.seen[:, j] = 0
     for i in range(count):
-        best, least, cover = -1, _CHI2_GATE, np.linalg.inv(weights[i])
+        best, least, cover = -1, factors.planes.gate, np.linalg.inv(weights[i])
         twice = False
         for k in range(len(planes.used)):
             if not planes.used[k]:
                 continue
-            chi = _mahalanobis2(window, factors, L, k, j, measured[i], cover, workspace)
+            chi = _distance2(window, factors, L, k, j, measured[i], cover, workspace)
             if chi < least:
                 best, least, twice = k, chi, planes.seen[k, j] > 0
         if best < 0:

@@ -67,7 +67,7 @@ class Core:
             max(imu.accelerometer_bias_sd, parameters.accel_bias_sd_mps2),
         ]
         self.bias_sd = np.repeat(turn_on, 3)
-        self.inertial = Inertial(imu)
+        self.inertial = Inertial(imu, parameters)
         self.lens = Lens(camera)
         self.factors = parameters.factors(self.lens.focal_px, self.noise)
         slots = parameters.landmark_slots
@@ -83,7 +83,7 @@ class Core:
         self._alive = np.zeros(slots, np.uint8)
         self._pixels = np.zeros((slots, 2), np.float32)
         if planes:
-            at = sample_pixels(self.lens.shape)
+            at = sample_pixels(self.lens.shape, parameters.plane)
             self._rays = self.lens.normalised(at.reshape(-1, 2)).reshape(at.shape)
             self._measured_planes = np.zeros((planes, 3)), np.zeros((planes, 3, 3)), np.zeros(planes, np.int64)
         self._newest_is_key = False
@@ -235,7 +235,7 @@ class Core:
     @property
     def plausible(self) -> bool:
         """Whether the newest state is physically possible for a person."""
-        return bool(kernel.plausible(self.nav))
+        return bool(kernel.plausible(self.nav, self.parameters.plausible))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
         if until_ns > state.t_ns[0]:
@@ -271,7 +271,7 @@ class Core:
         if v is None:
             return
         self._hold(slot)
-        weight = self.parameters.feet_speed_sd_mps**-2
+        weight = self.parameters.legs.speed_sd_mps**-2
         for i in range(3):
             at = own.start + D_VELOCITY + i
             prior.H[at, at] = weight
@@ -301,7 +301,7 @@ class Core:
         self.tracker.take(frame.grey)
         there, good = predicted_px, np.zeros(len(ids), bool)
         if p.anchored:
-            there, good = self.tracker.align(ids, predicted_px, warps, p.anchor_px, p.anchor_likeness)
+            there, good = self.tracker.align(ids, predicted_px, warps)
         elsewhere = good.sum() < p.predicted_share * len(ids)
         if elsewhere:
             there, good = self.tracker.follow(was, predicted_px)
@@ -311,13 +311,17 @@ class Core:
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
         moved = np.linalg.norm(motion, axis=1)
-        gate = p.gate_px + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2] + unsure * (10.0 + moved)
+        gate = (
+            p.gate_px
+            + 2 * self.lens.focal_px * speed_sd * dt * expected[ids, 2]
+            + unsure * (p.unmeasured_gate_px + moved)
+        )
         fits = off < gate
-        if good.sum() >= p.points_min and (good & fits).sum() < 0.5 * good.sum():
+        if good.sum() >= p.points_min and (good & fits).sum() < p.predicted_share * good.sum():
             fits = self._agree(ids, there, good)
         good &= fits
         if p.anchored and elsewhere:
-            there, good = self.tracker.settle(ids, there, warps, good, p.anchor_px, p.anchor_likeness)
+            there, good = self.tracker.settle(ids, there, warps, good)
         ids, there, was = ids[good], there[good], was[good]
         rho = self.depth(frame, there)
         # Reject points at another depth, or occluded by something in front.
@@ -341,7 +345,7 @@ class Core:
 
     def _agree(self, ids: NDArray[np.int64], there: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(N,) which points one camera pose explains, if the predicted one explains few."""
-        w, marks = self.window, self.window.landmarks
+        w, marks, p = self.window, self.window.landmarks, self.parameters
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
         agree = np.zeros(len(ids), bool)
@@ -349,9 +353,7 @@ class Core:
         m = np.concatenate([marks.at[ids, h], np.ones((len(ids), 1))], axis=1) / marks.inverse_depth[ids][:, None]
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
         at = self.lens.normalised(there)
-        if (
-            pose := perspective(points[use], at[use], 3.0 / self.lens.focal_px, self.parameters.points_min)
-        ) is not None:
+        if (pose := perspective(points[use], at[use], p.agreement_px / self.lens.focal_px, p.points_min)) is not None:
             agree[use] = pose[2]
         return agree
 
@@ -360,7 +362,7 @@ class Core:
         rho = np.zeros(len(points))
         p = self.parameters
         if frame.depth is not None and p.uses_depth and len(points):
-            kernel.read_depth(frame.depth, points, p.depth_min_m, p.depth_max_m, p.depth_edge_per_m, rho)
+            kernel.read_depth(frame.depth, points, p.depth, rho)
         return rho
 
     def _find(self, frame: CameraFrame, slot: int) -> None:
@@ -389,14 +391,7 @@ class Core:
             return
         rho, weights, new = self._measured_planes
         count = kernel.read_planes(
-            frame.depth,
-            self._rays,
-            p.depth_min_m,
-            p.plane_depth_max_m,
-            p.inverse_depth_sd_per_m,
-            p.plane_error,
-            rho,
-            weights,
+            frame.depth, self._rays, p.plane, p.depth.min_m, p.inverse_depth_sd_per_m, rho, weights
         )
         unmatched = kernel.match_planes(w, self.factors, self._work.factor, rho, weights, count, new)
         for i in new[:unmatched]:
@@ -414,7 +409,7 @@ class Core:
         self.tracker.anchor(ids, points)
         slope = np.zeros((len(ids), 2))
         if frame.depth is not None and p.uses_depth and len(ids):
-            kernel.read_slope(frame.depth, points, p.depth_min_m, p.depth_max_m, p.inverse_depth_sd_per_m, slope)
+            kernel.read_slope(frame.depth, points, p.depth, p.inverse_depth_sd_per_m, slope)
         marks.slope[ids] = slope * self.lens.focal_px
 
     def _is_key(self, slot: int) -> bool:

@@ -10,6 +10,42 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 
+class PlaneParameters(NamedTuple):
+    """Planes of depth images: cells of samples that are merged, and matched to known planes.
+
+    Values without another origin were chosen by hand on twin walks of tuning seeds.
+
+    Attributes:
+        depth_max_m: Farthest depth used, m: below the sensor's range, near whose end measured depths are too small.
+        step_px: Between samples, pixels: a stereo camera's noise is correlated within its matching window.
+        side: Of a cell, samples.
+        measured_share: Least share of a cell's samples that are measured.
+        roughness_sd: Largest scatter of a cell's samples about its plane, standard deviations.
+        cell_gate: Largest squared Mahalanobis distance of a cell from its plane: 0.3 % of its own cells exceed it.
+        cells_min: Least number of cells of a plane.
+        error: Of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative.
+        huber_sd: Observations beyond this many standard deviations are down-weighted.
+        gate: Largest squared Mahalanobis distance of an observation: 0.1 % of a plane's own exceed it.
+        match_rad: A plane in another direction never matches, however uncertain, rad.
+        match_m: Nor one at another distance, m.
+        distance_min_m: Least distance of a camera from a plane that it observes, m.
+    """
+
+    depth_max_m: float = 5.0
+    step_px: int = 4
+    side: int = 10
+    measured_share: float = 0.9
+    roughness_sd: float = 1.6
+    cell_gate: float = 14.0
+    cells_min: int = 8
+    error: float = 3e-3
+    huber_sd: float = 2.5
+    gate: float = 16.3
+    match_rad: float = 0.1
+    match_m: float = 0.15
+    distance_min_m: float = 0.05
+
+
 class FactorParameters(NamedTuple):
     """Noise model of the factors, and which factors are used.
 
@@ -20,7 +56,7 @@ class FactorParameters(NamedTuple):
         depth_weight: 1 / variance of the host's measured inverse depth, m².
         later_depth_weight: The same for another frame's.
         depth_limit: As `pixel_limit`.
-        plane_limit: As `pixel_limit`, of planes.
+        planes: Of planes.
         host_depth: (11) is used.
         depth_fixed: A landmark keeps the host's measured depth.
         projection_depth: (12) is used.
@@ -36,7 +72,7 @@ class FactorParameters(NamedTuple):
     depth_weight: float
     later_depth_weight: float
     depth_limit: float
-    plane_limit: float
+    planes: PlaneParameters
     host_depth: bool
     depth_fixed: bool
     projection_depth: bool

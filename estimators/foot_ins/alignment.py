@@ -67,7 +67,7 @@ def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array,
     late = (t_ns - clock[T_ALIGN]) * 1e-9 >= parameters.align_timeout_s
     level(memory, force_sum[0] if still or not late else force_sum[1])
     tilt_sd = parameters.tilt_sd_rad if still else parameters.moving_tilt_sd_rad
-    speed_sd = 0.01 if still else parameters.moving_speed_mps
+    speed_sd = parameters.aligned_speed_mps if still else parameters.moving_speed_mps
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
     if still or late:
         clock[PHASE] = TRACKING

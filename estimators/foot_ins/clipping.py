@@ -22,11 +22,6 @@ from stridetwin.estimators.foot_ins.state import (
 from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
 from stridetwin.streams.samples import Array
 
-AT_LIMIT = 0.99  # share of the range above which a sample counts as clipped
-LONGEST_S = 0.15  # a longer peak is not determined by its two ends
-LEAST_RATES, LEAST_FORCES = 1, 3  # clipped samples; a shorter impact on an accelerometer rings, and has no such shape
-UPWARD = 0.7  # least cosine between a channel that senses the floor and the vertical
-
 
 @njit(**INSIDE)
 def restore(memory: Memory, parameters: KernelParameters) -> None:
@@ -50,9 +45,7 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     first = 0
     hidden = np.zeros((RING, 6))
     for channel in range(6):
-        known = parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
-        least = LEAST_RATES if channel < 3 else LEAST_FORCES
-        first = max(first, _peak(memory, channel, known, least, parameters.impact_excess, hidden))
+        first = max(first, _peak(memory, parameters, channel, hidden))
     memory.clock[RESTORED] = first
     if first == 0:
         return
@@ -83,8 +76,8 @@ def is_clipped(memory: Memory, parameters: KernelParameters) -> bool:
     """
     for back in range(2):
         for channel in range(6):
-            known = parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
-            if known > 0.0 and abs(memory.ring[(memory.clock[HEAD] - back) % RING, channel]) >= AT_LIMIT * known:
+            known, size = _range(parameters, channel), abs(memory.ring[(memory.clock[HEAD] - back) % RING, channel])
+            if known > 0.0 and size >= parameters.clipped_share * known:
                 return True
     return False
 
@@ -96,22 +89,21 @@ def _dt(memory: Memory, i: int) -> float:
 
 
 @njit(**INSIDE)
-def _peak(memory: Memory, channel: int, known: float, least: int, excess: float, hidden: Array) -> int:
-    """Writes the hidden part of one channel into `hidden` (RING, 6), the newest sample first.
+def _range(parameters: KernelParameters, channel: int) -> float:
+    """Range of a channel of the ring, rad/s or m/s²; 0 if unknown."""
+    return parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
 
-    Args:
-        memory: Not changed.
-        channel: Of the ring.
-        known: Its range, 0 if unknown.
-        least: Least number of clipped samples of a peak.
-        excess: Mean hidden by a landing in each such sample, as a share of the range.
-        hidden: Changed in place.
 
-    Returns:
-        Number of samples since the peak began; 0 if none has just ended.
+@njit(**INSIDE)
+def _peak(memory: Memory, parameters: KernelParameters, channel: int, hidden: Array) -> int:
+    """Writes the hidden part of one channel's peak into `hidden` (RING, 6), the newest sample first.
+
+    Returns the number of samples since the peak began; 0 if none has just ended.
     """
+    known = _range(parameters, channel)
+    least = parameters.peak_rates_min if channel < 3 else parameters.peak_forces_min
     head, fill = memory.clock[HEAD], memory.clock[FILL]
-    limit = AT_LIMIT * known
+    limit = parameters.clipped_share * known
     last = memory.ring[(head - 2) % RING, channel]
     if known <= 0.0 or fill < 6 or abs(last) < limit:
         return 0
@@ -129,11 +121,11 @@ def _peak(memory: Memory, channel: int, known: float, least: int, excess: float,
         return 0
     if end - 2 < least:
         to_world = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])
-        if channel < 3 or sign * to_world[2, channel - 3] < UPWARD:
+        if channel < 3 or sign * to_world[2, channel - 3] < parameters.landing_cosine_min:
             return 0
-        hidden[2:end, channel] = sign * excess * known
+        hidden[2:end, channel] = sign * parameters.impact_excess * known
         return end
-    if min(rise, fall) <= 0.0 or span > LONGEST_S:
+    if min(rise, fall) <= 0.0 or span > parameters.peak_max_s:
         return 0
     top = x[2:end].mean()
     before, after = min((top - x[end]) / rise, dt), min((top - x[1]) / fall, dt)

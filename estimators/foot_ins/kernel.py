@@ -39,16 +39,14 @@ from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent)
 
-MAX_RATE = 100.0  # rad/s; beyond any foot-mounted gyro
-MAX_FORCE = 5000.0  # m/s²
-
 
 @njit(**INSIDE)
-def possible(rate: Array, force: Array) -> bool:
+def possible(parameters: KernelParameters, rate: Array, force: Array) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
     fine = True
     for i in range(3):
-        fine = fine and abs(rate[i]) <= MAX_RATE and abs(force[i]) <= MAX_FORCE
+        fine = fine and abs(rate[i]) <= parameters.rate_max_radps
+        fine = fine and abs(force[i]) <= parameters.force_max_mps2
     return fine
 
 
@@ -69,7 +67,7 @@ def take(
         Phase in which the sample is used (IGNORED, ALIGNING or TRACKING); time since the last one, s; motion statistic.
     """
     clock = memory.clock
-    if not possible(rate, force):
+    if not possible(parameters, rate, force):
         return IGNORED, 0.0, 0.0
     if clock[PHASE] == EMPTY:
         begin(memory, t_ns)

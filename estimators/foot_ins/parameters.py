@@ -65,6 +65,20 @@ class FootInsParameters:
     """Least limit of an accelerometer, m/s²."""
     limit_share: float = 0.94
     """Share of the range above which a sample counts as saturated. [real walks]"""
+    clipped_share: float = 0.99
+    """Share of a known range from which on a sample counts as clipped, so that its peak is restored."""
+    peak_max_s: float = 0.15
+    """A longer clipped peak is not determined by its two ends, s."""
+    peak_rates_min: float = 1.0
+    """Least number of clipped samples of a peak of the angular rate."""
+    peak_forces_min: float = 3.0
+    """The same of the force; shorter impacts on an accelerometer ring and have no such shape."""
+    landing_cosine_min: float = 0.7
+    """Least cosine between the vertical and a channel that senses a landing."""
+    rate_max_radps: float = 100.0
+    """A larger angular rate is ignored, rad/s: no foot moves so."""
+    force_max_mps2: float = 5000.0
+    """A larger specific force is ignored, m/s²."""
     window_s: float = 0.0243
     """Span of the motion statistic, s. [real walks]"""
     gyro_scale_radps: float = 0.0017
@@ -107,6 +121,8 @@ class FootInsParameters:
     """After this time the filter starts without a stationary window, s."""
     tilt_sd_rad: float = 0.0175
     """Error of an alignment at rest, rad."""
+    aligned_speed_mps: float = 0.01
+    """Speed of the foot after an alignment at rest, m/s."""
     moving_tilt_sd_rad: float = 0.2
     """Error of an alignment in motion, rad."""
     moving_speed_mps: float = 1.0

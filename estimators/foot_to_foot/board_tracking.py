@@ -11,19 +11,13 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.checkerboard.detector import BoardDetector
 from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_to_foot.events import RelativePosition
+from stridetwin.estimators.foot_to_foot.parameters import TrackingParameters
 from stridetwin.estimators.foot_to_foot.shoe_rig import Shoes
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
 _HELD = 8  # images that may wait for the IMUs to reach their time; the oldest is dropped first
-_SD = 3.0  # search region, standard deviations
-_LEAST_ERROR_PX = 12.0  # an overconfident prediction misidentifies the corners of a partly visible board
-_LOST_PX = 60.0  # with a less certain prediction the whole image is searched ...
-_SEARCH_EVERY_NS = 100_000_000  # ... at most this often, because that takes longer
-# If no board is found at its prediction for so long, the prediction may be wrong; then whole images are searched now
-# and then. (A stride is no integer multiple of these times.)
-_MISSED_NS, _MISSED_EVERY_NS = 2_000_000_000, 300_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,9 +56,12 @@ class BoardTracker:
     Args:
         shoes: Cameras and boards.
         exposure_s: Of the cameras.
+        parameters: Of the search.
     """
 
-    def __init__(self, shoes: Shoes, exposure_s: float) -> None:
+    def __init__(self, shoes: Shoes, exposure_s: float, parameters: TrackingParameters | None = None) -> None:
+        self._parameters = p = parameters or TrackingParameters()
+        self._lost_every_ns, self._missed_every_ns = round(p.lost_every_s * 1e9), round(p.missed_every_s * 1e9)
         self._detectors: dict[str, BoardDetector] = {}
         self._cameras: dict[str, tuple[int, CameraCalibration]] = {}
         for i, foot in enumerate(FEET):
@@ -75,7 +72,7 @@ class BoardTracker:
                 self._detectors[camera.topic] = BoardDetector(board, camera)
         self.exposure_ns = round(exposure_s * 1e9)
         self._waiting: deque[Image] = deque(maxlen=_HELD)
-        self._searched_ns = dict.fromkeys(self._cameras, -_SEARCH_EVERY_NS)
+        self._searched_ns = dict.fromkeys(self._cameras, -self._lost_every_ns)
         self._newest_ns = dict.fromkeys(self._cameras, -(2**62))
         self._found_ns: int | None = (
             None  # when a board was last found at its prediction; at first, time of the first image
@@ -106,23 +103,24 @@ class BoardTracker:
         """The board in an image."""
         if self._found_ns is None:
             self._found_ns = image.t_ns
-        if image.t_ns - self._found_ns > _MISSED_NS:
-            found = self._search(image, self._detectors[image.topic], _MISSED_EVERY_NS)
+        if image.t_ns - self._found_ns > self._parameters.missed_s * 1e9:
+            found = self._search(image, self._detectors[image.topic], self._missed_every_ns)
             if found is not None:
                 return found
         return self._search_prediction(image, expected)
 
     def _search_prediction(self, image: Image, expected: Expected) -> BoardObservation | None:
         """The board in an image at its prediction, or anywhere if the prediction is uncertain."""
+        p = self._parameters
         detector, (_, camera) = self._detectors[image.topic], self._cameras[image.topic]
         guess = detector.predict(expected.T_camera_board)
         error_px = np.inf
         if guess is not None:
-            error_px = _SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _LEAST_ERROR_PX
-        elif _SD**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and _near(expected):
+            error_px = p.region_sd * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + p.region_min_px
+        elif p.region_sd**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and self._is_near(expected):
             return None  # it certainly faces away, or is behind the camera
-        if guess is None or not error_px < _LOST_PX:
-            return self._search(image, detector, _SEARCH_EVERY_NS)
+        if guess is None or not error_px < p.lost_px:
+            return self._search(image, detector, self._lost_every_ns)
         inside = np.all((guess > -error_px) & (guess < np.array([camera.width, camera.height]) + error_px), axis=1)
         if not inside.any():
             return None
@@ -139,11 +137,12 @@ class BoardTracker:
         self._searched_ns[image.topic] = image.t_ns
         return detector.detect(image)
 
-
-def _near(expected: Expected) -> bool:
-    """Whether the board's position is certain relative to its distance."""
-    distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
-    return _SD * float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1])) < distance
+    def _is_near(self, expected: Expected) -> bool:
+        """Whether the board's position is certain relative to its distance."""
+        distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
+        return (
+            self._parameters.region_sd * float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1])) < distance
+        )
 
 
 def relative_position(

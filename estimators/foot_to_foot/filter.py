@@ -147,7 +147,8 @@ class FootToFoot:
         self._newest_ns = [NEVER, NEVER]
         self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
         self._held: deque[Aid] = deque(maxlen=HELD)
-        self._boards, self._left_right = BoardTracker(shoes, parameters.exposure_s), LeftRightCheck(shoes.mounts)
+        self._boards = BoardTracker(shoes, parameters.exposure_s, parameters.tracking)
+        self._left_right = LeftRightCheck(shoes.mounts, parameters.exchange)
         self._camera_of = {camera.topic: FEET.index(f) for f, camera in shoes.cameras.items()}
         self._imu_of = {imu.topic: FEET.index(f) for f, imu in shoes.imus.items()}
         self._sonar_of = {topic: i for i, topic in enumerate(shoes.sonar_topics) if topic}
@@ -177,9 +178,8 @@ class FootToFoot:
             paths = follow(estimator, recording.samples([s.topic for s in streams]))
         else:  # no image is searched at a prediction, so one block gives the same numbers
             blocks = {foot: recording.block(f"/foot_{foot}/imu") for foot in FEET}
-            paths = estimator.run(
-                blocks, [echo for s in streams if s.kind is Range for echo in recording.block(s.topic)]
-            )
+            echoes = [echo for s in streams if s.kind is Range for echo in recording.block(s.topic)]
+            paths = estimator.run(blocks, echoes)
         world = name if options.method == PROPOSED else f"{name}_{options.method}"
         common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
         found = []

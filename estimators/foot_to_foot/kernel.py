@@ -110,7 +110,7 @@ def run(
             memory = pair.feet[f]
             rate = (1.0 - pair.scales[f]) * events.rate[row]
             rate, force = in_inertial_world(memory, pair.earth, rate, events.force[row])
-            if possible(rate, force):
+            if possible(feet[f], rate, force):
                 apply_gyro_scale(pair, f, rate, t_ns, feet[f].max_gap_s)
             if parameters.published:
                 phase[k], figure[k] = published_step(memory, feet[f], parameters, t_ns, rate, force)
@@ -156,12 +156,12 @@ def predict_board(
         earlier.
     """
     board, gravity, late = 1 - camera, foot.gravity_mps2, parameters.max_delay_s + 1e-9 * earlier_ns
-    then_ns = t_ns + round(1e9 * pair.late[camera])
-    a = rewind(pair.feet[camera], gravity, then_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[board], gravity, then_ns, parameters.max_delay_s)
+    then_ns, lead = t_ns + round(1e9 * pair.late[camera]), parameters.max_lead_s
+    a = rewind(pair.feet[camera], gravity, then_ns, parameters.max_delay_s, lead)
+    b = rewind(pair.feet[board], gravity, then_ns, parameters.max_delay_s, lead)
     p, R, G = board_in_camera(pair, camera, a, b)
-    a_0 = rewind(pair.feet[camera], gravity, then_ns - earlier_ns, late)
-    b_0 = rewind(pair.feet[board], gravity, then_ns - earlier_ns, late)
+    a_0 = rewind(pair.feet[camera], gravity, then_ns - earlier_ns, late, lead)
+    b_0 = rewind(pair.feet[board], gravity, then_ns - earlier_ns, late, lead)
     p_0, R_0, _ = board_in_camera(pair, camera, a_0, b_0)
     known = a.known and b.known and a_0.known and b_0.known
     return known, p, R, G @ pair.covariance @ G.T, p_0, R_0

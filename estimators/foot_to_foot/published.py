@@ -104,8 +104,8 @@ def relative_position_update(
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.
     """
-    a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
     if not (a.known and b.known):
         return UNUSED
     z = a.R @ p_other_in_imu - (b.p - a.p)

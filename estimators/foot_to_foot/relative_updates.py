@@ -29,9 +29,6 @@ from stridetwin.estimators.foot_to_foot.state import (
 )
 from stridetwin.streams.samples import Array
 
-MIN_DEPTH = 0.02  # m; a predicted board nearer than this, or behind the camera, is invalid
-RELINEARIZATIONS = 5  # largest number of relinearisations per image
-SETTLED = 0.1  # standard deviations of the image; smaller changes of the board end the iteration
 UNUSED = -1.0  # the normalised innovation of an unused measurement
 
 
@@ -70,8 +67,8 @@ def board_update(
         Length of the innovation in standard deviations, or UNUSED.
     """
     then_ns = t_ns + round(1e9 * pair.late[camera])
-    a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
+    a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s, parameters.max_lead_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s, parameters.max_lead_s)
     if not (a.known and b.known):
         return UNUSED
     since_s = (t_ns - pair.seen[camera]) * 1e-9
@@ -85,7 +82,7 @@ def board_update(
     sd = np.sqrt(ray_sd**2 + m * rotated)
     frame_s = min(max(since_s, 1e-3), parameters.max_frame_s)
     shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
-    ahead, T, z, alone = _reduced_measurement(p, R, predicted, points_in_board, rays, sd, shared)
+    ahead, T, z, alone = _reduced_measurement(parameters, p, R, predicted, points_in_board, rays, sd, shared)
     if not ahead:
         return UNUSED
     pair.covariance[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
@@ -103,7 +100,14 @@ def board_update(
 
 @njit(**INSIDE)
 def _reduced_measurement(
-    p: Array, R: Array, covariance: Array, points_in_board: Array, rays: Array, ray_sd: Array, shared: float
+    parameters: PairParameters,
+    p: Array,
+    R: Array,
+    covariance: Array,
+    points_in_board: Array,
+    rays: Array,
+    ray_sd: Array,
+    shared: float,
 ) -> tuple[bool, Array, Array, float]:
     """An image's linear measurement of the deviation of the board's pose from the predicted one.
 
@@ -114,6 +118,7 @@ def _reduced_measurement(
     filter; Jazwinski 1970, 9.7, in the six dimensions that matter).
 
     Args:
+        parameters: Of both feet.
         p: (3,) predicted position of the board in the camera, m.
         R: (3, 3) predicted rotation, camera <- board.
         covariance: (6, 6) of both, m and rad, camera axes.
@@ -127,9 +132,9 @@ def _reduced_measurement(
         deviations of the rays; misfit, at least 1, by which these are too small.
     """
     u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: estimated minus predicted pose
-    for i in range(RELINEARIZATIONS):
+    for i in range(int(parameters.relinearizations)):
         q = exponential(u[3], u[4], u[5])
-        A, ahead = _rows(p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
+        A, ahead = _rows(parameters, p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
         if not ahead:
             return i > 0, T, z, alone
         triangle = np.linalg.qr(A)[1]
@@ -140,7 +145,7 @@ def _reduced_measurement(
         gain = covariance @ T.T @ np.linalg.inv(T @ covariance @ T.T + noise**2 * np.eye(6))
         before, u = u, gain @ z
         moved = T @ (u - before)
-        if moved @ moved < (SETTLED * noise) ** 2:
+        if moved @ moved < (parameters.settled_sd * noise) ** 2:
             break
     return True, T, z, alone
 
@@ -204,7 +209,9 @@ def _pose_columns(G: Array, o: int, to_camera: Array, by_attitude: Array, past: 
 
 
 @njit(**INSIDE)
-def _rows(p: Array, R: Array, points_in_board: Array, rays: Array, ray_sd: Array) -> tuple[Array, bool]:
+def _rows(
+    parameters: PairParameters, p: Array, R: Array, points_in_board: Array, rays: Array, ray_sd: Array
+) -> tuple[Array, bool]:
     """(2M, 7) derivatives of the rays by the board's pose in the camera, and innovations, in standard deviations.
 
     See docs/foot_to_foot.md (4).
@@ -216,7 +223,7 @@ def _rows(p: Array, R: Array, points_in_board: Array, rays: Array, ray_sd: Array
     for i in range(len(rays)):
         arm = R @ points_in_board[i]
         x, y, depth = p[0] + arm[0], p[1] + arm[1], p[2] + arm[2]
-        if not depth > MIN_DEPTH:
+        if not depth > parameters.board_depth_min_m:
             return A, False
         x, y = x / depth, y / depth
         scale = 1.0 / (depth * ray_sd[i])
@@ -256,8 +263,8 @@ def sonar_update(
     if not parameters.published and (t_ns - pair.seen.max()) * 1e-9 < parameters.sonar_after_s:
         return UNUSED
     other = 1 - sonar
-    a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
+    b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
     arm_a, arm_b = a.R @ pair.sonars[sonar], b.R @ pair.echoes[other]
     d = b.p + arm_b - a.p - arm_a
     size = math.sqrt(d @ d)

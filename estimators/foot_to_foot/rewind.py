@@ -25,8 +25,6 @@ from stridetwin.estimators.foot_ins.state import (
 )
 from stridetwin.streams.samples import Array
 
-MAX_LEAD_S = 0.05  # s; longer extrapolation of the newest sample is too inaccurate
-
 
 class PastState(NamedTuple):
     """State of a foot's IMU at a past time.
@@ -51,7 +49,7 @@ class PastState(NamedTuple):
 
 
 @njit(**INSIDE)
-def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> PastState:
+def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead_s: float) -> PastState:
     """State of the foot's IMU at `t_ns`, from the newest state back through the samples since.
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
@@ -60,14 +58,15 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> PastS
     Args:
         memory: Not changed.
         gravity: m/s².
-        t_ns: At most `MAX_LEAD_S` after the newest sample.
+        t_ns: The time.
         max_age_s: Largest age, s.
+        max_lead_s: Longest time after the newest sample, s.
     """
     clock, x = memory.clock, memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
     q = x[ATTITUDE : ATTITUDE + 4].copy()
     age = (clock[T_LAST] - t_ns) * 1e-9
-    known = clock[PHASE] == TRACKING and -MAX_LEAD_S <= age <= max_age_s
+    known = clock[PHASE] == TRACKING and -max_lead_s <= age <= max_age_s
     w = memory.ring[clock[HEAD], :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
     back, left = 0, known
     while left:

@@ -80,7 +80,7 @@ def moving_pair(seed: int) -> Pair:
 
 def seen(pair: Pair, camera: int, t_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     then_ns = t_ns + round(1e9 * pair.late[camera])
-    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1) for f in (camera, 1 - camera))
+    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1, 0.05) for f in (camera, 1 - camera))
     assert a.known
     assert b.known
     return board_in_camera(pair, camera, a, b)
@@ -131,7 +131,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
         foot.covariance[:] = 0.0  # so that nothing is corrected
         if k == 79 - back:
             then = foot.nominal.copy()
-    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0)
+    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0, 0.05)
     assert found.known
     assert then is not None
     assert found.age == pytest.approx(back * 0.008)

@@ -13,19 +13,20 @@ from stridetwin.estimators.dvio.state import (
     PLANES,
     FactorParameters,
     ImuNoise,
+    PlaneParameters,
     Window,
     blank_window,
 )
 from tests.estimators.from_python import from_python
 
-turned = from_python(planes.turned)
+rotate_normal = from_python(planes.rotate_normal)
 SHARED = CALIBRATION + PLANE * PLANES
 NOISE = ImuNoise(
     rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, invalid_rate=1.0, invalid_force=5.0
 )  # fmt: skip
-TERMS = FactorParameters(
+FACTORS = FactorParameters(
     gravity=9.81, pixel_weight=400.0**2, pixel_limit=3.0, depth_weight=200.0**2, later_depth_weight=100.0**2,
-    depth_limit=3.0, plane_limit=3.0, host_depth=True, depth_fixed=False, projection_depth=True,
+    depth_limit=3.0, planes=PlaneParameters(huber_sd=3.0), host_depth=True, depth_fixed=False, projection_depth=True,
     host_depth_in_prior=True, first_estimates=False, rate_walk=1e-4, force_walk=1e-3,
 )  # fmt: skip
 T_IMU_CAMERA = np.eye(4)
@@ -92,7 +93,7 @@ def moved(window: Window, error: np.ndarray) -> None:
     c.focal[:] += error[8:10]
     for k in np.flatnonzero(window.planes.used):
         e = error[CALIBRATION + PLANE * k :]
-        window.planes.normal[k] = turned(window.planes.normal[k], e[0], e[1])
+        window.planes.normal[k] = rotate_normal(window.planes.normal[k], e[0], e[1])
         window.planes.distance[k] += e[2]
     for k in range(f.count[0]):
         e = error[SHARED + FRAME * k :]

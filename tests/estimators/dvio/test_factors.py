@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from stridetwin.estimators.dvio import imu_factors, projection
 from stridetwin.estimators.dvio.projection import OBSERVATION, blank_views
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Preintegration
-from tests.estimators.dvio.scenes import SHARED, TERMS, moved, seen_window
+from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, seen_window
 from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
@@ -28,7 +28,7 @@ def test_the_jacobian_of_a_sighting_is_its_slope(seed):
     window = seen_window(np.random.default_rng(seed))
     window.frames.offset[:] = 0.0
     now = blank_views(4)
-    view(window, TERMS, now)
+    view(window, FACTORS, now)
     at, xi = window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
     x, y = ray(window.calibration, at)
     J, Jl = np.zeros((3, OBSERVATION)), np.zeros(3)
@@ -38,7 +38,7 @@ def test_the_jacobian_of_a_sighting_is_its_slope(seed):
         other = copy.deepcopy(window)
         moved(other, error)
         v = blank_views(4)
-        view(other, TERMS, v)
+        view(other, FACTORS, v)
         return np.array(project(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[:3])
 
     size = SHARED + FRAME * 3
@@ -67,13 +67,13 @@ def test_the_jacobian_of_the_motion_is_its_slope(seed):
         bias=0.01 * rng.normal(size=6),
     )  # fmt: skip
     r, J = np.zeros(9), np.zeros((9, 2 * FRAME))
-    motion(window.frames, z, 0, TERMS, r, J, False)
+    motion(window.frames, z, 0, FACTORS, r, J, False)
 
     def residual(error):
         other = copy.deepcopy(window)
         moved(other, np.concatenate([np.zeros(SHARED), error, np.zeros(FRAME)]))
         out, workspace = np.zeros(9), np.zeros((9, 2 * FRAME))
-        motion(other.frames, z, 0, TERMS, out, workspace, False)
+        motion(other.frames, z, 0, FACTORS, out, workspace, False)
         return out
 
     for j in range(2 * FRAME):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import kernel
+from stridetwin.estimators.dvio import DvioParameters, kernel
 from stridetwin.estimators.dvio.nav_state import Inertial
 from stridetwin.estimators.dvio.state import blank_preintegration
 from stridetwin.streams.rig import ImuCalibration, Mount
@@ -20,7 +20,8 @@ def test_reaches_back_for_six_seconds_at_any_rate(rate_hz):
         ImuCalibration(
             topic="/head/imu", part="fast", rate_hz=rate_hz, mount=Mount(body="head"), gyroscope_noise_density=2.4e-4,
             gyroscope_random_walk=5e-6, accelerometer_noise_density=1.5e-3, accelerometer_random_walk=4e-5,
-        )
+        ),
+        DvioParameters(),
     )  # fmt: skip
     period_ns = round(1e9 / rate_hz)
     rate, force = np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, 9.81])

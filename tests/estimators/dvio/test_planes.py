@@ -15,9 +15,9 @@ from stridetwin.estimators.dvio import Dvio, DvioParameters, kernel, planes
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
 from stridetwin.estimators.dvio.planes import COLUMNS, PlaneWorkspace, free_slot, marginalize_plane
 from stridetwin.estimators.dvio.solver import blank_work
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, PlaneParameters, Window
 from stridetwin.streams.samples import Image
-from tests.estimators.dvio.scenes import SHARED, TERMS, moved, see_corner, see_plane, seen_window
+from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, see_corner, see_plane, seen_window
 from tests.estimators.dvio.wall import Wall, rig, swaying
 from tests.estimators.from_python import from_python
 
@@ -38,7 +38,7 @@ def corner_window(rng: np.random.Generator, frames: int = 3, slots: int = 4) -> 
 
 
 def rays() -> np.ndarray:
-    return np.asarray((sample_pixels(SHAPE) - [319.5, 239.5]) / FOCAL)
+    return np.asarray((sample_pixels(SHAPE, PlaneParameters()) - [319.5, 239.5]) / FOCAL)
 
 
 def depth_picture(planes: list[np.ndarray], rng: np.random.Generator | None = None) -> np.ndarray:
@@ -53,7 +53,7 @@ def depth_picture(planes: list[np.ndarray], rng: np.random.Generator | None = No
 
 def measured_planes(depth: np.ndarray, plane_error: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     measured, weights = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3))
-    n = kernel.read_planes(depth, rays(), 0.3, 5.0, SD, plane_error, measured, weights)
+    n = kernel.read_planes(depth, rays(), PlaneParameters(error=plane_error), 0.3, SD, measured, weights)
     return measured[:n], weights[:n]
 
 
@@ -64,7 +64,7 @@ def test_the_jacobian_of_a_plane_is_its_slope(seed):
     w.calibration.focal[:], w.calibration.scale[0] = [0.01, -0.02], 1.03
     k, j, zero = 1, 2, np.zeros(3)
     workspace = PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS)))
-    assert plane_residual(w, TERMS, k, j, zero, workspace)
+    assert plane_residual(w, FACTORS, k, j, zero, workspace)
     states = [
         *range(CALIBRATION),
         *(CALIBRATION + PLANE * k + i for i in range(PLANE)),
@@ -74,7 +74,7 @@ def test_the_jacobian_of_a_plane_is_its_slope(seed):
     def measured(error: np.ndarray) -> np.ndarray:
         other, out = copy.deepcopy(w), PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS)))
         moved(other, error)
-        assert plane_residual(other, TERMS, k, j, zero, out)
+        assert plane_residual(other, FACTORS, k, j, zero, out)
         return out.r
 
     for column, state in enumerate(states):
@@ -86,7 +86,7 @@ def test_the_jacobian_of_a_plane_is_its_slope(seed):
 
 def test_a_plane_of_the_prior_keeps_its_first_jacobian():
     w = corner_window(np.random.default_rng(1))
-    factors = TERMS._replace(first_estimates=True)
+    factors = FACTORS._replace(first_estimates=True)
     workspace, later = (PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS))) for _ in range(2))
     plane_residual(w, factors, 0, 1, w.planes.measured[0, 1], workspace)
     w.planes.held[0], w.frames.held[1] = 1, 1
@@ -128,7 +128,7 @@ def test_a_corner_of_bare_planes_fixes_the_pose():
         moved(w, error)
         w.frames.R_first[:], w.frames.p_first[:] = w.frames.R, w.frames.p
         work = blank_work(4, 4, PLANES)
-        factors = TERMS._replace(plane_limit=1e3, rate_walk=1e6, force_walk=1e6)
+        factors = FACTORS._replace(planes=FACTORS.planes._replace(huber_sd=1e3), rate_walk=1e6, force_walk=1e6)
         kernel.minimise(w, factors, work, 15, 0.0)
         o = SHARED + FRAME
         L = np.tril(work.factor[:n, :n])
@@ -186,7 +186,7 @@ def matched(w: Window, measured: np.ndarray, sd: float = 0.005) -> tuple[int, np
     L = np.eye(w.prior.H.shape[0]) * 1e3
     weights = np.array([np.eye(3) / (sd**2 * (t @ t)) for t in measured])
     new = np.zeros(PLANES, np.int64)
-    return kernel.match_planes(w, TERMS, L, measured, weights, len(measured), new), new
+    return kernel.match_planes(w, FACTORS, L, measured, weights, len(measured), new), new
 
 
 def test_a_plane_is_known_again_and_its_neighbour_is_not():

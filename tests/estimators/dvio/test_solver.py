@@ -12,10 +12,12 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.solver import blank_work, drop_oldest
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANES, ImuSamples, Window
-from tests.estimators.dvio.scenes import NOISE, SHARED, TERMS, moved, see_corner, seen_window
+from tests.estimators.dvio.scenes import FACTORS, NOISE, SHARED, moved, see_corner, seen_window
 
 PERIOD_NS = 5_000_000
 SLOTS, POINTS = 5, 12
+
+QUADRATIC = FACTORS._replace(pixel_limit=1e3, depth_limit=1e3, planes=FACTORS.planes._replace(huber_sd=1e3))
 
 
 def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
@@ -95,7 +97,7 @@ def residuals(w: Window, factors, depths: np.ndarray) -> np.ndarray:
 def test_finds_the_minimum_that_a_batch_solution_finds():
     rng = np.random.default_rng(3)
     start = noisy_window(rng)
-    factors = TERMS._replace(pixel_limit=1e3, depth_limit=1e3, plane_limit=1e3)
+    factors = QUADRATIC
     n = SHARED + FRAME * 3
     prior = np.sqrt(np.diag(start.prior.H)[:n])
 
@@ -126,7 +128,10 @@ def test_the_prior_stands_for_what_was_marginalised():
     rng = np.random.default_rng(4)
     w = noisy_window(rng, frames=4)
     w.landmarks.seen[:, 3] = 0  # the newest frame's observations would change hands
-    factors, work = TERMS._replace(pixel_limit=1e3, depth_limit=1e3, plane_limit=1e3), blank_work(SLOTS, POINTS, PLANES)
+    factors, work = (
+        FACTORS._replace(pixel_limit=1e3, depth_limit=1e3, planes=FACTORS.planes._replace(huber_sd=1e3)),
+        blank_work(SLOTS, POINTS, PLANES),
+    )
     kernel.minimise(w, factors, work, 25, 0.0)
     whole = copy.deepcopy(w)
     kernel.marginalize_oldest(w, factors, work, np.zeros(POINTS, np.uint8))
