@@ -96,8 +96,8 @@ class Declaration:
 
     Attributes:
         name: In commands, files and scores.
-        description: One line for `list`.
         kind: One of `KINDS`; decides return type, file, truth and scores.
+        description: One line for `list`, where the module of the entry point has no docstring.
         needs: What a recording must hold, in words: "a recording with <needs>".
         order: Place among the estimators of its kind.
         methods: Names of the algorithms, the default first.
@@ -114,8 +114,8 @@ class Declaration:
     """
 
     name: str
-    description: str
     kind: str
+    description: str = ""
     needs: str = ""
     order: int = 100
     methods: tuple[str, ...] = (PROPOSED,)

@@ -50,7 +50,6 @@ class ContactTerrain:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="contact_terrain", kind=STEPS, order=1, methods=METHODS, budget_s=0.05,
-        description="slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
         needs="an exoskeleton's AHRS, encoders and insoles",
     )  # fmt: skip
 

@@ -113,7 +113,6 @@ class Dvio:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="dvio", kind=PATH, order=3, methods=tuple(METHODS), mounts=MOUNTS, leads=True, label="",
-        description="path of a head- or chest-worn RGB-D camera with IMU",
         needs="an RGB-D camera with IMU on head or chest",
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Inertial navigation of one foot."""
+"""Path of one foot from its IMU alone (zero-velocity updates)."""
 
 from stridetwin.estimators.foot_ins.filter import FootIns, FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters

@@ -210,7 +210,6 @@ class FootIns:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="foot_ins", kind=PATH, order=1, per_foot=True, smooths=True, label="", budget_s=0.05,
-        description="path of one foot from its IMU alone (zero-velocity updates)",
         needs="/foot_l/imu or /foot_r/imu",
         summary="Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else.",
     )  # fmt: skip

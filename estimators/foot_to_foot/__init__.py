@@ -1,4 +1,4 @@
-"""Inertial navigation of two shoes that observe each other."""
+"""Paths of both feet, coupled by shoe cameras and sonars."""
 
 from stridetwin.estimators.base import deprecated
 from stridetwin.estimators.checkerboard.pose import BoardObservation

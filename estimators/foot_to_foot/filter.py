@@ -95,7 +95,6 @@ class FootToFoot:
     declaration: ClassVar[Declaration] = Declaration(
         name="foot_to_foot", kind=PATH, order=2, methods=tuple(METHODS), label="feet together", budget_s=0.05,
         parts={"foot_l/imu": "l", "foot_r/imu": "r"},
-        description="paths of both feet, coupled by shoe cameras and sonars",
         summary="Feet together: both IMUs in one filter, coupled by the shoe cameras and sonars.",
     )  # fmt: skip
 

@@ -68,7 +68,6 @@ class LocomotionMode:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="locomotion_mode", kind=MODES_KIND, order=1, methods=METHODS, budget_s=0.2, window_s=0.06,
-        description="mode, place and time of the coming steps from depth images, poses and insoles",
     )  # fmt: skip
 
     def __init__(
