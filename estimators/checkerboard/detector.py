@@ -47,17 +47,10 @@ def is_whole(
 
 
 def is_alone(pattern: BoardPattern, view: View, which: NDArray[np.intp], near: Array, reach_px: float) -> bool:
-    """Whether no other corners of the same board fit within the error of the guess.
+    """Whether no other corners of the same board fit within `reach_px` of the predicted centre `near` (2,) px.
 
     An occluder may be as white as the board's margin (a stair edge is), so the margin proves nothing: the squares
-    around the corners may be any of the board's with the same colours.
-
-    Args:
-        pattern: The board.
-        view: Its estimated view.
-        which: (N,) indices of the detected corners.
-        near: (2,) predicted pixels of the board's centre.
-        reach_px: Largest error of that prediction.
+    around the corners `which` (N,) may be any of the board's with the same colours.
     """
     columns, rows = pattern.shape
     v, u = np.divmod(which, columns)
@@ -194,10 +187,9 @@ class BoardDetector:
         self.points_in_board = self._pattern.points_in_board
 
     def predict(self, T_camera_board: ArrayLike) -> Array | None:
-        """(M, 2) pixels of all corners, also outside the image; None if behind the camera or seen from behind.
+        """(M, 2) pixels of all corners, also outside the image, of a board at a pose (4, 4) in the optical frame.
 
-        Args:
-            T_camera_board: (4, 4) pose of the board in the camera's optical frame.
+        None if it is behind the camera or seen from behind.
         """
         T = np.asarray(T_camera_board, dtype=float)
         if T[:3, 3] @ T[:3, 2] >= 0:

@@ -74,9 +74,6 @@ def board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
     From far away a plane tilted one way looks nearly like the same plane tilted the other way: both solutions of
     Collins & Bartoli 2014 (IPPE, IJCV 109:252) are refined on the corners, each weighted by its certainty.
 
-    Args:
-        observation: Corners of one board.
-
     Returns:
         Two poses, or one if both solutions converge to the same; none if the corners are collinear.
     """

@@ -66,15 +66,7 @@ def guessed(pattern: BoardPattern, lens: Lens, corners_px: Array) -> View | None
 def around(
     grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float, p: SearchParameters
 ) -> list[View]:
-    """Views near a guess in which the image correlates with the board, the best first.
-
-    Args:
-        grey: (H, W).
-        pattern: The board.
-        guess: Its predicted view.
-        reach_px: Largest error of the guess, pixels.
-        p: Of the search.
-    """
+    """Views within `reach_px` of a guess in which the image correlates with the board, the best first."""
     size = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)
     if not (size > 0).all():
         return []

@@ -65,17 +65,9 @@ def clear(z: Preintegration, bias: Array) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_density: float, force_density: float) -> None:
-    """Adds an interval of constant rate and force to an increment.
+    """Adds an interval of `dt` (s) of constant measured rate (rad/s) and force (m/s²) to a measurement, in place.
 
-    See docs/dvio.md (1)-(3).
-
-    Args:
-        z: Changed in place.
-        rate: (3,) measured angular rate, rad/s.
-        force: (3,) measured specific force, m/s².
-        dt: s.
-        rate_density: Noise, rad/s/√Hz.
-        force_density: Noise, m/s²/√Hz.
+    The noise densities are in rad/s/√Hz and m/s²/√Hz. See docs/dvio.md (1)-(3).
     """
     phi, a = np.empty(3), np.empty((3, 1))
     for i in range(3):
@@ -159,18 +151,9 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
 def motion(
     frames: Frames, z: Preintegration, k: int, factors: FactorParameters, r: Array, J: Array, first: bool
 ) -> None:
-    """IMU residual (7) from frame k to the next and its Jacobian.
+    """IMU residual (7) from frame k to the next, `r` (9,) of position, rotation and velocity, and its Jacobian.
 
-    See docs/dvio.md (4).
-
-    Args:
-        frames: Of the window.
-        z: The increment between the two.
-        k: Slot.
-        factors: Gravity.
-        r: (9,) out: position, rotation, velocity.
-        J: (9, 30) out: with respect to the states of both, at the residual's current rotation.
-        first: Whether Jacobians are taken at first estimates.
+    `J` (9, 30) is with respect to the states of both, at first estimates if `first`. See docs/dvio.md (4).
     """
     dt = z.dt[0]
     Ri, Rj = frames.R[k], frames.R[k + 1]

@@ -85,10 +85,7 @@ class Alignment:
     def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
         """(15, 15) of position, attitude (on its right), velocity and biases in a world whose z axis is up.
 
-        Args:
-            R_world_imu: (3, 3).
-            place: (3, 3) of the position, m².
-            heading_sd: rad.
+        `place` (3, 3) is that of the position, m²; `heading_sd` is in rad.
         """
         J = np.zeros((15, 12))
         by_turn = -R_world_imu @ skews(self.v)
@@ -121,14 +118,7 @@ class _State:
 
 
 def aligned(structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
-    """State at the newest image; None if vision and IMU are inconsistent.
-
-    Args:
-        structure: K ≥ 3 cameras.
-        preintegrations: K − 1 of them, from each image to the next.
-        rates: (K, 3) angular rate at each, rad/s.
-        priors: About the rig.
-    """
+    """State at the newest of K ≥ 3 images, at angular rates (K, 3) rad/s; None if vision and IMU are inconsistent."""
     bias = priors.bias.copy()
     bias[:3] += gyro_bias(structure, preintegrations, priors)
     start = _linear(structure, preintegrations, bias, priors)

@@ -85,18 +85,9 @@ def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
 def _add(
     window: Window, factors: FactorParameters, views: Views, s: CameraEquations, l: int, last: int, host_depth: bool
 ) -> float:
-    """Adds the observations (10) and measured depths (13), (14) of a landmark; returns their cost.
+    """Adds the observations and measured depths of landmark `l` in frames up to `last`; returns their cost.
 
-    See docs/dvio.md (7)-(9).
-
-    Args:
-        window: Frames and landmarks.
-        factors: Which factors there are.
-        views: Of the frames.
-        s: Sums per observing frame, and the landmark's own row.
-        l: Slot of the landmark.
-        last: Slot of the last frame whose observations count.
-        host_depth: Whether (11) is used.
+    See docs/dvio.md (7)-(9); (8) only if `host_depth`.
     """
     marks, J, Jl = window.landmarks, s.J, s.J_own
     host, xi, scale = marks.host[l], marks.inverse_depth[l], window.calibration.scale[0]
@@ -165,17 +156,7 @@ def _add(
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
-    """Takes a landmark out of the normal equations (Schur complement).
-
-    See docs/dvio.md (11).
-
-    Args:
-        s: H and b are changed.
-        l: Its slot.
-        host: Slot of its host.
-        seen: (F,) frames that observe it.
-        last: Slot of the last frame that counts.
-    """
+    """Takes a landmark, seen by the frames `seen` (F,), out of the equations. See docs/dvio.md (11)."""
     cross, share = s.cross[l], 1.0 / s.own[l]
     for k in range(-1, last + 1):
         if k >= 0 and k != host and not seen[k]:
@@ -238,18 +219,10 @@ def add_camera_factors(
     H: Array,
     b: Array,
 ) -> float:
-    """Adds all camera factors of the landmarks of some hosts and eliminates these landmarks; returns the cost.
+    """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
 
-    Args:
-        window: Frames and landmarks.
-        factors: Which factors there are.
-        views: Of the frames.
-        s: Workspace.
-        hosts: Number of oldest frames whose landmarks count.
-        last: Slot of the last frame whose observations count.
-        host_depth: Whether (11) is used.
-        H: (N, N) of all states, changed; the lower triangle counts.
-        b: (N,) changed.
+    H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
+    used, and (8) only if `host_depth`.
     """
     m, cost = CALIBRATION + POSE * (last + 1), 0.0
     s.H[:m, :m] = 0.0
@@ -300,13 +273,13 @@ def predict_observations(
     warp: Array,
     known: NDArray[np.uint8],
 ) -> None:
-    """Predicts landmark observations from a pose and from an earlier frame.
+    """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
 
     Args:
         window: Frames, landmarks, calibration.
         R: (3, 3) world <- IMU.
         p: (3,) m.
-        before: Slot of the frame.
+        before: Slot.
         expected: (L, 3) out: x and y on the plane at depth 1 by the nominal intrinsics, and inverse depth.
         start: (L, 3) out: the same in the frame `before`.
         warp: (L, 2, 2) out: affine map from the host's image about the landmark to the new one.
@@ -343,17 +316,9 @@ def predict_observations(
 
 @njit(error_model="numpy", **INSIDE)
 def cull(window: Window, factors: FactorParameters, views: Views, most: float, alive: NDArray[np.uint8]) -> int:
-    """Removes outlier observations; a landmark that is an outlier in the newest frame is dropped.
+    """Removes observations beyond `most` standard deviations; returns the number of remaining ones of the newest frame.
 
-    Args:
-        window: Changed in place.
-        factors: Noise model of the factors.
-        views: Of the frames, computed here.
-        most: Limit, standard deviations.
-        alive: (L,) changed: 0 where tracking of the landmark should stop.
-
-    Returns:
-        Number of remaining observations of the newest frame.
+    A landmark that is an outlier in the newest frame is dropped: its `alive` becomes 0. Fills `views`.
     """
     cull_planes(window, factors)
     view(window, factors, views)
@@ -388,13 +353,7 @@ def cull(window: Window, factors: FactorParameters, views: Views, most: float, a
 
 @njit(error_model="numpy", **INSIDE)
 def parallax(window: Window, newest: int, since: int) -> tuple[float, int]:
-    """Mean motion of points between two frames without that of rotation, on the plane at depth 1; and their number.
-
-    Args:
-        window: Frames and landmarks.
-        newest: Slot.
-        since: Slot.
-    """
+    """Mean motion of points between two frames without rotation, on the plane at depth 1; and their number."""
     marks, c, f = window.landmarks, window.calibration, window.frames
     rotation = mul(np.ascontiguousarray(f.R[newest].T), f.R[since])
     A = mul(np.ascontiguousarray(c.R.T), mul(rotation, c.R))

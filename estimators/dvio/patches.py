@@ -208,14 +208,7 @@ def blank_patches(slots: int) -> Patches:
 
 @njit(error_model="numpy", **INSIDE)
 def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
-    """Stores the patches about points.
-
-    Args:
-        grey: (H, W).
-        ids: (N,) slot of each.
-        points: (N, 2) px; outside the image, the border is replicated.
-        patches: Out.
-    """
+    """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated."""
     height, width = grey.shape
     side = 2 * REACH + 3
     T, mean, H = np.empty((side, side)), np.empty(3), np.empty((3, 3))
@@ -341,14 +334,9 @@ def align(
 def read_slope(
     depth: NDArray[np.float32], points: NDArray[np.float32], p: DepthParameters, roughness: float, slope: Array
 ) -> None:
-    """Gradient of the inverse depth about points: on a plane it is linear in the image.
+    """Gradients of the inverse depth (linear in the image of a plane) about points (N, 2) px of a depth image (H, W) m.
 
-    Args:
-        depth: (H, W) m, 0 or NaN where none.
-        points: (N, 2) px.
-        p: Of depths.
-        roughness: Largest mean scatter about a plane, 1/m.
-        slope: (N, 2) out: 1/m per pixel; 0 where there is no plane.
+    Writes them to `slope` (N, 2), 1/m per pixel; 0 where the mean scatter about a plane exceeds `roughness`, 1/m.
     """
     height, width = depth.shape
     r, step = p.slope_reach_px, p.slope_step_px

@@ -108,16 +108,9 @@ def _apart(s: Array, region: Array, variance: float, plane: Array, buffers: Arra
 def _grow(
     cells: Array, group: NDArray[np.int64], name: int, p: PlaneParameters, variance: float, total: Array, plane: Array
 ) -> int:
-    """Grows a region by neighbours on its plane, then by all other cells on it; returns its size.
+    """Grows a region by neighbours on its plane, then by all other cells on it; returns its number of cells.
 
-    Args:
-        cells: (R, C, 11) sums.
-        group: (R, C) 0 where free, `name` where in the region; changed.
-        name: ≥ 1.
-        p: Of planes.
-        variance: Of a sample.
-        total: (11,) the region's sums; changed.
-        plane: (3,) its plane; changed.
+    `group` (R, C) is 0 where a cell is free, `name` where it belongs to the region, whose sums are `total` (11,).
     """
     rows, columns = group.shape
     inverse, buffers, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1

@@ -93,20 +93,9 @@ def _in_camera(window: Window, n: Array, d: float, R: Array, p: Array) -> tuple[
 def plane_residual(
     window: Window, factors: FactorParameters, k: int, j: int, measured: Array, workspace: PlaneWorkspace
 ) -> bool:
-    """Residual of a plane observed by a frame, s L π − π_measured, and its Jacobian.
+    """Residual of plane k measured in frame j, s L π − π_measured (3,) 1/m, and its Jacobian, into `workspace`.
 
-    s scales the depth, L the focal lengths. See docs/dvio.md (12).
-
-    Args:
-        window: States.
-        factors: Whether Jacobians are taken at first estimates.
-        k: Slot of the plane.
-        j: Slot of the frame.
-        measured: (3,) measured plane, 1/m.
-        workspace: Out.
-
-    Returns:
-        False if the camera is not in front of the plane.
+    s scales the depth, L the focal lengths. False if the camera is not in front of the plane. See docs/dvio.md (12).
     """
     f, c, planes, J = window.frames, window.calibration, window.planes, workspace.J
     focal = (1.0 + c.focal[0], 1.0 + c.focal[1], 1.0)
@@ -222,17 +211,9 @@ def _distance2(
     cover: Array,
     workspace: PlaneWorkspace,
 ) -> float:
-    """Squared Mahalanobis distance of a measured plane from a known one; inf if it is far off.
+    """Squared Mahalanobis distance of a plane measured in frame j from the known plane k; inf if it is far off.
 
-    Args:
-        window: States.
-        factors: As of `plane_residual`.
-        L: Cholesky factor of the normal equations of all states.
-        k: Slot of the known plane.
-        j: Slot of the frame.
-        measured: (3,) measured plane, 1/m.
-        cover: (3, 3) covariance of the measurement.
-        workspace: Buffers.
+    `L` is the Cholesky factor of the normal equations of all states, `cover` (3, 3) the measurement's covariance.
     """
     if not plane_residual(window, factors, k, j, measured, workspace):
         return math.inf
@@ -266,19 +247,10 @@ def _distance2(
 def match_planes(
     window: Window, factors: FactorParameters, L: Array, measured: Array, weights: Array, count: int, new: Array
 ) -> int:
-    """Associates planes measured in the newest frame with known ones.
+    """Associates planes measured in the newest frame with known ones; returns the number without a match.
 
-    Args:
-        window: Its planes are changed in place.
-        factors: As of `plane_residual`.
-        L: Cholesky factor of the normal equations of all states.
-        measured: (P, 3) measured planes, 1/m.
-        weights: (P, 3, 3) inverse of the covariance of each.
-        count: Number of measured planes.
-        new: (P,) out: which of them match no known plane.
-
-    Returns:
-        Number of planes without a match.
+    `measured` (P, 3) 1/m and `weights` (P, 3, 3) are as of `read_planes`, `L` as of `_distance2`. The indices of those
+    without a match are written to `new` (P,).
     """
     planes, j, unmatched = window.planes, window.frames.count[0] - 1, 0
     workspace = PlaneWorkspace(np.empty(3), np.empty((3, COLUMNS)))

@@ -63,18 +63,7 @@ def blank_views(frames: int) -> Views:
 
 @njit(error_model="numpy", **INSIDE)
 def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
-    """Pose of a frame's IMU when its image was taken, by the current estimate of the time offset.
-
-    See docs/dvio.md (5).
-
-    Args:
-        frames: Of the window.
-        k: Slot.
-        offset: s.
-
-    Returns:
-        (3, 3) world <- IMU and (3,) m.
-    """
+    """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
     R = mul(frames.R[k], exponential(frames.rate[k] * late))
     return R, frames.p[k] + frames.v[k] * late
@@ -113,20 +102,9 @@ def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
 def project(
     views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float
 ) -> tuple[float, float, float, bool]:
-    """Projection of a landmark, as (8), with the division by the depth that (1) has.
+    """Observation by one frame of a landmark along (x, y, 1) in the camera of its host. See docs/dvio.md (6).
 
-    See docs/dvio.md (6).
-
-    Args:
-        views: Of the frames.
-        host: Slot of the frame in whose camera the landmark lies along (x, y, 1).
-        observer: Slot of the observing frame.
-        x: On the plane at depth 1.
-        y: On it.
-        inverse_depth: In the host's camera, 1/m.
-
-    Returns:
-        x and y on the plane at depth 1 and inverse depth in the observer's camera, and whether it is in front of it.
+    Returns x and y on the plane at depth 1, the inverse depth, and whether it is in front of the observer's camera.
     """
     A, s = views.rotation[host, observer], views.translation[host, observer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]

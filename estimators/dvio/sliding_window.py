@@ -99,12 +99,7 @@ class Core:
         return t_ns + round(self.window.calibration.offset[0] * 1e9)
 
     def start(self, frame: CameraFrame, covariance: Array) -> None:
-        """Begins a window with an image, at the state `nav`.
-
-        Args:
-            frame: The first image.
-            covariance: (15, 15) of the state.
-        """
+        """Begins a window with an image, at the state `nav` of a covariance (15, 15)."""
         w, p = self.window, self.parameters
         f, c = w.frames, w.calibration
         self._alive[:] = 0
@@ -156,10 +151,7 @@ class Core:
     def take(self, frame: CameraFrame, stationary: bool, legs: LegMeasurement | None = None) -> None:
         """Takes the next image; the IMU samples up to its time are already here.
 
-        Args:
-            frame: The next image.
-            stationary: Whether the IMU is stationary.
-            legs: Leg measurement at that time, used when the camera observes little.
+        `stationary` is by the IMU; `legs` are used when the camera observes little.
         """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1

@@ -223,19 +223,9 @@ def _save(window: Window, work: Work, back: bool) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, enough: float) -> float:
-    """Moves the states towards the minimum of (15).
+    """Moves the states towards the minimum of docs/dvio.md (10), in at most `steps`; returns a recent cost.
 
-    See docs/dvio.md (10).
-
-    Args:
-        window: Changed in place.
-        factors: Noise model of the factors.
-        work: Workspace; its factor is that of the last normal equations.
-        steps: Largest number of steps.
-        enough: The iteration stops if a step lowers the cost by less than this share.
-
-    Returns:
-        The cost before the last accepted step.
+    Stops if a step lowers the cost by less than the share `enough`. The factor in `work` is that of the last equations.
     """
     size = window.shared + FRAME * window.frames.count[0]
     damping, cost = _FIRST_DAMPING, linearise(window, factors, work)
@@ -276,15 +266,9 @@ def hold(window: Window, H: Array, last: int) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
-    """Eliminates the oldest frame from H d = b, of which the lower triangle counts; its rows become free.
+    """Eliminates the oldest frame from H d = b of `size` states; its rows become free. See docs/dvio.md (11).
 
-    See docs/dvio.md (11).
-
-    Args:
-        H: (N, N), symmetric on return.
-        b: (N,).
-        shared: Number of states that belong to no frame.
-        size: Number of states.
+    The lower triangle of H counts; on return H is symmetric. The first `shared` states belong to no frame.
     """
     o, m = shared, shared + FRAME
     for i in range(size):
@@ -330,11 +314,7 @@ def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
 def rehost_landmarks(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> None:
     """Moves the landmarks of the oldest frame to the newest one if it observes them, else drops them.
 
-    Args:
-        window: Its landmarks are changed in place.
-        work: Views of the frames.
-        alive: (L,) 1 where the landmark is followed.
-        newest: Slot of the newest frame, whose observations of these landmarks are not used for the prior.
+    Their observations by the newest frame are not used for the prior.
     """
     marks, c = window.landmarks, window.calibration
     for l in range(len(marks.host)):
@@ -359,12 +339,7 @@ def marginalize_oldest(window: Window, factors: FactorParameters, work: Work, al
     """Marginalises the oldest frame with the landmarks that it hosts; `drop_oldest` then takes it out of the window.
 
     Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
-
-    Args:
-        window: Of three frames or more; changed in place.
-        factors: Noise model of the factors.
-        work: Workspace.
-        alive: (L,) 1 where a landmark is followed.
+    The window holds three frames or more.
     """
     n = window.frames.count[0]
     shared = window.shared

@@ -314,15 +314,7 @@ def blank_preintegration(slots: int | None = None) -> Preintegration:
 
 
 def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float, planes: int = 0) -> Window:
-    """An empty window.
-
-    Args:
-        frames: Slots of frames.
-        landmarks: Slots of landmarks.
-        T_imu_camera: (4, 4) camera to IMU.
-        offset_s: t_imu = t_cam + offset.
-        planes: Slots of planes; each has states, known or not.
-    """
+    """An empty window with slots for frames, landmarks and planes; t_imu = t_cam + offset."""
     F, L, K = frames, landmarks, planes
     shared = CALIBRATION + PLANE * K
     identities = np.zeros((F, 3, 3))

@@ -180,13 +180,9 @@ def _around(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, firs
 
 
 def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """(3, 3) and (3,) camera <- points' axes by P3P, and which points agree; None where too few do.
+    """(3, 3) and (3,) camera <- axes of points (N, 3) by P3P of observations (N, 2), and which points agree.
 
-    Args:
-        points: (N, 3) m.
-        at: (N, 2) their observations on the plane at depth 1.
-        error: Largest error of an inlier's observation, on that plane.
-        fewest: Least number of points, and of inliers.
+    None where fewer than `fewest` agree within `error`, on the plane at depth 1.
     """
     if len(points) < fewest:
         return None

@@ -89,14 +89,9 @@ class Tracker:
         self._before, self._grey, self._scales = self._grey, grey, []
 
     def follow(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """Tracks points of the previous image into the last one, by their appearance there.
+        """Tracks points (N, 2) px of the previous image into the last one, from where they are expected there (N, 2).
 
-        Args:
-            points: (N, 2) px there.
-            start: (N, 2) px where they are expected in the last one.
-
-        Returns:
-            (N, 2) px in the last image, and (N,) whether forward and backward tracking succeeded.
+        Returns their pixels and whether forward and backward tracking succeeded, (N,).
         """
         before, grey = self._before, self._grey
         if before is None or grey is None or not len(points):
@@ -122,15 +117,9 @@ class Tracker:
             kernel.cut(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
 
     def align(self, slots: NDArray[np.int64], points: Points, warps: Array) -> tuple[Points, NDArray[np.bool_]]:
-        """Aligns points of the last image with their slots' patches: at half the resolution, then whole.
+        """Aligns points (N, 2) px with the patches in their slots (N,): at half the resolution, then whole.
 
-        Args:
-            slots: (N,) of their patches.
-            points: (N, 2) px.
-            warps: (N, 2, 2) from the patch's pixels to the image's.
-
-        Returns:
-            (N, 2) px, and (N,) which of them were aligned.
+        `warps` (N, 2, 2) map a patch's pixels to the image's. Returns pixels, and which were aligned, (N,).
         """
         half, found = points / np.float32(2.0), np.ones(len(points), bool)
         kernel.align(self._smoothed()[1], self._patches[1], slots, warps, self._parameters.coarse, half, found)
@@ -244,12 +233,7 @@ class Stereo:
         )  # fmt: skip
 
     def depth(self, left: Image, right: Image) -> Depth:
-        """Depth registered to the left image, of its time; 0 where there is no match.
-
-        Args:
-            left: Grey or colour.
-            right: Of the same time.
-        """
+        """Depth registered to the left of two images of the same time; 0 where there is no match."""
         pair = [cv2.remap(_grey(p.pixels), *m, cv2.INTER_LINEAR) for p, m in zip((left, right), self._maps)]
         disparity = self._matcher.compute(*pair).astype(np.float32) / _FIXED_POINT
         seen = cv2.remap(disparity, self._column, self._row, cv2.INTER_NEAREST, borderValue=-1.0)
@@ -259,13 +243,7 @@ class Stereo:
 
 
 def with_stereo(rig: Rig, left: str, depth: str) -> Rig:
-    """The rig with depth for its left camera.
-
-    Args:
-        rig: Of two cameras.
-        left: Topic of the one that the odometry follows.
-        depth: Topic of its new depth stream.
-    """
+    """The rig with a depth stream for its camera `left`."""
     return replace(rig, cameras={**rig.cameras, left: replace(rig.cameras[left], depth_topic=depth)})
 
 

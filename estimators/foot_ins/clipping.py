@@ -33,14 +33,10 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     accelerometer's: always in the same direction, by some tenths of a radian or a metre per second. A linear filter
     corrects that only in part. The signal enters and leaves the range with a slope; the cubic between (Hermite) is the
     peak. A channel is processed once two samples are back within the range. The remaining error is the filter's noise
-    at the limit.
+    at the limit. Unknown ranges disable the reconstruction.
 
     A landing impact is too short for a shape. It is known to push upwards, so on average it hides `impact_excess` per
     sample. Without this, the foot sinks a little at every landing, up stairs and down.
-
-    Args:
-        memory: Nominal state and ring change if a peak has ended; the correction is recorded.
-        parameters: With the ranges; unknown ranges disable the reconstruction.
     """
     first = 0
     hidden = np.zeros((RING, 6))

@@ -143,15 +143,7 @@ class FootInsPath:
     def of(
         cls, t_ns: NDArray[np.int64], phase: NDArray[np.int8], standing_speed_sd: Array, state: Array, covariance: Array
     ) -> FootInsPath:
-        """The kernel's output after each of N samples, without those that it ignored.
-
-        Args:
-            t_ns: (N,).
-            phase: (N,) IGNORED, ALIGNING or TRACKING.
-            standing_speed_sd: (N,) m/s.
-            state: (N, 20) nominal state, see `memory`.
-            covariance: (N, 6, 6) of position (m) and attitude (rad), world axes.
-        """
+        """The output of `kernel.run` for N samples, without those that it ignored."""
         used = phase != IGNORED
         return cls(
             trajectory=Trajectory(

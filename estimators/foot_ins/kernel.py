@@ -54,14 +54,7 @@ def possible(parameters: KernelParameters, rate: Array, force: Array) -> bool:
 def take(
     memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
 ) -> tuple[int, float, float]:
-    """Takes a usable sample into the ring and, until the filter is aligned, into the alignment.
-
-    Args:
-        memory: Changed in place if the sample is usable.
-        parameters: Of the filter.
-        t_ns: End of the interval that the sample is the mean of.
-        rate: (3,) rad/s.
-        force: (3,) m/s².
+    """Takes a sample (rad/s, m/s²) into the ring and, until the filter is aligned, into the alignment.
 
     Returns:
         Phase in which the sample is used (IGNORED, ALIGNING or TRACKING); time since the last one, s; motion statistic.
@@ -92,14 +85,7 @@ def take(
 
 @njit(**INSIDE)
 def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array) -> tuple[int, float]:
-    """Takes one sample into the memory.
-
-    Args:
-        memory: Changed in place if the sample is usable.
-        parameters: Of the filter.
-        t_ns: End of the interval that the sample is the mean of.
-        rate: (3,) rad/s.
-        force: (3,) m/s².
+    """Takes one sample (rad/s, m/s²), the mean over the interval that ends at `t_ns`, into the memory.
 
     Returns:
         Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the stationary
@@ -147,16 +133,16 @@ def run(
     state: Array,
     covariance: Array,
 ) -> None:
-    """Takes N samples and writes the estimates after each.
+    """Takes N samples, `rate` and `force` (N, 3), and writes the results of `step` and the estimate after each.
 
     Args:
         memory: Changed in place.
         parameters: Of the filter.
         t_ns: (N,) int64.
-        rate: (N, 3) rad/s.
-        force: (N, 3) m/s².
-        phase: (N,) int8, out: phase in which the sample was used.
-        speed: (N,) out: standard deviation of the stationary foot's speed, m/s.
+        rate: rad/s.
+        force: m/s².
+        phase: (N,) int8, out.
+        speed: (N,) out: standard deviation, m/s.
         state: (N, 20) out: nominal state.
         covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """

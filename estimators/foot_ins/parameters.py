@@ -164,12 +164,7 @@ else:
 
 
 def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None) -> KernelParameters:
-    """The kernel's parameters: these, with the sensor's own noise added if the calibration has it.
-
-    Args:
-        parameters: Parameters for any sensor.
-        calibration: Noise densities and turn-on biases of this one; None = unknown.
-    """
+    """The kernel's parameters: these, with the sensor's own noise and limits if its calibration has them."""
     values = {name: float(value) for name, value in asdict(parameters).items()}
     if calibration is not None:
         for name, density in (

@@ -137,9 +137,7 @@ def augment(memory: Memory) -> None:
 def apply_restored(window: Window, memory: Memory) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore`, in place.
 
-    Args:
-        window: Before `append` takes the sample at which the peak was restored.
-        memory: After that sample; its passage now begins at the corrected state.
+    `memory` is that after the sample at which the peak was restored, which the window does not hold yet.
     """
     place, capacity = window.place, len(window.t_ns)
     held, summed, moved = place[HELD], place[SUMMED], memory.restored

@@ -225,15 +225,9 @@ def level_floor_update(memory: Memory, parameters: KernelParameters, t_ns: int, 
 
     Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
     ground is level or clearly not. If the foot is stationary and flat, and its height has changed by less than
-    `level_step` and by no more than the filter's uncertainty, the floor is taken to be the same, up to `floor_sd`
+    `level_step_m` and by no more than the filter's uncertainty, the floor is taken to be the same, up to `floor_sd_m`
     (after Abdulrahim, Hide, Moore, Hill 2012). Elsewhere, on a stair or ramp, the floor is at the foot's height and as
-    uncertain as the foot.
-
-    Args:
-        memory: Changed in place.
-        parameters: Of the filter.
-        t_ns: Time of the sample.
-        stationary_speed_sd: Standard deviation of the stationary foot's speed, m/s, inf if it is moving.
+    uncertain as the foot. `stationary_speed_sd` is in m/s, inf for a moving foot.
     """
     clock = memory.clock
     if stationary_speed_sd > parameters.stand_speed_mps:

@@ -76,13 +76,7 @@ class Memory(NamedTuple):
 
 
 def blank(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> Memory:
-    """Memory of a foot at the origin without samples.
-
-    Args:
-        covariance: (n, n) of the larger filter; None: a filter of its own.
-        error: (n,) of that filter.
-        row: First of the foot's 19 rows in it.
-    """
+    """Memory of a foot at the origin without samples; its own filter, or `row` and following of a larger one (n, n)."""
     nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
     return Memory(

@@ -148,14 +148,7 @@ class BoardTracker:
 def relative_position(
     observation: BoardObservation, foot: int, mounts: Array, expected: Expected
 ) -> RelativePosition | None:
-    """Measurement of the published filter from an observation; the feet's attitudes select one of a plane's two poses.
-
-    Args:
-        observation: Of either camera.
-        foot: The foot with the camera.
-        mounts: (4, 7) as in `memory.Pair`.
-        expected: Predicted pose of the board.
-    """
+    """Measurement of the published filter; the feet's attitudes select one of a plane's two poses."""
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
     return RelativePosition.of_observation(
         observation,

@@ -80,13 +80,7 @@ Aid = tuple[int, BoardObservation | RelativePosition | Range]  # with the foot t
 def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Sequence[int]) -> tuple[Events, list[Aid]]:
     """All samples in time order, each aid right after the IMU sample by which both feet have reached its time.
 
-    Args:
-        imus: Samples of each foot, by `l` and `r`.
-        aids: In any order.
-        newest_ns: Time that each foot had reached before.
-
-    Returns:
-        Events, and the aids whose time is still to come.
+    `newest_ns` are the times that the feet had reached before. Returns also the aids whose time is still to come.
     """
     feet = [f for f in range(2) if FEET[f] in imus]
     blocks = [imus[FEET[f]] for f in feet]

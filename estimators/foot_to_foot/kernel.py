@@ -48,17 +48,11 @@ def in_inertial_world(memory: Memory, earth: Array, rate: Array, force: Array) -
 
 @njit(**INSIDE)
 def apply_gyro_scale(pair: Pair, foot: int, rate: Array, t_ns: int, max_gap_s: float) -> None:
-    """Propagates the scale error into the attitude error over the interval that ends at `t_ns`: δθ -= R diag(ω) δs dt.
+    """Propagates a foot's scale error into its attitude error up to `t_ns`: δθ -= R diag(ω) δs dt.
 
     See docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two
     feet that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004, 12.3).
-
-    Args:
-        pair: Its covariance is changed in place.
-        foot: Foot with the gyro.
-        rate: (3,) rad/s, sensor frame.
-        t_ns: Of the sample.
-        max_gap_s: After a longer gap the foot is aligned again, and nothing is done here.
+    After a gap longer than `max_gap_s` the foot is aligned again, and nothing is done here.
     """
     memory = pair.feet[foot]
     dt = (t_ns - memory.clock[T_LAST]) * 1e-9
@@ -141,19 +135,10 @@ def run(
 def predict_board(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int
 ) -> tuple[bool, Array, Array, Array, Array, Array]:
-    """Predicted pose of the other foot's board in a foot's camera.
-
-    Args:
-        pair: Not changed.
-        foot: Parameters of the foot with the camera.
-        parameters: Parameters of both.
-        camera: Foot that carries the camera.
-        t_ns: Time of an image on its camera's clock, not after the newest sample of either foot.
-        earlier_ns: How much earlier the second pose is.
+    """Predicted pose of the other foot's board in a foot's camera, at `t_ns` on the camera's clock and earlier.
 
     Returns:
-        Whether it is known; (3,) m; (3, 3) camera <- board; (6, 6) their covariance, camera axes; the same pose
-        earlier.
+        Whether it is known; (3,) m; (3, 3) camera <- board; (6, 6) their covariance, camera axes; the earlier pose.
     """
     board, gravity, late = 1 - camera, foot.gravity_mps2, parameters.max_delay_s + 1e-9 * earlier_ns
     then_ns, lead = t_ns + round(1e9 * pair.late[camera]), parameters.max_lead_s

@@ -92,15 +92,6 @@ def relative_position_update(
     H_feet has ±I at the two positions and 0 at the attitudes: as printed, it omits the error of the attitude that
     rotated the vector, and the filter takes the heading of the camera's foot as free of error.
 
-    Args:
-        pair: Changed in place.
-        foot: Parameters of the foot with the camera.
-        parameters: Parameters of both feet.
-        camera: Foot that carries the camera.
-        t_ns: Middle of the exposure.
-        p_other_in_imu: (3,) position of the other foot's IMU in this foot's, m.
-        sd: Its standard deviation on each axis, m.
-
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.
     """

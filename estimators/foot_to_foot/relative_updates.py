@@ -56,7 +56,7 @@ def board_update(
     Args:
         pair: Changed in place.
         foot: Parameters of the foot with the camera.
-        parameters: Parameters of both feet.
+        parameters: Of both feet.
         camera: Foot that carries the camera.
         t_ns: Middle of the exposure, on the camera's clock.
         points_in_board: (M, 3) m, M ≥ 4.
@@ -109,23 +109,14 @@ def _reduced_measurement(
     ray_sd: Array,
     shared: float,
 ) -> tuple[bool, Array, Array, float]:
-    """An image's linear measurement of the deviation of the board's pose from the predicted one.
+    """An image's linear measurement of the difference of the board's pose from the predicted one.
 
     See docs/foot_to_foot.md (6).
 
     A badly predicted pose is far from where the rays' Jacobian holds: a board that is a quarter nearer is
     overcorrected. So the rays are linearised again at the updated board pose until it converges (iterated Kalman
-    filter; Jazwinski 1970, 9.7, in the six dimensions that matter).
-
-    Args:
-        parameters: Of both feet.
-        p: (3,) predicted position of the board in the camera, m.
-        R: (3, 3) predicted rotation, camera <- board.
-        covariance: (6, 6) of both, m and rad, camera axes.
-        points_in_board: (M, 3) m.
-        rays: (M, 2).
-        ray_sd: (M,).
-        shared: Factor by which the noise grows as observations share their error.
+    filter; Jazwinski 1970, 9.7, in the six dimensions that matter). `shared` is the factor by which the noise grows as
+    observations share their error.
 
     Returns:
         Whether the board is in front of the camera; (6, 6) derivatives by the pose; (6,) innovations, both in standard
@@ -240,7 +231,7 @@ def _rows(
 def sonar_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
 ) -> float:
-    """Update with the distance between the two IMUs from a sonar's echo.
+    """Update with the distance (m) between a foot's sonar and the reflecting point of the other foot.
 
     See docs/foot_to_foot.md (9).
 
@@ -248,14 +239,6 @@ def sonar_update(
     if the other shoe has not been observed for `sonar_after_s`: an echo comes from some part of it, always with the
     same sign, so all within `observation_correlation_s` share one error. Most echoes of a real walk are from the floor
     or from things beyond: those too far from the predicted distance are rejected.
-
-    Args:
-        pair: Changed in place.
-        foot: Parameters of the foot with the sonar.
-        parameters: Parameters of both feet.
-        sonar: Foot that carries the sonar.
-        t_ns: Time of the echo.
-        distance: m, from the sonar to the reflecting point of the other foot.
 
     Returns:
         Length of the innovation in standard deviations, or UNUSED.

@@ -54,13 +54,6 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
     after the newest sample (a camera's clock may be late) that sample is extrapolated.
-
-    Args:
-        memory: Not changed.
-        gravity: m/s².
-        t_ns: The time.
-        max_age_s: Largest age, s.
-        max_lead_s: Longest time after the newest sample, s.
     """
     clock, x = memory.clock, memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()

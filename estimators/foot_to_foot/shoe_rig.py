@@ -49,15 +49,12 @@ class LeftRightCheck:
         self._settled = False
 
     def agrees(self, observation: BoardObservation, camera: int, R_world_imu: Array) -> bool:
-        """Whether an observation may be used: False while left and right seem swapped.
+        """Whether an observation by a foot's camera may be used: False while left and right seem exchanged.
 
-        Args:
-            observation: Of a foot's camera.
-            camera: That foot, according to the rig.
-            R_world_imu: (2, 3, 3) attitudes that the IMUs of the left and of the right foot give about that time.
+        `R_world_imu` (2, 3, 3) are the attitudes of the left and right IMU about that time.
 
         Raises:
-            StrideTwinError: Left and right are swapped; the message says for which sensors.
+            StrideTwinError: Left and right are exchanged; the message says for which sensors.
         """
         if self._settled:
             return True
@@ -154,10 +151,6 @@ def side_by_side(shoes: Shoes, parameters: FootToFootParameters | PublishedParam
 
     The world's origin is on the ground between the heels, its x axis points forward. The left foot's position and
     heading are this by definition; the right foot's are a guess.
-
-    Args:
-        shoes: For the IMUs' mounts.
-        parameters: Uncertainty of the assumption.
     """
     start = {}
     for foot, imu in shoes.imus.items():
