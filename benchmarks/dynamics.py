@@ -36,7 +36,7 @@ from stridetwin.sim.config import (
     TwinConfig,
 )
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.kinematics.rotation import matrix_from_quat
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2

@@ -14,7 +14,7 @@ import numpy as np
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.kinematics.rotation import matrix_from_quat
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Array

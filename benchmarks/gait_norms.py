@@ -21,7 +21,7 @@ from stridetwin.evaluation.norms import level_norm, reference, speed_group
 from stridetwin.report.svg import Plot, data_range
 from stridetwin.sim.config import SIDES, Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.kinematics.rotation import matrix_from_quat
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import FootLoad, Motion
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2

@@ -45,7 +45,7 @@ from stridetwin.pipeline.terrain_files import depth_camera, given_poses
 from stridetwin.scenarios.ground import from_metadata
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.kinematics.rotation import matrix_from_quat
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.streams.recording.reader import Recording

@@ -29,7 +29,7 @@ from benchmarks.peers.vocabulary import write_vocabulary
 from stridetwin.evaluation.path_drift import Odometry, drift_figures
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.kinematics.rotation import matrix_from_quat, quat_from_matrix
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_matrix
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.formats.tum import decimal_seconds

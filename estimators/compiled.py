@@ -52,6 +52,7 @@ def is_supported(version: str) -> bool:
     return SUPPORTED[0] <= numbers < SUPPORTED[1]
 
 
+_SO3 = Path(__file__).with_name("so3.py")
 _WITH_INTERNALS = is_supported(numba.__version__) and not missing_internals()
 _NO_C: dict[str, Any] = {}
 INSIDE: dict[str, Any] = {}
@@ -94,5 +95,6 @@ def cached(*folders: Path, **options: Any) -> Callable[[F], F]:
 
 
 def digest_of_sources(*folders: Path) -> int:
-    """Checksum, ≥ 0, of every Python file that lies in the folders."""
-    return zlib.crc32(b"".join(f.read_bytes() for folder in folders for f in sorted(folder.glob("*.py"))))
+    """Checksum, ≥ 0, of every Python file that lies in the folders, and of `so3`, which all packages share."""
+    files = [_SO3, *(f for folder in folders for f in sorted(folder.glob("*.py")))]
+    return zlib.crc32(b"".join(f.read_bytes() for f in files))

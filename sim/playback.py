@@ -20,8 +20,8 @@ from stridetwin.sim.gait.heel_strike import UpperMotion
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics import rigid_tree
 from stridetwin.sim.kinematics.coordinates import Coordinates
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.kinematics.rigid_tree import Tree
-from stridetwin.sim.kinematics.rotation import cross, matrix_from_quat
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.body import tracked
 from stridetwin.sim.wearer.coupling import Coupling, Pose, wrench
@@ -29,6 +29,7 @@ from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import couplings
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import cross
 
 LIFTED = 1e-3  # share of the load below which a foot counts as lifted
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.playback import Loads, Motion, Walk
 from stridetwin.sim.sensors.mount_slip import MountSlips

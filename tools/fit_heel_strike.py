@@ -28,7 +28,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES, Gait
 from stridetwin.sim.gait.heel_strike import BEFORE_S, SHOE, vibration
-from stridetwin.sim.kinematics.rotation import matrix_from_quat
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array

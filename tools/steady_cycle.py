@@ -20,12 +20,13 @@ from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.reference import coordinates, legs, zero_moment_point
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.kinematics.rotation import from_euler, matrix_from_quat, rot_z
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import Strip
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import from_euler, rot_z
 
 SAMPLES = 100  # per stride
 _COM_ABOVE_PELVIS_M = 0.03

@@ -13,18 +13,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import (
-    REORDERED,
-    carried,
-    exponential,
-    logarithm,
-    mul,
-    put,
-    right_jacobian,
-    right_jacobian_inverse,
-    rotate_back,
-    skew,
-)
+from stridetwin.estimators.dvio.algebra import REORDERED, carried, mul, put, rotate_back
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE,
@@ -40,6 +29,7 @@ from stridetwin.estimators.dvio.state import (
     Preintegration,
     Window,
 )
+from stridetwin.estimators.so3 import exp, hat, log, right_jacobian, right_jacobian_inverse
 from stridetwin.streams.samples import Array
 
 
@@ -72,9 +62,9 @@ def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_densit
     phi, a = np.empty(3), np.empty((3, 1))
     for i in range(3):
         phi[i], a[i, 0] = (rate[i] - z.bias[i]) * dt, force[i] - z.bias[3 + i]
-    X, A, G = skew(phi), skew(a[:, 0]), z.delta_R.copy()
+    X, A, G = hat(phi), hat(a[:, 0]), z.delta_R.copy()
     X2, Xf = mul(X, X), mul(X, a)
-    XA, Xa = mul(X, A), skew(Xf[:, 0])
+    XA, Xa = mul(X, A), hat(Xf[:, 0])
     # mean of the rotation over the interval, and its mean weighted with the remaining time
     to_v, to_p, v_by_phi, p_by_phi = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
@@ -89,10 +79,10 @@ def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_densit
     for i in range(3):
         dv[i] *= dt
         dp[i] *= dt * dt
-    F, B, rotation = np.eye(9), np.zeros((9, 6)), exponential(phi)
-    put(F, 0, 3, mul(G, skew(dp)), -1.0)
+    F, B, rotation = np.eye(9), np.zeros((9, 6)), exp(phi)
+    put(F, 0, 3, mul(G, hat(dp)), -1.0)
     put(F, 3, 3, rotation.T, 1.0)
-    put(F, 6, 3, mul(G, skew(dv)), -1.0)
+    put(F, 6, 3, mul(G, hat(dv)), -1.0)
     for i in range(3):
         F[i, 6 + i] = dt
     put(B, 0, 0, mul(G, p_by_phi), -dt * dt * dt)
@@ -166,9 +156,9 @@ def motion(
     rotation = moved[3:6].copy()
     p = rotate_back(Ri, frames.p[k + 1] - frames.p[k] - frames.v[k] * dt - 0.5 * g * dt * dt)
     v = rotate_back(Ri, frames.v[k + 1] - frames.v[k] - g * dt)
-    expected = mul(z.delta_R, exponential(rotation))
+    expected = mul(z.delta_R, exp(rotation))
     M = mul(np.ascontiguousarray(Ri.T), Rj)
-    e = logarithm(mul(np.ascontiguousarray(expected.T), M))
+    e = log(mul(np.ascontiguousarray(expected.T), M))
     for i in range(3):
         r[i] = p[i] - z.delta_p[i] - moved[i]
         r[3 + i] = e[i]
@@ -184,9 +174,9 @@ def motion(
     back = np.ascontiguousarray(Ri0.T)
     inverse = right_jacobian_inverse(e)
     by_turn = mul(inverse, mul(np.ascontiguousarray(Rj0.T), Ri0))
-    P, V = skew(p), skew(v)
+    P, V = hat(p), hat(v)
     # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
-    by_bias = mul(inverse, mul(np.ascontiguousarray(exponential(e).T), right_jacobian(rotation)))
+    by_bias = mul(inverse, mul(np.ascontiguousarray(exp(e).T), right_jacobian(rotation)))
     B = mul(by_bias, np.ascontiguousarray(z.by_bias[3:6]))
     J[:] = 0.0
     n = FRAME

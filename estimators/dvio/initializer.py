@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.algebra import exponentials, skews, turned
+from stridetwin.estimators.dvio.algebra import turned
 from stridetwin.estimators.dvio.sliding_window import CameraFrame, Core
 from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
@@ -24,6 +24,7 @@ from stridetwin.estimators.dvio.structure_from_motion import (
     structure_with_depth,
 )
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import exp, hat
 
 # Errors that one interval depends on: pose of the two cameras, the two velocities, tilt, biases, scale,
 # the camera's position and attitude on the IMU, time offset.
@@ -88,7 +89,7 @@ class Alignment:
         `place` (3, 3) is that of the position, m²; `heading_sd` is in rad.
         """
         J = np.zeros((15, 12))
-        by_turn = -R_world_imu @ skews(self.v)
+        by_turn = -R_world_imu @ hat(self.v)
         J[3:6, :2], J[3:6, 11] = self.tilt_axes, self.up
         J[6:9, :2], J[6:9, 11] = by_turn @ self.tilt_axes, by_turn @ self.up
         J[6:9, 2:5] = R_world_imu
@@ -248,18 +249,18 @@ def _derived(s: _State, z: Preintegration, rates: Array, gravity: float) -> tupl
 
 def _mismatch(s: _State, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
     """(D, K − 1, 9) motion between images minus the IMU's measurement of it, for errors (D, 1, 34)."""
-    ic = s.mount_R @ exponentials(x[..., _MOUNT + 3 : _MOUNT + 6])
+    ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
     scale = s.scale * np.exp(x[..., _SCALE, None])
-    up = turned(exponentials(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
+    up = turned(exp(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
     bias = s.bias + x[..., _BIAS : _BIAS + 6]
     # pose of the IMU at each image's nominal time, in its axes at that of the newest
-    back = exponentials(offset * (rates[-1] - bias[..., :3]))
+    back = exp(offset * (rates[-1] - bias[..., :3]))
     poses = []
     for k, column in ((slice(0, -1), _CAMERA_A), (slice(1, None), _CAMERA_B)):
-        M = ic @ s.R[k] @ exponentials(x[..., column + 3 : column + 6]) @ np.swapaxes(ic, -1, -2)
+        M = ic @ s.R[k] @ exp(x[..., column + 3 : column + 6]) @ np.swapaxes(ic, -1, -2)
         p = turned(ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - turned(M, p_ic)
-        poses.append((back @ M @ exponentials(-offset * (rates[k] - bias[..., :3])), turned(back, p)))
+        poses.append((back @ M @ exp(-offset * (rates[k] - bias[..., :3])), turned(back, p)))
     (R_a, p_a), (R_b, p_b) = poses
     v_a, v_b = s.v[:-1] + x[..., _V_A : _V_A + 3], s.v[1:] + x[..., _V_B : _V_B + 3]
     dv, dt = v_b - v_a, z.dt
@@ -275,17 +276,17 @@ def _mismatch(s: _State, z: Preintegration, rates: Array, gravity: float, x: Arr
 
 def _moved(s: _State, e: Array, K: int) -> _State:
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
-    back = exponentials(-(s.tilt_axes @ globals_[:2]))
+    back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
         s,
-        R=s.R @ exponentials(cameras[:, 3:]),
+        R=s.R @ exp(cameras[:, 3:]),
         p=s.p + cameras[:, :3],
         v=s.v + e[6 * K : 9 * K].reshape(K, 3),
         up=back @ s.up,
         tilt_axes=back @ s.tilt_axes,
         bias=s.bias + globals_[2:8],
         scale=s.scale * float(np.exp(globals_[8])),
-        mount_R=s.mount_R @ exponentials(globals_[12:15]),
+        mount_R=s.mount_R @ exp(globals_[12:15]),
         mount_p=s.mount_p + globals_[9:12],
         offset=s.offset + float(globals_[15]),
     )

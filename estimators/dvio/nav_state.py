@@ -10,10 +10,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import carried, mul, put, skew
+from stridetwin.estimators.dvio.algebra import carried, mul, put
 from stridetwin.estimators.dvio.imu_factors import integrate
 from stridetwin.estimators.dvio.parameters import DvioParameters, PlausibleState
 from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
+from stridetwin.estimators.so3 import hat
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
 
@@ -56,9 +57,9 @@ def propagate(nav: NavState, z: Preintegration, imu: ImuSamples, end_ns: int, no
     for i in range(3):
         F[i, 6 + i] = dt
         G[3 + i, 3 + i] = 1.0
-    put(F, 0, 3, mul(R, skew(z.delta_p)), -1.0)
+    put(F, 0, 3, mul(R, hat(z.delta_p)), -1.0)
     put(F, 3, 3, z.delta_R.T, 1.0)
-    put(F, 6, 3, mul(R, skew(z.delta_v)), -1.0)
+    put(F, 6, 3, mul(R, hat(z.delta_v)), -1.0)
     put(F, 0, 9, mul(R, z.by_bias[0:3]), 1.0)
     put(F, 3, 9, z.by_bias[3:6], 1.0)
     put(F, 6, 9, mul(R, z.by_bias[6:9]), 1.0)

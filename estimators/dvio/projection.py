@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import exponential, mul, rotate
+from stridetwin.estimators.dvio.algebra import mul, rotate
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_FOCAL,
@@ -20,6 +20,7 @@ from stridetwin.estimators.dvio.state import (
     Frames,
     Window,
 )
+from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration, then of the host's pose, then of the observing frame's. The
@@ -65,7 +66,7 @@ def blank_views(frames: int) -> Views:
 def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
-    R = mul(frames.R[k], exponential(frames.rate[k] * late))
+    R = mul(frames.R[k], exp(frames.rate[k] * late))
     return R, frames.p[k] + frames.v[k] * late
 
 

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import REORDERED, exponential, mul
+from stridetwin.estimators.dvio.algebra import REORDERED, mul
 from stridetwin.estimators.dvio.imu_factors import add_motion, add_prior, add_zero_velocity, errors
 from stridetwin.estimators.dvio.landmarks import (
     POSE,
@@ -25,6 +25,7 @@ from stridetwin.estimators.dvio.landmarks import (
 from stridetwin.estimators.dvio.planes import add_planes, hold_planes, move_planes
 from stridetwin.estimators.dvio.projection import Views, blank_views, project, ray, view
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, NO_HOST, PLANE, FactorParameters, Window
+from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 
 LEAST_INVERSE_DEPTH, MOST_INVERSE_DEPTH = 0.01, 10.0
@@ -158,7 +159,7 @@ def move(window: Window, work: Work) -> None:
     """Applies the step."""
     frames, c, d = window.frames, window.calibration, work.step
     c.p[:] += d[0:3]
-    c.R[:] = mul(c.R, exponential(d[3:6]))
+    c.R[:] = mul(c.R, exp(d[3:6]))
     c.offset[0] += d[6]
     c.scale[0] += d[7]
     c.focal[:] += d[8:10]
@@ -171,12 +172,12 @@ def move(window: Window, work: Work) -> None:
             m = frames.moved[k]
             m += e
             frames.p[k] = frames.p_first[k] + m[0:3]
-            frames.R[k] = mul(frames.R_first[k], exponential(m[3:6]))
+            frames.R[k] = mul(frames.R_first[k], exp(m[3:6]))
             frames.v[k] = frames.v_first[k] + m[6:9]
             frames.bias[k] = frames.bias_first[k] + m[9:15]
         else:
             frames.p[k] += e[0:3]
-            frames.R[k] = mul(frames.R[k], exponential(e[3:6]))
+            frames.R[k] = mul(frames.R[k], exp(e[3:6]))
             frames.v[k] += e[6:9]
             frames.bias[k] += e[9:15]
     seen, marks = work.camera, window.landmarks

@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import exponentials, turned
+from stridetwin.estimators.dvio.algebra import turned
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import exp
 
 _DEPTH_MIN = 0.02  # guards divisions by the depth of a point; in units of the structure
 _SCALE_INFORMATION = 1e8  # fixes the unit of length
@@ -264,7 +265,7 @@ def _descended(
         e = np.zeros((len(R), 6))
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
         e_points = turned(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
-        R_new, p_new = R @ exponentials(e[:, 3:]), p + e[:, :3]
+        R_new, p_new = R @ exp(e[:, 3:]), p + e[:, :3]
         new = _cost(_residuals(s, R_new, p_new, points + e_points)[0], limit)
         if not new < cost:
             damping *= 100.0

@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import across_sole
 from stridetwin.estimators.foot_ins.state import (
@@ -36,6 +35,7 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     Memory,
 )
+from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 
@@ -99,7 +99,7 @@ def level(memory: Memory, force_sum: Array) -> None:
     if memory.clock[HEADED] == 0:
         R = rotation_matrix(q)
         axis = 0 if abs(R[2, 0]) < 0.9 else 2
-        q = product(exponential(0.0, 0.0, -math.atan2(R[1, axis], R[0, axis])), q)
+        q = product(quat_exp(0.0, 0.0, -math.atan2(R[1, axis], R[0, axis])), q)
     memory.nominal[ATTITUDE : ATTITUDE + 4] = q
 
 

@@ -6,7 +6,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import product, rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
@@ -20,6 +19,7 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
+from stridetwin.estimators.so3 import product, rotation_matrix
 from stridetwin.streams.samples import Array
 
 

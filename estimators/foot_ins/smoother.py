@@ -33,7 +33,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.foot_ins.algebra import product
 from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose, standing_nis
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
@@ -58,6 +57,7 @@ from stridetwin.estimators.foot_ins.state import (
     blank,
 )
 from stridetwin.estimators.foot_ins.strapdown import shift, shift_rows
+from stridetwin.estimators.so3 import product
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu

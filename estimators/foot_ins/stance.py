@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import exponential, product, rotation_matrix, skew
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
@@ -37,6 +36,7 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.strapdown import correct, shift
+from stridetwin.estimators.so3 import hat, product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 
@@ -139,12 +139,12 @@ def zero_velocity_update(
     R = rotation_matrix(x[ATTITUDE : ATTITUDE + 4])
     w = R @ (rate - x[GYRO_BIAS : GYRO_BIAS + 3])
     r = R @ (memory.lever + x[CONTACT : CONTACT + 3])
-    u = skew(w) @ r
+    u = hat(w) @ r
     H = np.zeros((3, STATES))
     H[:, D_VELOCITY : D_VELOCITY + 3] = np.eye(3)
-    H[:, D_ATTITUDE : D_ATTITUDE + 3] = skew(x[VELOCITY : VELOCITY + 3])
-    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = skew(r) @ R
-    H[:, D_CONTACT : D_CONTACT + 3] = skew(w) @ R
+    H[:, D_ATTITUDE : D_ATTITUDE + 3] = hat(x[VELOCITY : VELOCITY + 3])
+    H[:, D_GYRO_BIAS : D_GYRO_BIAS + 3] = hat(r) @ R
+    H[:, D_CONTACT : D_CONTACT + 3] = hat(w) @ R
     shared = math.sqrt(max(1.0, parameters.stationary_correlation_s / dt))
     W = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
     H, z = W @ H, W @ (-x[VELOCITY : VELOCITY + 3] - u)
@@ -211,7 +211,7 @@ def inject(memory: Memory) -> None:
         x[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
         x[CONTACT + i] += error[D_CONTACT + i]
     x[FLOOR] += error[D_FLOOR]
-    rotation = exponential(error[D_ATTITUDE], error[D_ATTITUDE + 1], error[D_ATTITUDE + 2])
+    rotation = quat_exp(error[D_ATTITUDE], error[D_ATTITUDE + 1], error[D_ATTITUDE + 2])
     x[ATTITUDE : ATTITUDE + 4] = product(rotation, x[ATTITUDE : ATTITUDE + 4])
     shift(memory.covariance, memory.row, error[D_POSITION : D_POSITION + 3], error[D_VELOCITY : D_VELOCITY + 3])
     error[:] = 0.0

@@ -6,7 +6,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import exponential, force_at_middle, product, rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
@@ -24,6 +23,7 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     Memory,
 )
+from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 
@@ -114,6 +114,18 @@ def correct(P: Array, dx: Array, o: int, h: Array, z: float, r: float) -> None:
 
 
 @njit(**INSIDE)
+def force_at_middle(f: Array, x: float, y: float, z: float) -> Array:
+    """(3,) force at the middle of a rotation by (x, y, z) rad with the velocity change of the constant `f` over it.
+
+    The velocity changes by Γ₁(φ) f dt, Γ₁ the left Jacobian of SO(3), which is Exp(φ/2) (1 + [φ]x²/24) to the second
+    order (Barfoot 2017, ch. 7).
+    """
+    along = (x * f[0] + y * f[1] + z * f[2]) / 24.0
+    less = 1.0 - (x * x + y * y + z * z) / 24.0
+    return np.array([less * f[0] + along * x, less * f[1] + along * y, less * f[2] + along * z])
+
+
+@njit(**INSIDE)
 def propagate_state(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
     """Propagates a nominal state (20,) over one interval, in place; a negative `dt` exactly reverses it.
 
@@ -123,7 +135,7 @@ def propagate_state(x: Array, rate: Array, force: Array, dt: float, gravity: flo
         (3, 3) attitude at the interval's middle, world <- sensor, and (3,) specific force in the world, m/s².
     """
     wx, wy, wz = rate[0] - x[GYRO_BIAS], rate[1] - x[GYRO_BIAS + 1], rate[2] - x[GYRO_BIAS + 2]
-    half = exponential(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
+    half = quat_exp(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
     q_middle = product(x[ATTITUDE : ATTITUDE + 4], half)
     R = rotation_matrix(q_middle)
     force_in_world = R @ force_at_middle(force - x[ACCEL_BIAS : ACCEL_BIAS + 3], dt * wx, dt * wy, dt * wz)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators import foot_ins
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.foot_ins.algebra import rotation_matrix
 from stridetwin.estimators.foot_ins.clipping import is_clipped
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, possible, step
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
@@ -29,6 +28,7 @@ from stridetwin.estimators.foot_to_foot.published import published_step, relativ
 from stridetwin.estimators.foot_to_foot.relative_updates import UNUSED, board_in_camera, board_update, sonar_update
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
+from stridetwin.estimators.so3 import rotation_matrix
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent, Path(foot_ins.__file__).parent)

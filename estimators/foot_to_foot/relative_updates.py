@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import exponential, rotation_matrix
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.stance import normalized_innovation
 from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
@@ -27,6 +26,7 @@ from stridetwin.estimators.foot_to_foot.state import (
     Pair,
     inject_all,
 )
+from stridetwin.estimators.so3 import quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 UNUSED = -1.0  # the normalised innovation of an unused measurement
@@ -124,7 +124,7 @@ def _reduced_measurement(
     """
     u, T, z, alone = np.zeros(6), np.eye(6), np.zeros(6), 1.0  # u: estimated minus predicted pose
     for i in range(int(parameters.relinearizations)):
-        q = exponential(u[3], u[4], u[5])
+        q = quat_exp(u[3], u[4], u[5])
         A, ahead = _rows(parameters, p + u[:3], rotation_matrix(q) @ R, points_in_board, rays, ray_sd)
         if not ahead:
             return i > 0, T, z, alone

@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import exponential, force_at_middle, product, rotation_matrix
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -23,6 +22,8 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     Memory,
 )
+from stridetwin.estimators.foot_ins.strapdown import force_at_middle
+from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 
@@ -73,7 +74,7 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead
         else:
             left, dt = False, age
         w = memory.ring[i, :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
-        half = exponential(-0.5 * dt * w[0], -0.5 * dt * w[1], -0.5 * dt * w[2])
+        half = quat_exp(-0.5 * dt * w[0], -0.5 * dt * w[1], -0.5 * dt * w[2])
         middle = product(q, half)
         force = memory.ring[i, 3:] - x[ACCEL_BIAS : ACCEL_BIAS + 3]
         a = rotation_matrix(middle) @ force_at_middle(force, dt * w[0], dt * w[1], dt * w[2])

@@ -9,9 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.foot_ins.algebra import exponential, product
 from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
+from stridetwin.estimators.so3 import product, quat_exp
 from stridetwin.streams.samples import Array
 
 LEFT, RIGHT = 0, 1
@@ -111,7 +111,7 @@ def inject_all(pair: Pair) -> None:
     for i in range(4):
         error, mount = pair.error[MOUNTS + 6 * i : MOUNTS + 6 * i + 6], pair.mounts[i]
         mount[:3] += error[:3]
-        mount[3:] = product(exponential(error[3], error[4], error[5]), mount[3:])
+        mount[3:] = product(quat_exp(error[3], error[4], error[5]), mount[3:])
     pair.late[:] += pair.error[CLOCKS:SCALES]
     for foot in range(2):
         pair.scales[foot] += pair.error[SCALES + 3 * foot : SCALES + 3 * foot + 3]

@@ -13,10 +13,10 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import from_euler
 
 _LOADED_N = 20.0
 _EARLY_OR_LATE_S = 0.12  # a touch-down is searched this close to the planned one

@@ -17,11 +17,11 @@ from stridetwin.sim.gait.checks import check_gait
 from stridetwin.sim.gait.foot_placement import STEEP_RAD, Place, limp, places
 from stridetwin.sim.gait.style import Style, held, level_style, pace, shuffled, style_at
 from stridetwin.sim.gait.tempo import Tempo, speed_share, turn_share, widening
-from stridetwin.sim.kinematics.rotation import rot_x, rot_y, rot_z
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.world.route import Layout, Strip
 from stridetwin.sim.world.way import Way
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import rot_x, rot_y, rot_z
 
 # Share of a step; the same share of the stride is spent on both feet. Downstairs it takes time to lower the heel.
 _STAIR_DOUBLE_SUPPORT, _COME_DOWN_DOUBLE_SUPPORT = 0.18, 0.30

@@ -17,10 +17,10 @@ import numba
 import numpy as np
 
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.kinematics.rotation import cross
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import cross
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,10 +15,10 @@ from scipy.ndimage import gaussian_filter1d
 from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
-from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.sim.world.route import Strip
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import from_euler
 
 _LEVEL_PITCH = 0.06
 _BY_CLIMB = 0.45  # on stairs and ramps the head pitches down farther

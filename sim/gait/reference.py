@@ -27,13 +27,13 @@ from stridetwin.sim.gait.posture import Posture, posture
 from stridetwin.sim.gait.style import leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.rigid_tree import Tree, root_wrench
-from stridetwin.sim.kinematics.rotation import from_euler, rot_x, rot_y, rot_z
 from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import leg_frame
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import from_euler, rot_x, rot_y, rot_z
 
 
 def legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from stridetwin.sim.kinematics.quaternions import multiply
-from stridetwin.sim.kinematics.rotation import euler_accelerations_to_body, matrix_from_quat
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat, multiply
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import euler_accelerations_to_body
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

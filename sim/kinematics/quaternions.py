@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numba
+import numpy as np
 
 from stridetwin.streams.samples import Array
 
@@ -171,3 +172,31 @@ def log(q: Quaternion) -> Vec3:
     sine = math.sqrt(dot(axis, axis))
     k = 2.0 + sine * sine / 3.0 if sine < 0.5 * _SMALL else 2.0 * math.atan2(sine, sign * q[0]) / sine
     return times(k, axis)
+
+
+def quat_from_matrix(R: Array) -> Array:
+    """(..., 4) unit quaternions (w, x, y, z), w >= 0, of (..., 3, 3) matrices."""
+    return _quaternions(np.ascontiguousarray(R, dtype=float).reshape(-1, 3, 3)).reshape(*R.shape[:-2], 4)
+
+
+@numba.njit(cache=True)
+def _quaternions(R: Array) -> Array:
+    q = np.empty((len(R), 4))
+    for i in range(len(R)):
+        store(of_matrix(mat3(R[i])), q[i])
+    return q
+
+
+def matrix_from_quat(q: Array) -> Array:
+    """(..., 3, 3) matrices of (..., 4) unit quaternions (w, x, y, z)."""
+    return _matrices(np.ascontiguousarray(q, dtype=float).reshape(-1, 4)).reshape(*q.shape[:-1], 3, 3)
+
+
+@numba.njit(cache=True)
+def _matrices(q: Array) -> Array:
+    R = np.empty((len(q), 3, 3))
+    for i in range(len(q)):
+        M = matrix(quaternion(q[i]))
+        for k in range(3):
+            put(M[k], R[i, k])
+    return R

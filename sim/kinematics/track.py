@@ -18,13 +18,13 @@ from stridetwin.sim.kinematics.quaternions import (
     multiply,
     plus,
     put,
+    quat_from_matrix,
     quaternion,
     rotate,
     store,
     times,
     vec3,
 )
-from stridetwin.sim.kinematics.rotation import quat_from_matrix
 from stridetwin.streams.samples import Array
 
 _Columns = tuple[Array, Array, Array, Array]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults.faults import Event, Events, Fault, LooseStrap
-from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.sensor_bodies import visible

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from stridetwin.sim.config import SIDES, TwinConfig
 from stridetwin.sim.exo_description import OnLink
-from stridetwin.sim.kinematics.rotation import from_euler
 from stridetwin.sim.parts.calibration_error import nominal_rig
 from stridetwin.sim.parts.kinds import Imager, ImuPart, Part
 from stridetwin.sim.parts.nominal import NOMINAL
@@ -32,6 +31,7 @@ from stridetwin.sim.wearer.actuation import modules
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import from_euler
 
 GROUPS = tuple(KIND)
 EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.sim.kinematics.rotation import cross
 from stridetwin.streams.samples import Array
+from stridetwin.streams.so3 import cross
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

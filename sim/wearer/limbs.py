@@ -16,9 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.kinematics import rigid_tree
-from stridetwin.sim.kinematics.quaternions import Vec3, dot, mat3, matvec, minus, plus, times, transposed, vec3
+from stridetwin.sim.kinematics.quaternions import (
+    Vec3,
+    dot,
+    mat3,
+    matrix_from_quat,
+    matvec,
+    minus,
+    plus,
+    times,
+    transposed,
+    vec3,
+)
 from stridetwin.sim.kinematics.rigid_tree import Tree
-from stridetwin.sim.kinematics.rotation import matrix_from_quat
 from stridetwin.streams.samples import Array
 
 NEAR_M = SUNK_M = 0.02

@@ -8,7 +8,7 @@ from importlib import resources
 import mujoco
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.streams.rig import Mount, Rig
 
 UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}

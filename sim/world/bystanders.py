@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.world.route import RUN_OUT_M, Strip

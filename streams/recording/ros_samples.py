@@ -35,6 +35,7 @@ from stridetwin.streams.samples import (
     Sample,
     Wrench,
 )
+from stridetwin.streams.so3 import rotate
 
 Columns = Mapping[str, NDArray[Any]]
 Rows = NDArray[np.void]
@@ -105,13 +106,6 @@ def block_of(samples: Sequence[Sample]) -> Block[Any]:
 def frame_id(topic: str) -> str:
     """Frame id of a sensor's messages: the topic without its leading slash."""
     return topic.removeprefix("/")
-
-
-def rotate(q: Array, v: Array) -> Array:
-    """Rotates vectors (N, 3) by unit quaternions (N, 4) w, x, y, z."""
-    w, u = q[:, :1], q[:, 1:]
-    t = 2.0 * np.cross(u, v)
-    return v + w * t + np.cross(u, t)
 
 
 def _conjugate(q: Array) -> Array:

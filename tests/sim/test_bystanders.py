@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Level, Route, Stairs, Turn, TwinConfig
-from stridetwin.sim.kinematics.rotation import quat_from_matrix
+from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.library import ideal

@@ -11,12 +11,13 @@ import pytest
 from benchmarks import gait
 from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.kinematics.rotation import matrix_from_quat, rot_y
+from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import Playback, share_out
 from stridetwin.sim.truth import FLAT, foot_phase
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.way import Way
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.so3 import rot_y
 
 ROUTES: dict[str, tuple[Segment, ...]] = {
     "level": (Level(length_m=6.0),),

@@ -10,8 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.kinematics.quaternions import exp, inverse, log, matrix, multiply, of_matrix, rotate
-from stridetwin.sim.kinematics.rotation import matrix_from_quat, quat_from_matrix
+from stridetwin.sim.kinematics.quaternions import (
+    exp,
+    inverse,
+    log,
+    matrix,
+    matrix_from_quat,
+    multiply,
+    of_matrix,
+    quat_from_matrix,
+    rotate,
+)
 
 part = st.floats(-1.0, 1.0)
 vector = st.tuples(part, part, part)

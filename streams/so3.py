@@ -1,13 +1,29 @@
-"""Rotations of stacked arrays: elementary matrices, Euler angles (yaw, pitch, roll) and quaternions (w, x, y, z)."""
+"""Rotations, SO(3), of stacked arrays: matrices, rotation vectors, Euler angles (yaw, pitch, roll), quaternions (wxyz).
+
+NumPy alone. The compiled counterparts work on one rotation at a time: `estimators/so3.py` on arrays,
+`sim/kinematics/quaternions.py` on tuples, which the compiler keeps in registers.
+"""
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.kinematics.quaternions import mat3, matrix, of_matrix, put, quaternion, store
 from stridetwin.streams.samples import Array
+
+
+def hat(v: Array) -> Array:
+    """(..., 3, 3) matrices whose product with a vector is v × that vector, of (..., 3)."""
+    M = np.zeros((*v.shape, 3))
+    M[..., 2, 1], M[..., 0, 2], M[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    return np.asarray(M - np.swapaxes(M, -1, -2))
+
+
+def exp(v: Array) -> Array:
+    """(..., 3, 3) rotations by vectors (..., 3), rad."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    X = hat(v)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * X + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (X @ X))
 
 
 def rot_x(angle: Array) -> Array:
@@ -72,32 +88,11 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
-def quat_from_matrix(R: Array) -> Array:
-    """(..., 4) unit quaternions (w, x, y, z), w >= 0, of (..., 3, 3) matrices."""
-    return _quaternions(np.ascontiguousarray(R, dtype=float).reshape(-1, 3, 3)).reshape(*R.shape[:-2], 4)
-
-
-@numba.njit(cache=True)
-def _quaternions(R: Array) -> Array:
-    q = np.empty((len(R), 4))
-    for i in range(len(R)):
-        store(of_matrix(mat3(R[i])), q[i])
-    return q
-
-
-def matrix_from_quat(q: Array) -> Array:
-    """(..., 3, 3) matrices of (..., 4) unit quaternions (w, x, y, z)."""
-    return _matrices(np.ascontiguousarray(q, dtype=float).reshape(-1, 4)).reshape(*q.shape[:-1], 3, 3)
-
-
-@numba.njit(cache=True)
-def _matrices(q: Array) -> Array:
-    R = np.empty((len(q), 3, 3))
-    for i in range(len(q)):
-        M = matrix(quaternion(q[i]))
-        for k in range(3):
-            put(M[k], R[i, k])
-    return R
+def rotate(q: Array, v: Array) -> Array:
+    """Rotates vectors (N, 3) by unit quaternions (N, 4) w, x, y, z."""
+    w, u = q[:, :1], q[:, 1:]
+    t = 2.0 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
 
 
 def _rows(*rows: tuple[Array, Array, Array]) -> Array:

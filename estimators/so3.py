@@ -1,0 +1,128 @@
+"""Rotations, SO(3), for compiled code: a rotation is a (3, 3) matrix or a unit quaternion (4,) (Hamilton, w x y z).
+
+`hat`, `exp`, `log` and the Jacobians as in Solà, Deray and Atchuthan 2018 (A micro Lie theory).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from stridetwin.estimators.compiled import INSIDE
+from stridetwin.streams.samples import Array
+
+_SMALL = 1e-5  # rad; smaller angles use series
+
+
+@njit(error_model="numpy", **INSIDE)
+def hat(v: Array) -> Array:
+    """(3, 3) matrix whose product with a vector is v × that vector."""
+    M = np.zeros((3, 3))
+    M[0, 1], M[0, 2], M[1, 2] = -v[2], v[1], -v[0]
+    M[1, 0], M[2, 0], M[2, 1] = v[2], -v[1], v[0]
+    return M
+
+
+@njit(error_model="numpy", **INSIDE)
+def exp(v: Array) -> Array:
+    """(3, 3) rotation by the vector v, rad."""
+    t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    t = math.sqrt(t2)
+    if t < _SMALL:
+        return _series(v, 1.0, 1.0 - t2 / 6.0, 0.5 - t2 / 24.0)
+    return _series(v, 1.0, math.sin(t) / t, (1.0 - math.cos(t)) / t2)
+
+
+@njit(error_model="numpy", **INSIDE)
+def log(R: Array) -> Array:
+    """(3,) rotation vector of a rotation matrix, rad, of length ≤ π."""
+    v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    s = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    c = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    t = math.atan2(s, c)
+    if s > 1e-7:
+        return v * (t / s)
+    if c > 0.0:
+        return v
+    # rotation by π: R = 2 a aᵀ − 1
+    k = 0
+    for i in range(1, 3):
+        if R[i, i] > R[k, k]:
+            k = i
+    a = R[:, k].copy()
+    a[k] += 1.0
+    return a * (math.pi / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]))
+
+
+@njit(error_model="numpy", **INSIDE)
+def right_jacobian(v: Array) -> Array:
+    """(3, 3) Jr with Exp(v + d) = Exp(v) Exp(Jr d) to the first order."""
+    t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    t = math.sqrt(t2)
+    if t < 1e-4:
+        return _series(v, 1.0, -0.5 + t2 / 24.0, 1.0 / 6.0 - t2 / 120.0)
+    return _series(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
+
+
+@njit(error_model="numpy", **INSIDE)
+def right_jacobian_inverse(v: Array) -> Array:
+    """(3, 3) inverse of `right_jacobian`, for |v| < 2π."""
+    t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    t = math.sqrt(t2)
+    if t < 1e-4:
+        return _series(v, 1.0, 0.5, 1.0 / 12.0 + t2 / 720.0)
+    return _series(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))
+
+
+@njit(**INSIDE)
+def quat_exp(x: float, y: float, z: float) -> Array:
+    """Unit quaternion (4,) of the rotation vector (x, y, z), rad."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    q = np.empty(4)
+    q[0] = math.cos(0.5 * angle)
+    s = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
+    q[1], q[2], q[3] = s * x, s * y, s * z
+    return q
+
+
+@njit(**INSIDE)
+def product(a: Array, b: Array) -> Array:
+    """Unit quaternion (4,) of a ⊗ b, normalised."""
+    c = np.empty(4)
+    c[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
+    c[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
+    c[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
+    c[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+    return c / math.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] + c[3] * c[3])
+
+
+@njit(**INSIDE)
+def rotation_matrix(q: Array) -> Array:
+    """(3, 3) matrix of the unit quaternion (4,)."""
+    w, x, y, z = q
+    R = np.empty((3, 3))
+    R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    R[0, 1] = 2.0 * (x * y - w * z)
+    R[0, 2] = 2.0 * (x * z + w * y)
+    R[1, 0] = 2.0 * (x * y + w * z)
+    R[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    R[1, 2] = 2.0 * (y * z - w * x)
+    R[2, 0] = 2.0 * (x * z - w * y)
+    R[2, 1] = 2.0 * (y * z + w * x)
+    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return R
+
+
+@njit(error_model="numpy", **INSIDE)
+def _series(v: Array, a: float, b: float, c: float) -> Array:
+    """(3, 3) a 1 + b [v]x + c [v]x²."""
+    x, y, z = v
+    M = np.empty((3, 3))
+    xx, yy, zz = x * x, y * y, z * z
+    M[0, 0], M[1, 1], M[2, 2] = a - c * (yy + zz), a - c * (xx + zz), a - c * (xx + yy)
+    M[0, 1], M[1, 0] = c * x * y - b * z, c * x * y + b * z
+    M[0, 2], M[2, 0] = c * x * z + b * y, c * x * z - b * y
+    M[1, 2], M[2, 1] = c * y * z - b * x, c * y * z + b * x
+    return M
