@@ -31,13 +31,8 @@ def is_whole(
 ) -> bool:
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
-    Args:
-        grey: (H, W).
-        pattern: The board.
-        view: Its estimated view.
-        corners: (N, 2) squares, detected corners.
-        levels: (N, 2) middle and half step of the brightness at each; both change slowly over a board.
-        p: Of the detector.
+    `levels` (N, 2) are middle and half step of the brightness at the detected corners (N, 2) squares; both change
+    slowly over a board.
     """
     plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
     middle, step = (_plane(pattern.cells) @ plane).T

@@ -133,16 +133,9 @@ class View:
 
     @classmethod
     def through(cls, lens: Lens, squares: Array, rays: Array, tolerance: float = 0.0) -> View | None:
-        """The view that maps (N, 2) squares to (N, 2) rays.
+        """The view that maps (N, 2) squares to (N, 2) rays; None if none does, or if it shows the board from behind.
 
-        Args:
-            lens: Camera's lens.
-            squares: Points of the board.
-            rays: Their observations.
-            tolerance: Points farther off are outliers (RANSAC); 0 = all are inliers.
-
-        Returns:
-            None if there is no such homography, or if it shows the board from behind.
+        Points farther off than `tolerance` are outliers (RANSAC); 0 = all are inliers.
         """
         if len(squares) < 4:
             return None

@@ -130,19 +130,8 @@ def observation_jacobian(
 ) -> bool:
     """Jacobians of `project`. Written out: it runs a thousand times per image, and allocation is slow.
 
-    Args:
-        window: Frames and calibration.
-        views: Of the frames.
-        host: Slot.
-        observer: Slot, another one.
-        x: As of `project`.
-        y: As of `project`.
-        inverse_depth: As of `project`.
-        J: (3, ≥ 22) out: by calibration, host's pose and observer's pose.
-        Jl: (3,) out: by the inverse depth.
-
-    Returns:
-        False if the landmark is not in front of the camera; then nothing is written.
+    `J` (3, ≥ 22) is by calibration, host's pose and observer's pose, `Jl` (3,) by the inverse depth. False, and nothing
+    is written, if the landmark is not in front of the camera.
     """
     frames, c = window.frames, window.calibration
     A, s = views.rotation_first[host, observer], views.translation_first[host, observer]

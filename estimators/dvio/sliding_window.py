@@ -132,14 +132,7 @@ class Core:
         self.seen = int(self._alive.sum())
 
     def start_covariance(self, place: Array, heading_sd: float, tilt_sd: float, speed_sd: float) -> Array:
-        """(15, 15) of a state with biases of their a-priori spread.
-
-        Args:
-            place: (3, 3) m².
-            heading_sd: rad.
-            tilt_sd: Of the vertical, rad.
-            speed_sd: m/s.
-        """
+        """(15, 15) of a state with biases of their a-priori spread; `place` is (3, 3) m²."""
         P = np.zeros((FRAME, FRAME))
         R = self.nav.R
         P[:3, :3] = place

@@ -145,13 +145,7 @@ def _reduced_measurement(
 def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tuple[Array, Array, Array]:
     """Pose of the other foot's board in a foot's camera, and how it depends on the state.
 
-    See docs/foot_to_foot.md (1), (2).
-
-    Args:
-        pair: For the mounts.
-        camera: Foot that carries the camera.
-        a: State of that foot at the image's time.
-        b: State of the other one.
+    See docs/foot_to_foot.md (1), (2). `a` is the past state of the foot with the camera, `b` that of the other.
 
     Returns:
         (3,) m; (3, 3) camera <- board; (6, n) derivatives of the position (m) and of the rotation vector (rad), in

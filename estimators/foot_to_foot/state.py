@@ -73,17 +73,7 @@ def blank_pair(
     echoes: Array,
     earth: Array,
 ) -> Pair:
-    """Memory of two feet without samples.
-
-    Args:
-        mounts: (4, 7) as in `Pair`.
-        mount_variance: (4, 6) of the mounts' errors, m² and rad².
-        clock_variance: Of each camera's clock, s².
-        scale_variance: Of each axis of a gyro.
-        sonars: (2, 3) m.
-        echoes: (2, 3) m.
-        earth: (3,) rad/s.
-    """
+    """Memory of two feet without samples; `mount_variance` (4, 6) is in m² and rad², `clock_variance` in s²."""
     covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
     i = np.arange(MOUNTS, ALL_STATES)
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
