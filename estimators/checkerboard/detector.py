@@ -22,13 +22,9 @@ from stridetwin.streams.samples import Array, Image
 
 
 def is_whole(
-    grey: NDArray[np.uint8],
-    pattern: BoardPattern,
-    view: View,
-    corners: Array,
-    levels: Array,
+    grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array,
     p: BoardDetectorParameters,
-) -> bool:
+) -> bool:  # fmt: skip
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
     `levels` (N, 2) are middle and half step of the brightness at the detected corners (N, 2) squares; both change
@@ -223,12 +219,10 @@ class BoardDetector:
             fit = self._fitted(grey, rough, motion_px)
             if fit is not None and self._unmistakable(grey, fit, near, guess_error_px):
                 return BoardObservation(
-                    topic=image.topic,
-                    t_ns=image.t_ns + self._shift_ns,
-                    points_in_board=self.points_in_board[fit.which],
-                    rays=self._lens.rays(fit.corners[:, :2]),
+                    topic=image.topic, t_ns=image.t_ns + self._shift_ns,
+                    points_in_board=self.points_in_board[fit.which], rays=self._lens.rays(fit.corners[:, :2]),
                     ray_sd=fit.sd_px / self._lens.focal_px,
-                )
+                )  # fmt: skip
         return None
 
     def _grey(self, image: Image) -> NDArray[np.uint8]:

@@ -118,14 +118,9 @@ class Dvio:
     )  # fmt: skip
 
     def __init__(
-        self,
-        rig: Rig,
-        *,
-        options: Options | None = None,
-        mount: str | None = None,
-        parameters: DvioParameters | None = None,
-        exoskeleton: Exoskeleton | None = None,
-    ) -> None:
+        self, rig: Rig, *, options: Options | None = None, mount: str | None = None,
+        parameters: DvioParameters | None = None, exoskeleton: Exoskeleton | None = None,
+    ) -> None:  # fmt: skip
         options = options or Options()
         if mount is None:
             mount = _mount(rig, options)

@@ -278,18 +278,11 @@ def _moved(s: _State, e: Array, K: int) -> _State:
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
-        s,
-        R=s.R @ exp(cameras[:, 3:]),
-        p=s.p + cameras[:, :3],
-        v=s.v + e[6 * K : 9 * K].reshape(K, 3),
-        up=back @ s.up,
-        tilt_axes=back @ s.tilt_axes,
-        bias=s.bias + globals_[2:8],
-        scale=s.scale * float(np.exp(globals_[8])),
-        mount_R=s.mount_R @ exp(globals_[12:15]),
-        mount_p=s.mount_p + globals_[9:12],
-        offset=s.offset + float(globals_[15]),
-    )
+        s, R=s.R @ exp(cameras[:, 3:]), p=s.p + cameras[:, :3], v=s.v + e[6 * K : 9 * K].reshape(K, 3),
+        up=back @ s.up, tilt_axes=back @ s.tilt_axes, bias=s.bias + globals_[2:8],
+        scale=s.scale * float(np.exp(globals_[8])), mount_R=s.mount_R @ exp(globals_[12:15]),
+        mount_p=s.mount_p + globals_[9:12], offset=s.offset + float(globals_[15]),
+    )  # fmt: skip
 
 
 class Initializer:
@@ -395,12 +388,8 @@ class Initializer:
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p
         return Priors(
-            T_imu_camera=T_imu_camera,
-            bias=core.nav.bias.copy(),
-            bias_sd=core.bias_sd,
+            T_imu_camera=T_imu_camera, bias=core.nav.bias.copy(), bias_sd=core.bias_sd,
             mount_sd=np.repeat([p.extrinsic_position_sd_m, p.extrinsic_rotation_sd_rad], 3),
-            offset_sd=p.time_offset_sd_s,
-            scale_sd=p.depth_scale_sd,
-            gravity=p.gravity_mps2,
+            offset_sd=p.time_offset_sd_s, scale_sd=p.depth_scale_sd, gravity=p.gravity_mps2,
             gravity_error=self._parameters.gravity_error,
-        )
+        )  # fmt: skip

@@ -209,16 +209,9 @@ def usable(window: Window, l: int, last: int) -> bool:
 
 @njit(error_model="numpy", **INSIDE)
 def add_camera_factors(
-    window: Window,
-    factors: FactorParameters,
-    views: Views,
-    s: CameraEquations,
-    hosts: int,
-    last: int,
-    host_depth: bool,
-    H: Array,
-    b: Array,
-) -> float:
+    window: Window, factors: FactorParameters, views: Views, s: CameraEquations, hosts: int, last: int,
+    host_depth: bool, H: Array, b: Array,
+) -> float:  # fmt: skip
     """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
 
     H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
@@ -264,15 +257,9 @@ def _between(R: Array, p: Array, Rh: Array, ph: Array, c: Calibration) -> tuple[
 
 @njit(error_model="numpy", **INSIDE)
 def predict_observations(
-    window: Window,
-    R: Array,
-    p: Array,
-    before: int,
-    expected: Array,
-    start: Array,
-    warp: Array,
+    window: Window, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
     known: NDArray[np.uint8],
-) -> None:
+) -> None:  # fmt: skip
     """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
 
     Args:

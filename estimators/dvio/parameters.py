@@ -309,33 +309,22 @@ class DvioParameters:
         """Noise of an IMU's samples."""
         f, w = self.imu_noise_factor, self.walk_factor
         return ImuNoise(
-            rate=f * max(imu.gyroscope_noise_density, 1e-5),
-            force=f * max(imu.accelerometer_noise_density, 1e-4),
-            rate_share=self.rate_share_rts,
-            rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
-            force_walk=w * max(imu.accelerometer_random_walk, 1e-5),
-            invalid_rate=self.saturated_rate_sd_radps,
+            rate=f * max(imu.gyroscope_noise_density, 1e-5), force=f * max(imu.accelerometer_noise_density, 1e-4),
+            rate_share=self.rate_share_rts, rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
+            force_walk=w * max(imu.accelerometer_random_walk, 1e-5), invalid_rate=self.saturated_rate_sd_radps,
             invalid_force=self.saturated_force_sd_mps2,
-        )
+        )  # fmt: skip
 
     def factors(self, focal_px: float, noise: ImuNoise) -> FactorParameters:
         """Noise model of the factors for a camera's focal length."""
         return FactorParameters(
-            gravity=self.gravity_mps2,
-            pixel_weight=(focal_px / self.pixel_noise_px) ** 2,
-            pixel_limit=self.pixel_limit,
-            depth_weight=self.inverse_depth_sd_per_m**-2,
-            later_depth_weight=self.inverse_depth_again_sd_per_m**-2,
-            depth_limit=self.depth_limit,
-            planes=self.plane,
-            host_depth=self.host_depth == "factor",
-            depth_fixed=self.host_depth == "fixed",
-            projection_depth=self.projection_depth,
-            host_depth_in_prior=self.host_depth_in_prior,
-            first_estimates=self.first_estimates,
-            rate_walk=noise.rate_walk,
-            force_walk=noise.force_walk,
-        )
+            gravity=self.gravity_mps2, pixel_weight=(focal_px / self.pixel_noise_px) ** 2,
+            pixel_limit=self.pixel_limit, depth_weight=self.inverse_depth_sd_per_m**-2,
+            later_depth_weight=self.inverse_depth_again_sd_per_m**-2, depth_limit=self.depth_limit, planes=self.plane,
+            host_depth=self.host_depth == "factor", depth_fixed=self.host_depth == "fixed",
+            projection_depth=self.projection_depth, host_depth_in_prior=self.host_depth_in_prior,
+            first_estimates=self.first_estimates, rate_walk=noise.rate_walk, force_walk=noise.force_walk,
+        )  # fmt: skip
 
 
 _PUBLISHED: dict[str, Any] = {

@@ -95,13 +95,9 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> float:
 
 @njit(error_model="numpy", **INSIDE)
 def pick(
-    grey: NDArray[np.uint8],
-    candidates: NDArray[np.float32],
-    taken: NDArray[np.float32],
-    p: CornerParameters,
-    wanted: int,
-    out: NDArray[np.float32],
-) -> int:
+    grey: NDArray[np.uint8], candidates: NDArray[np.float32], taken: NDArray[np.float32], p: CornerParameters,
+    wanted: int, out: NDArray[np.float32],
+) -> int:  # fmt: skip
     """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
     All points are (N, 2) px; `taken` exist already. Writes up to `wanted` points to `out`; returns their number.
@@ -271,14 +267,9 @@ def _compare(
 
 @njit(error_model="numpy", **INSIDE)
 def align(
-    grey: NDArray[np.uint8],
-    patches: Patches,
-    ids: NDArray[np.int64],
-    warps: Array,
-    p: AlignmentParameters,
-    points: NDArray[np.float32],
-    good: NDArray[np.bool_],
-) -> None:
+    grey: NDArray[np.uint8], patches: Patches, ids: NDArray[np.int64], warps: Array, p: AlignmentParameters,
+    points: NDArray[np.float32], good: NDArray[np.bool_],
+) -> None:  # fmt: skip
     """Aligns points with their patches.
 
     Args:

@@ -149,14 +149,9 @@ def _grow(
 
 @njit(error_model="numpy", **INSIDE)
 def read_planes(
-    depth: NDArray[np.float32],
-    rays: Array,
-    p: PlaneParameters,
-    depth_min_m: float,
-    sd: float,
-    planes: Array,
+    depth: NDArray[np.float32], rays: Array, p: PlaneParameters, depth_min_m: float, sd: float, planes: Array,
     weights: Array,
-) -> int:
+) -> int:  # fmt: skip
     """The largest planes of a depth image; 0.4 ms.
 
     Args:

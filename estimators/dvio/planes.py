@@ -202,15 +202,9 @@ def cull_planes(window: Window, factors: FactorParameters) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def _distance2(
-    window: Window,
-    factors: FactorParameters,
-    L: Array,
-    k: int,
-    j: int,
-    measured: Array,
-    cover: Array,
+    window: Window, factors: FactorParameters, L: Array, k: int, j: int, measured: Array, cover: Array,
     workspace: PlaneWorkspace,
-) -> float:
+) -> float:  # fmt: skip
     """Squared Mahalanobis distance of a plane measured in frame j from the known plane k; inf if it is far off.
 
     `L` is the Cholesky factor of the normal equations of all states, `cover` (3, 3) the measurement's covariance.

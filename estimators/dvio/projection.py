@@ -118,16 +118,9 @@ def project(
 
 @njit(error_model="numpy", **INSIDE)
 def observation_jacobian(
-    window: Window,
-    views: Views,
-    host: int,
-    observer: int,
-    x: float,
-    y: float,
-    inverse_depth: float,
-    J: Array,
+    window: Window, views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float, J: Array,
     Jl: Array,
-) -> bool:
+) -> bool:  # fmt: skip
     """Jacobians of `project`. Written out: it runs a thousand times per image, and allocation is slow.
 
     `J` (3, ≥ 22) is by calibration, host's pose and observer's pose, `Jl` (3,) by the inverse depth. False, and nothing

@@ -161,14 +161,9 @@ class Core:
         if p.feet:
             self._set_leg_velocity(slot, legs.v_in_world if few and legs is not None else None)
         kernel.integrate_into(
-            w.preintegrations,
-            slot - 1,
-            self.inertial.kept,
-            f.t_ns[slot - 1],
-            f.t_ns[slot],
-            f.bias[slot - 1],
+            w.preintegrations, slot - 1, self.inertial.kept, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
             self.noise,
-        )
+        )  # fmt: skip
         key = self._is_key(slot)
         kernel.minimise(w, self.factors, self._work, p.keyframe_steps if key else p.steps, p.cost_tolerance)
         self._measure()

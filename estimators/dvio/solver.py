@@ -64,17 +64,10 @@ def blank_work(frames: int, landmarks: int, planes: int = 0) -> Work:
     """Buffers for F frames, L landmarks and K planes."""
     n = CALIBRATION + PLANE * planes + FRAME * frames
     return Work(
-        H=np.zeros((n, n)),
-        b=np.zeros(n),
-        factor=np.zeros((n, n)),
-        step=np.zeros(n),
-        camera=blank_camera_equations(frames, landmarks),
-        views=blank_views(frames),
-        saved=np.zeros((frames, 36)),
-        saved_calibration=np.zeros(26),
-        saved_depth=np.zeros(landmarks),
-        saved_planes=np.zeros((planes, 7)),
-    )
+        H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n),
+        camera=blank_camera_equations(frames, landmarks), views=blank_views(frames), saved=np.zeros((frames, 36)),
+        saved_calibration=np.zeros(26), saved_depth=np.zeros(landmarks), saved_planes=np.zeros((planes, 7)),
+    )  # fmt: skip
 
 
 @njit(error_model="numpy", **INSIDE)

@@ -302,15 +302,10 @@ def blank_preintegration(slots: int | None = None) -> Preintegration:
     gamma = np.zeros((*lead, 3, 3))
     gamma[...] = np.eye(3)
     return Preintegration(
-        dt=np.zeros((*lead, 1)),
-        delta_p=np.zeros((*lead, 3)),
-        delta_R=gamma,
-        delta_v=np.zeros((*lead, 3)),
-        by_bias=np.zeros((*lead, 9, 6)),
-        covariance=np.zeros((*lead, 9, 9)),
-        weight=np.zeros((*lead, 9, 9)),
+        dt=np.zeros((*lead, 1)), delta_p=np.zeros((*lead, 3)), delta_R=gamma, delta_v=np.zeros((*lead, 3)),
+        by_bias=np.zeros((*lead, 9, 6)), covariance=np.zeros((*lead, 9, 9)), weight=np.zeros((*lead, 9, 9)),
         bias=np.zeros((*lead, 6)),
-    )
+    )  # fmt: skip
 
 
 def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float, planes: int = 0) -> Window:

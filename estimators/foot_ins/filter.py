@@ -102,13 +102,11 @@ class FootInsEstimate:
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
         p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
         return cls(
-            t_ns=t_ns,
-            pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
+            t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
             v_imu_in_world=x[VELOCITY : VELOCITY + 3],
             covariance=memory.covariance[o : o + REPORTED, o : o + REPORTED].copy(),
-            standing_speed_sd=standing_speed_sd,
-            aligned=phase == TRACKING,
-        )
+            standing_speed_sd=standing_speed_sd, aligned=phase == TRACKING,
+        )  # fmt: skip
 
     @property
     def p_imu_in_world(self) -> Array:
@@ -170,14 +168,9 @@ class FootInsPath:
             raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
         ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])
         return PathEstimate(
-            name=f"{name}_{foot}",
-            frame=frame,
-            path=self.trajectory,
-            ready_ns=ready_ns,
-            nis=nis,
-            world=world,
+            name=f"{name}_{foot}", frame=frame, path=self.trajectory, ready_ns=ready_ns, nis=nis, world=world,
             label=label,
-        )
+        )  # fmt: skip
 
 
 class FootIns:
@@ -207,13 +200,9 @@ class FootIns:
     )  # fmt: skip
 
     def __init__(
-        self,
-        rig: Rig | ImuCalibration | None = None,
-        parameters: FootInsParameters | None = None,
-        start: StartPose | None = None,
-        *,
-        options: Options | None = None,
-    ) -> None:
+        self, rig: Rig | ImuCalibration | None = None, parameters: FootInsParameters | None = None,
+        start: StartPose | None = None, *, options: Options | None = None,
+    ) -> None:  # fmt: skip
         calibration = rig.imu(_topic(options or Options())) if isinstance(rig, Rig) else rig
         if isinstance(rig, ImuCalibration):
             deprecated("FootIns(calibration)", 'FootIns(rig, options=Options(foot="l"))')
@@ -283,16 +272,10 @@ class FootIns:
         phase, speed = np.empty(n, np.int8), np.empty(n)
         state, covariance = np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
         kernel.run(
-            self._memory,
-            self._parameters,
-            np.ascontiguousarray(t_ns, dtype=np.int64),
-            np.ascontiguousarray(rate, dtype=np.float64),
-            np.ascontiguousarray(force, dtype=np.float64),
-            phase,
-            speed,
-            state,
-            covariance,
-        )
+            self._memory, self._parameters, np.ascontiguousarray(t_ns, dtype=np.int64),
+            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), phase, speed,
+            state, covariance,
+        )  # fmt: skip
         return phase, speed, state, covariance
 
 

@@ -123,16 +123,9 @@ def note_pose_covariance(memory: Memory, covariance: Array) -> None:
 
 @_called
 def run(
-    memory: Memory,
-    parameters: KernelParameters,
-    t_ns: NDArray[np.int64],
-    rate: Array,
-    force: Array,
-    phase: NDArray[np.int8],
-    speed: Array,
-    state: Array,
-    covariance: Array,
-) -> None:
+    memory: Memory, parameters: KernelParameters, t_ns: NDArray[np.int64], rate: Array, force: Array,
+    phase: NDArray[np.int8], speed: Array, state: Array, covariance: Array,
+) -> None:  # fmt: skip
     """Takes N samples, `rate` and `force` (N, 3), and writes the results of `step` and the estimate after each.
 
     Args:

@@ -104,17 +104,12 @@ def empty_window(capacity: int) -> Window:
     transition = np.zeros((capacity + 1, STATES, STATES))
     transition[capacity] = np.eye(STATES)
     return Window(
-        place=np.zeros(3, np.int64),
-        t_ns=np.zeros(capacity, np.int64),
-        phase=np.zeros(capacity, np.int8),
-        speed=np.zeros(capacity),
-        nominal=np.zeros((capacity, NOMINAL)),
-        covariance=np.zeros((capacity, STATES, STATES)),
-        transition=transition,
-        information=np.zeros((capacity + 1, STATES, STATES)),
-        evidence=np.zeros((capacity + 1, STATES)),
+        place=np.zeros(3, np.int64), t_ns=np.zeros(capacity, np.int64), phase=np.zeros(capacity, np.int8),
+        speed=np.zeros(capacity), nominal=np.zeros((capacity, NOMINAL)),
+        covariance=np.zeros((capacity, STATES, STATES)), transition=transition,
+        information=np.zeros((capacity + 1, STATES, STATES)), evidence=np.zeros((capacity + 1, STATES)),
         given=blank(),
-    )
+    )  # fmt: skip
 
 
 def augmented_memory() -> Memory:
@@ -266,15 +261,9 @@ def _write(window: Window, out: Rows, k: int) -> None:
 
 @_called
 def run(
-    memory: Memory,
-    window: Window,
-    parameters: KernelParameters,
-    lag_ns: int,
-    t_ns: NDArray[np.int64],
-    rate: Array,
-    force: Array,
-    out: Rows,
-) -> int:
+    memory: Memory, window: Window, parameters: KernelParameters, lag_ns: int, t_ns: NDArray[np.int64], rate: Array,
+    force: Array, out: Rows,
+) -> int:  # fmt: skip
     """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
 
     Args:
@@ -342,12 +331,9 @@ class FootInsSmoother:
     """
 
     def __init__(
-        self,
-        lag_s: float = 1.0,
-        calibration: ImuCalibration | None = None,
-        parameters: FootInsParameters | None = None,
-        start: StartPose | None = None,
-    ) -> None:
+        self, lag_s: float = 1.0, calibration: ImuCalibration | None = None,
+        parameters: FootInsParameters | None = None, start: StartPose | None = None,
+    ) -> None:  # fmt: skip
         if not 0.0 <= lag_s <= MAX_LAG_S:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
@@ -392,15 +378,9 @@ class FootInsSmoother:
 
     def _take(self, t_ns: NDArray[np.int64], rate: Array, force: Array, out: Rows) -> int:
         return run(
-            self._memory,
-            self._window,
-            self._parameters,
-            self._lag_ns,
-            np.ascontiguousarray(t_ns, dtype=np.int64),
-            np.ascontiguousarray(rate, dtype=np.float64),
-            np.ascontiguousarray(force, dtype=np.float64),
-            out,
-        )
+            self._memory, self._window, self._parameters, self._lag_ns, np.ascontiguousarray(t_ns, dtype=np.int64),
+            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), out,
+        )  # fmt: skip
 
 
 def _rows(n: int) -> Rows:

@@ -80,19 +80,9 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
     nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
     return Memory(
-        nominal=nominal,
-        covariance=np.zeros((STATES, STATES)) if covariance is None else covariance,
-        error=np.zeros(STATES) if error is None else error,
-        row=row,
-        tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
-        start_sd=np.array([START_POSITION_SD, START_HEADING_SD]),
-        clock=np.zeros(CLOCKS, np.int64),
-        ring_t_ns=np.zeros(RING, np.int64),
-        ring=np.zeros((RING, 6)),
-        restored=np.zeros((RING, 10)),
-        force_sum=np.zeros((2, 4)),
-        lever=np.zeros(3),
-        peak=np.zeros(1),
-        extreme=np.zeros(6),
-        nis=np.zeros(2),
-    )
+        nominal=nominal, covariance=np.zeros((STATES, STATES)) if covariance is None else covariance,
+        error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
+        start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
+        ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
+        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), extreme=np.zeros(6), nis=np.zeros(2),
+    )  # fmt: skip

@@ -151,12 +151,9 @@ def relative_position(
     """Measurement of the published filter; the feet's attitudes select one of a plane's two poses."""
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
     return RelativePosition.of_observation(
-        observation,
-        T_imu_camera=_matrix(mounts[CAMERA + foot]),
-        T_other_board=_matrix(mounts[BOARD + 1 - foot]),
-        R_camera_board=expected.T_camera_board[:3, :3],
-        rotation_sd=rotation_sd,
-    )
+        observation, T_imu_camera=_matrix(mounts[CAMERA + foot]), T_other_board=_matrix(mounts[BOARD + 1 - foot]),
+        R_camera_board=expected.T_camera_board[:3, :3], rotation_sd=rotation_sd,
+    )  # fmt: skip
 
 
 def _matrix(mount: Array) -> Array:

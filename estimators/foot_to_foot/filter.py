@@ -99,15 +99,10 @@ class FootToFoot:
     )  # fmt: skip
 
     def __init__(
-        self,
-        rig: Rig,
-        *,
-        options: Options | None = None,
-        method: str | None = None,
+        self, rig: Rig, *, options: Options | None = None, method: str | None = None,
         parameters: FootToFootParameters | PublishedParameters | None = None,
-        start: Mapping[str, StartPose] | None = None,
-        earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
-    ) -> None:
+        start: Mapping[str, StartPose] | None = None, earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:  # fmt: skip
         if method is None:
             method = (options or Options()).method
         else:

@@ -75,15 +75,9 @@ def _add_scale_error(M: Array, a: int, s: int, D: Array) -> None:
 
 @_called
 def run(
-    pair: Pair,
-    feet: tuple[KernelParameters, KernelParameters],
-    parameters: PairParameters,
-    events: Events,
-    phase: NDArray[np.int8],
-    figure: Array,
-    state: Array,
-    covariance: Array,
-) -> None:
+    pair: Pair, feet: tuple[KernelParameters, KernelParameters], parameters: PairParameters, events: Events,
+    phase: NDArray[np.int8], figure: Array, state: Array, covariance: Array,
+) -> None:  # fmt: skip
     """Takes N events and writes the estimates after each.
 
     Args:

@@ -77,14 +77,9 @@ def published_step(
 
 @njit(**INSIDE)
 def relative_position_update(
-    pair: Pair,
-    foot: KernelParameters,
-    parameters: PairParameters,
-    camera: int,
-    t_ns: int,
-    p_other_in_imu: Array,
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, p_other_in_imu: Array,
     sd: float,
-) -> float:
+) -> float:  # fmt: skip
     """Update with z_feet: the vector between the feet, rotated into the world by the attitude of the camera's foot.
 
     See docs/foot_to_foot.md (10).

@@ -34,15 +34,9 @@ UNUSED = -1.0  # the normalised innovation of an unused measurement
 
 @njit(**INSIDE)
 def board_update(
-    pair: Pair,
-    foot: KernelParameters,
-    parameters: PairParameters,
-    camera: int,
-    t_ns: int,
-    points_in_board: Array,
-    rays: Array,
-    ray_sd: Array,
-) -> float:
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, points_in_board: Array,
+    rays: Array, ray_sd: Array,
+) -> float:  # fmt: skip
     """Update with the image of the other foot's board.
 
     See docs/foot_to_foot.md (5), (7).
@@ -100,15 +94,9 @@ def board_update(
 
 @njit(**INSIDE)
 def _reduced_measurement(
-    parameters: PairParameters,
-    p: Array,
-    R: Array,
-    covariance: Array,
-    points_in_board: Array,
-    rays: Array,
-    ray_sd: Array,
-    shared: float,
-) -> tuple[bool, Array, Array, float]:
+    parameters: PairParameters, p: Array, R: Array, covariance: Array, points_in_board: Array, rays: Array,
+    ray_sd: Array, shared: float,
+) -> tuple[bool, Array, Array, float]:  # fmt: skip
     """An image's linear measurement of the difference of the board's pose from the predicted one.
 
     See docs/foot_to_foot.md (6).

@@ -14,7 +14,6 @@ from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
 from stridetwin.estimators.so3 import product, quat_exp
 from stridetwin.streams.samples import Array
 
-LEFT, RIGHT = 0, 1
 FEET = ("l", "r")
 
 # Error state (70,): 19 of the left foot, 19 of the right, then 6 of each mount: camera left, camera right, board left,
@@ -65,32 +64,19 @@ class Pair(NamedTuple):
 
 
 def blank_pair(
-    mounts: Array,
-    mount_variance: Array,
-    clock_variance: float,
-    scale_variance: float,
-    sonars: Array,
-    echoes: Array,
+    mounts: Array, mount_variance: Array, clock_variance: float, scale_variance: float, sonars: Array, echoes: Array,
     earth: Array,
-) -> Pair:
+) -> Pair:  # fmt: skip
     """Memory of two feet without samples; `mount_variance` (4, 6) is in m² and rad², `clock_variance` in s²."""
     covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
     i = np.arange(MOUNTS, ALL_STATES)
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
     return Pair(
-        feet=(blank(covariance, error, 0), blank(covariance, error, STATES)),
-        covariance=covariance,
-        error=error,
-        mounts=np.array(mounts, dtype=float),
-        late=np.zeros(2),
-        scales=np.zeros((2, 3)),
-        sonars=np.array(sonars, dtype=float),
-        echoes=np.array(echoes, dtype=float),
-        earth=np.array(earth, dtype=float),
-        seen=np.full(2, NEVER),
-        heard=np.full(2, NEVER),
-        nis=np.zeros((2, 2)),
-    )
+        feet=(blank(covariance, error, 0), blank(covariance, error, STATES)), covariance=covariance, error=error,
+        mounts=np.array(mounts, dtype=float), late=np.zeros(2), scales=np.zeros((2, 3)),
+        sonars=np.array(sonars, dtype=float), echoes=np.array(echoes, dtype=float),
+        earth=np.array(earth, dtype=float), seen=np.full(2, NEVER), heard=np.full(2, NEVER), nis=np.zeros((2, 2)),
+    )  # fmt: skip
 
 
 @njit(**INSIDE)
