@@ -25,7 +25,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 
-TRACKING, COASTING, LOST = "tracking", "coasting", "lost"
+TRACKING, IMU_ONLY, LOST = "tracking", "imu_only", "lost"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +40,7 @@ class DvioEstimate:
         v_imu_in_world: (3,) m/s.
         gyro_bias: (3,) rad/s.
         accel_bias: (3,) m/s².
-        health: `tracking`; `coasting`: IMU only, for lack of points or images; or `lost`: from a failure until a new
+        health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a new
             start. While lost, the pose is frozen and its covariance grows accordingly.
     """
 
@@ -248,7 +248,7 @@ class Dvio:
         if self._health and core.inertial.gap_s() > self._parameters.max_gap_s:
             self._lose()
         while (frame := self._next()) is not None:
-            if self._health in (TRACKING, COASTING):
+            if self._health in (TRACKING, IMU_ONLY):
                 self._track(frame)
             else:
                 self._initialize(frame)
@@ -264,7 +264,7 @@ class Dvio:
                 self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
                 self._valid_covariance[:] = core.nav.covariance[:6, :6]
                 if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._alone_s:
-                    self._health = COASTING
+                    self._health = IMU_ONLY
             else:
                 self._lose()
                 core.nav.t_ns[0] = sample.t_ns
@@ -299,12 +299,12 @@ class Dvio:
             # `nav` may be later than the image, which can arrive after later IMU samples.
             if core.go_back(t_ns):
                 core.start(frame, core.nav.covariance.copy())
-                self._health = TRACKING if core.tracking else COASTING
+                self._health = TRACKING if core.tracking else IMU_ONLY
             return
         feet = self._feet
         legs = feet.at(t_ns) if feet is not None else None
         core.take(frame, core.inertial.stationary(t_ns), legs)
-        self._health = TRACKING if core.tracking else COASTING
+        self._health = TRACKING if core.tracking else IMU_ONLY
         if feet is not None and self._health == TRACKING:
             feet.compare(int(core.nav.t_ns[0]), core.nav.v)
         if not core.plausible:

@@ -69,6 +69,12 @@ class FootToFootEstimate:
     observations: tuple[BoardObservation, ...] = ()
     pose: Pose | None = None
 
+    @property
+    def sightings(self) -> tuple[BoardObservation, ...]:
+        """Deprecated, see `observations`."""
+        deprecated("FootToFootEstimate.sightings", "observations")
+        return self.observations
+
 
 class FootToFoot:
     """Inertial navigation of two shoes, coupled by camera or sonar measurements of each other.

@@ -222,7 +222,7 @@ def test_camera_covered_is_said(sway):
     wall, samples = sway
     _, made = followed(wall, spoiled(samples, FAULTS["covered"]))
     dark = [e.health for e in made if 4.2e9 < e.t_ns < 5e9]
-    assert set(dark) == {"coasting"}
+    assert set(dark) == {"imu_only"}
     assert made[-1].health == "tracking"
 
 
@@ -243,8 +243,8 @@ def test_begins_anew_after_blind_times_though_pictures_come_late(sway, late_s):
     wall, samples = sway
     _, made = followed(wall, delayed(unseen(samples, 3.0, 6.3), late_s, 6.0))
     again = [e for e in made if e.t_ns * 1e-9 > 6.3 + 0.05 + late_s]
-    assert {e.health for e in made if 3.4e9 < e.t_ns < 6.3e9} == {"coasting"}
-    assert {e.health for e in again} == {"tracking" if late_s < 0.3 else "coasting"}
+    assert {e.health for e in made if 3.4e9 < e.t_ns < 6.3e9} == {"imu_only"}
+    assert {e.health for e in again} == {"tracking" if late_s < 0.3 else "imu_only"}
     blind = next(e for e in reversed(made) if e.t_ns < 6.3e9)
     assert again[-1].covariance[0, 0] < 0.5 * blind.covariance[0, 0]
     if late_s < 0.3:
@@ -272,7 +272,7 @@ def test_says_that_the_imu_is_alone_where_pictures_stop(sway):
     some = [s for s in samples if s.t_ns < 4e9]
     _, made = followed(wall, unseen(some, 2.5))
     assert {e.health for e in made if e.t_ns < 2.75e9} == {"tracking"}
-    assert {e.health for e in made if e.t_ns > 2.85e9} == {"coasting"}
+    assert {e.health for e in made if e.t_ns > 2.85e9} == {"imu_only"}
 
 
 def test_what_was_unknown_before_a_loss_is_unknown_after_it():
@@ -281,7 +281,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
     gap = [s for s in gap if not (isinstance(s, Imu) and 13.0e9 < s.t_ns < 13.6e9)]
     _, made = followed(wall, gap)
     before, after = (next(e for e in made if e.t_ns > t_ns) for t_ns in (11.99e9, 12.5e9))
-    assert before.health == "coasting"
+    assert before.health == "imu_only"
     assert after.health == "lost"
     added = after.covariance - before.covariance
     assert np.linalg.eigvalsh(added[:3, :3]).min() > 0.5**2 + 0.6

@@ -110,7 +110,7 @@ def end_m(wall: Wall, dark_s: float, feet: bool, monkeypatch) -> float:
             s = replace(s, depth=np.zeros_like(s.depth))
         last = odometry.update(s) or last
     assert last is not None
-    assert last.health == "coasting"
+    assert last.health == "imu_only"
     return float(np.linalg.norm(last.T_world_imu[:3, 3] - wall.pose(last.t_ns * 1e-9)[1]))
 
 
