@@ -1,4 +1,4 @@
-"""The board detector on drawn pictures: every corner is the right one, or nothing is returned."""
+"""The board detector on drawn images: every corner is the right one, or nothing is returned."""
 
 from dataclasses import replace
 from functools import cache
@@ -106,7 +106,7 @@ def test_half_a_board_counts_where_the_guess_leaves_no_other() -> None:
     assert detector().detect(image_of(bright, rng)) is None
 
 
-def test_a_board_half_out_of_the_picture() -> None:
+def test_a_board_half_out_of_the_image() -> None:
     rng = np.random.default_rng(3)
     T = pose(-0.108, 0.0, 0.15, 0.1, 0.1, 0.1)
     guess = detector().predict(T)
@@ -145,8 +145,8 @@ def test_vignetting_and_dirt() -> None:
     assert misses(observation, T).max() < 0.4
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_moving_board(told: bool) -> None:
+@pytest.mark.parametrize("motion_known", [True, False])
+def test_a_moving_board(motion_known: bool) -> None:
     rng = np.random.default_rng(6)
     before, after = pose(0.0, 0.0, 0.2, 0.2, 0.2, 0.1), pose(0.003, 0.0015, 0.2, 0.2, 0.2, 0.1)
     middle = (before + after) / 2
@@ -156,7 +156,9 @@ def test_a_moving_board(told: bool) -> None:
     guess = detector().predict(middle)
     assert guess is not None
     sharp = detector().detect(image_of(scene().bright(middle), rng), guess)
-    observation = detector().detect(image_of(bright, rng), guess + 3.0, motion_px=ends[1] - ends[0] if told else None)
+    observation = detector().detect(
+        image_of(bright, rng), guess + 3.0, motion_px=ends[1] - ends[0] if motion_known else None
+    )
     assert observation is not None
     assert sharp is not None
     assert misses(observation, middle).max() < 0.5
@@ -202,7 +204,7 @@ def test_what_cannot_be_seen_is_not_searched() -> None:
     assert detector().detect(image, np.tile(guess[:1], (40, 1))) is None
 
 
-def test_pictures_that_do_not_fit_the_calibration_are_refused() -> None:
+def test_images_that_do_not_fit_the_calibration_are_refused() -> None:
     small = Image(topic="/foot_l/camera", t_ns=0, pixels=np.zeros((30, 40), np.uint8))
     with pytest.raises(StrideTwinError, match=r"/foot_l/camera.*\(30, 40\).*\(300, 400\)"):
         detector().detect(small)

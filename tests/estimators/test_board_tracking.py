@@ -41,7 +41,7 @@ def expected(T: Array = POSE, sd: tuple[float, float] = CLEAR, T_before: Array |
     return Expected(T_camera_board=T, covariance=covariance, T_before=T if T_before is None else T_before)
 
 
-def test_a_board_is_found_where_it_is_expected_within_the_filters_doubt(image: Image) -> None:
+def test_a_board_is_found_where_it_is_expected_within_the_filters_uncertainty(image: Image) -> None:
     off = POSE.copy()
     off[:3, 3] += (0.004, -0.003, 0.005)
     observation = tracker().detect(image, expected(off))
@@ -51,7 +51,7 @@ def test_a_board_is_found_where_it_is_expected_within_the_filters_doubt(image: I
     assert np.abs(miss).max() < 0.3
 
 
-def test_a_picture_waits_until_both_imus_have_reached_its_shifted_time(image: Image) -> None:
+def test_an_image_waits_until_both_imus_have_reached_its_shifted_time(image: Image) -> None:
     boards = tracker(timeshift_s=0.004)
     assert boards.take(image)
     assert boards.ready(image.t_ns + 3_999_999) == []
@@ -61,7 +61,7 @@ def test_a_picture_waits_until_both_imus_have_reached_its_shifted_time(image: Im
     assert boards.ready(2**62) == []
 
 
-def test_pictures_that_do_not_follow_or_show_no_board_are_not_kept(image: Image) -> None:
+def test_images_that_do_not_follow_or_show_no_board_are_not_kept(image: Image) -> None:
     boards = tracker()
     assert boards.take(image)
     assert not boards.take(image)
@@ -78,7 +78,7 @@ def test_nothing_is_searched_behind_the_board_or_out_of_view(image: Image) -> No
     assert tracker().detect(image, expected(aside)) is None
 
 
-def test_a_lost_board_is_searched_in_the_whole_picture_now_and_then(image: Image) -> None:
+def test_a_lost_board_is_searched_in_the_whole_image_now_and_then(image: Image) -> None:
     boards, lost = tracker(), expected(sd=(0.3, 1.0))
     assert boards.detect(image, lost) is not None
     assert boards.detect(replace(image, t_ns=image.t_ns + 50_000_000), lost) is None

@@ -140,7 +140,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
     np.testing.assert_allclose(found.R, Rotation.from_quat(then[6:10], scalar_first=True).as_matrix(), atol=1e-12)
 
 
-def test_a_board_foretold_far_off_is_found_where_it_is() -> None:
+def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
     """Perspective is no straight line: one step from a decimetre off misses by a centimetre, and would tell a speed."""
     points = np.array([[0.02 * i, 0.02 * j, 0.0] for i in range(6) for j in range(5)]) - [0.05, 0.04, 0.0]
     p, turn = np.array([0.02, -0.03, 0.45]), Rotation.from_euler("xyz", [0.3, 2.8, 0.2])
@@ -163,7 +163,7 @@ def test_one_foot_alone_is_the_one_foot_filter() -> None:
     np.testing.assert_array_equal(two.aligned, one.aligned)
 
 
-def test_two_feet_without_cameras_that_hear_nothing_are_two_one_foot_filters(short) -> None:
+def test_two_feet_without_cameras_and_echoes_are_two_one_foot_filters(short) -> None:
     simulation, imus, _ = short
     paths = FootToFoot(replace(simulation.rig, cameras={}), start=simulation.start()).run(imus)
     for foot, start in simulation.start().items():
@@ -222,7 +222,7 @@ def test_estimates_are_sane_after_every_kind_of_sample(short) -> None:
             assert_sane(estimate)
 
 
-def test_the_other_shoe_in_sight_holds_the_headings_together(short) -> None:
+def test_observing_the_other_shoe_holds_the_headings_together(short) -> None:
     simulation, imus, aids = short
     biased = {
         f: replace(b, columns=dict(b.columns) | {"angular_rate": b.columns["angular_rate"] + [0, 0, sign * 0.01]})
@@ -246,7 +246,7 @@ def test_a_camera_that_is_covered_leaves_the_feet_to_themselves_and_says_so(shor
     assert spread[1] > spread[0]
 
 
-def test_the_sonar_is_heard_where_the_other_shoe_is_not_seen(short) -> None:
+def test_the_sonar_is_used_where_the_other_shoe_is_not_seen(short) -> None:
     simulation, imus, aids = short
     echoes = [a for a in aids if isinstance(a, Range)]
     alone, heard = (estimator_for(simulation).run(imus, a)["l"].trajectory for a in ([], echoes))
@@ -283,7 +283,7 @@ def test_impossible_repeated_and_late_samples_are_ignored(short, value: float, m
     np.testing.assert_array_equal(got.feet["l"].p_imu_in_world, kept.feet["l"].p_imu_in_world)
 
 
-def test_a_sighting_that_fits_no_board_moves_nothing_far(short) -> None:
+def test_an_observation_that_fits_no_board_moves_nothing_far(short) -> None:
     simulation, imus, aids = short
     rng = np.random.default_rng(0)
     wild = [
@@ -293,7 +293,7 @@ def test_a_sighting_that_fits_no_board_moves_nothing_far(short) -> None:
     assert np.all(np.linalg.norm(ends(simulation, imus, wild) - ends(simulation, imus, aids), axis=1) < 0.05)
 
 
-def test_a_sighting_too_late_is_left_out(short) -> None:
+def test_an_observation_too_late_is_left_out(short) -> None:
     simulation, imus, aids = short
     estimator = estimator_for(simulation)
     estimator.run(imus, [])
@@ -379,14 +379,14 @@ def test_mounts_are_refined_within_their_prior(short) -> None:
     assert np.any(after < 0.9 * before)
 
 
-def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is_told() -> None:
+def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is_given() -> None:
     parameters = for_sensor(PublishedParameters().noise_of_the_calibration_alone, ADIS16485)
     assert ADIS16485.accelerometer_range == 0.0
     assert parameters.accel_limit_noise_mps2_rthz == parameters.gyro_limit_noise_radps_rthz == 0.0
     assert parameters.accel_noise_mps2_rthz == ADIS16485.accelerometer_noise_density
 
 
-def test_sightings_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_was() -> None:
+def test_observations_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_was() -> None:
     pair, parameters = moving_pair(4), for_kernel(FootToFootParameters(camera_clock_walk_s_rts=0.01))
     t_ns = 79 * 8_000_000
     pair.seen[0] = t_ns - 30_000_000_000

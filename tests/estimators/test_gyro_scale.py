@@ -1,4 +1,4 @@
-"""Scales of the gyros of two feet: how they turn a foot, and that the sight of the other shoe tells them."""
+"""Scales of the gyros of two feet: how they rotate a foot, and that observing the other shoe estimates them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
         assert np.linalg.norm(derivative) > 0.5
 
 
-def test_a_gyro_that_tells_too_much_is_found_where_the_other_shoe_is_seen() -> None:
+def test_a_gyro_scale_error_is_estimated_where_the_other_shoe_is_seen() -> None:
     simulation = Simulation(Setup(walk=SteadyWalk(strides=40)))
     rng = np.random.default_rng(5)
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)

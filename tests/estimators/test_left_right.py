@@ -1,4 +1,4 @@
-"""Left and right exchanged: found from the pictures, named, and not cried where nothing is."""
+"""Left and right exchanged: detected from images, named, and no false alarm."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def observation(shoes: Shoes, t_ns: int, shoe: int, R: np.ndarray, rng: np.rando
     return BoardObservation(topic="", t_ns=t_ns, points_in_board=CORNERS, rays=rays, ray_sd=np.full(len(p), 1e-4))
 
 
-def worn_so(shoes: Shoes, imus: int, cameras: int, swing: float, pictures: int = 100) -> list[bool]:
+def agreements(shoes: Shoes, imus: int, cameras: int, swing: float, images: int = 100) -> list[bool]:
     """What is said of each image where IMUs and cameras may be exchanged."""
     rng, worn, said = np.random.default_rng(5), LeftRightCheck(shoes.mounts), []
-    for k in range(pictures):
+    for k in range(images):
         R, camera = attitudes(rng, swing), int(rng.integers(2))
         seen = observation(shoes, k * 100_000_000, camera ^ cameras, R, rng)
         said.append(worn.agrees(seen, camera, R[::-1] if imus else R))
@@ -50,8 +50,8 @@ def worn_so(shoes: Shoes, imus: int, cameras: int, swing: float, pictures: int =
 
 
 @pytest.mark.parametrize("swing", [0.0, 1.0])
-def test_worn_as_the_rig_says_every_picture_is_used(shoes: Shoes, swing: float) -> None:
-    assert all(worn_so(shoes, 0, 0, swing))
+def test_every_image_is_used_where_the_rig_is_right(shoes: Shoes, swing: float) -> None:
+    assert all(agreements(shoes, 0, 0, swing))
 
 
 @pytest.mark.parametrize(
@@ -60,15 +60,15 @@ def test_worn_as_the_rig_says_every_picture_is_used(shoes: Shoes, swing: float) 
 )
 def test_an_exchange_is_named_in_a_walk(shoes: Shoes, imus: int, cameras: int, words: str) -> None:
     with pytest.raises(StrideTwinError, match=words):
-        worn_so(shoes, imus, cameras, 1.0)
+        agreements(shoes, imus, cameras, 1.0)
 
 
 @pytest.mark.parametrize("imus", [0, 1])
-def test_no_picture_of_exchanged_cameras_is_used(shoes: Shoes, imus: int) -> None:
-    assert not any(worn_so(shoes, imus, 1, 0.0, pictures=20))
+def test_no_image_of_exchanged_cameras_is_used(shoes: Shoes, imus: int) -> None:
+    assert not any(agreements(shoes, imus, 1, 0.0, images=20))
 
 
-def test_pictures_close_together_count_once(shoes: Shoes) -> None:
+def test_images_close_together_count_once(shoes: Shoes) -> None:
     rng, worn = np.random.default_rng(1), LeftRightCheck(shoes.mounts)
     R = attitudes(rng, 1.0)
     for k in range(1000):  # 50 ms in all

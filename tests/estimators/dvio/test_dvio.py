@@ -43,7 +43,7 @@ def plain(sway):
     return followed(*sway)[1]
 
 
-def told_by(made, samples):
+def estimates_of(made, samples):
     """Those of the estimates that were measured by the last of some samples."""
     return [e for e in made if e.t_ns <= max(s.t_ns for s in samples if isinstance(s, Imu))]
 
@@ -58,7 +58,7 @@ def test_follows_a_swaying_head(sway, plain):
     assert {e.health for e in made} == {"tracking"}
 
 
-def test_tells_poses_at_the_rate_of_the_imu_with_covariances(plain):
+def test_estimates_poses_at_the_rate_of_the_imu_with_covariances(plain):
     steps = np.diff([e.t_ns for e in plain])
     assert np.all(steps == 5_000_000)
     assert plain[0].t_ns < 400_000_000
@@ -70,13 +70,13 @@ def test_tells_poses_at_the_rate_of_the_imu_with_covariances(plain):
 def test_is_deterministic(sway, plain):
     wall, samples = sway
     some = samples[:1200]
-    a, b = told_by(plain, some)[-1], followed(wall, some)[1][-1]
+    a, b = estimates_of(plain, some)[-1], followed(wall, some)[1][-1]
     assert a.t_ns == b.t_ns
     assert np.array_equal(a.T_world_imu, b.T_world_imu)
     assert np.array_equal(a.covariance, b.covariance)
 
 
-def test_stands_still():
+def test_stationary_sensor():
     wall = Wall(still, 30.0, seed=4)
     _, made = followed(wall)
     assert errors(wall, made).max() < 0.002
@@ -145,7 +145,7 @@ def test_a_start_in_motion_is_deterministic():
     assert np.array_equal(a.covariance, b.covariance)
 
 
-def test_starts_in_motion_as_well_as_it_can_where_the_pictures_do_not_fit():
+def test_starts_in_motion_as_well_as_it_can_where_the_images_do_not_fit():
     wall, elsewhere = moving(4.0), Wall(lambda t: swaying(9.0 + 1.7 * t), 4.0, seed=8)
     images = {(type(s), s.t_ns): s for s in elsewhere.samples() if not isinstance(s, Imu)}
     _, made = followed(wall, [images.get((type(s), s.t_ns), s) for s in wall.samples()])
@@ -154,7 +154,7 @@ def test_starts_in_motion_as_well_as_it_can_where_the_pictures_do_not_fit():
     assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
 
 
-def spoiled(samples, change):
+def corrupted(samples, change):
     return [c for s in samples for c in ([change(s)] if change(s) is not None else [])]
 
 
@@ -187,7 +187,7 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_bears_faults(sway, name):
     wall, samples = sway
-    _, made = followed(wall, spoiled(samples, FAULTS[name]))
+    _, made = followed(wall, corrupted(samples, FAULTS[name]))
     assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
     assert errors(wall, made).max() < 0.12
 
@@ -197,7 +197,7 @@ def test_ignores_what_is_late_or_repeated(sway, plain):
     some = samples[:1500]
     again = [c for i, s in enumerate(some) for c in ([s, s, some[max(i - 40, 0)]] if i % 7 == 0 else [s])]
     _, made = followed(wall, again)
-    assert np.array_equal(told_by(plain, some)[-1].T_world_imu, made[-1].T_world_imu)
+    assert np.array_equal(estimates_of(plain, some)[-1].T_world_imu, made[-1].T_world_imu)
 
 
 def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
@@ -220,7 +220,7 @@ def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
 
 def test_camera_covered_is_said(sway):
     wall, samples = sway
-    _, made = followed(wall, spoiled(samples, FAULTS["covered"]))
+    _, made = followed(wall, corrupted(samples, FAULTS["covered"]))
     dark = [e.health for e in made if 4.2e9 < e.t_ns < 5e9]
     assert set(dark) == {"imu_only"}
     assert made[-1].health == "tracking"
@@ -239,7 +239,7 @@ def delayed(samples, seconds, first_s=0.0):
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.02, 0.6])
-def test_begins_anew_after_blind_times_though_pictures_come_late(sway, late_s):
+def test_begins_anew_after_blind_times_though_images_come_late(sway, late_s):
     wall, samples = sway
     _, made = followed(wall, delayed(unseen(samples, 3.0, 6.3), late_s, 6.0))
     again = [e for e in made if e.t_ns * 1e-9 > 6.3 + 0.05 + late_s]
@@ -251,7 +251,7 @@ def test_begins_anew_after_blind_times_though_pictures_come_late(sway, late_s):
         assert errors(wall, made)[-1] < 0.05
 
 
-def test_pictures_that_come_late_after_longer_than_samples_stay_are_used():
+def test_images_that_come_late_after_longer_than_samples_stay_are_used():
     wall = blindfolded(swaying, 2.0, 20.0, 21.0)
     odometry, made = followed(wall, delayed(wall.samples(), 0.02, 20.0))
     assert made[-1].health == "tracking"
@@ -267,7 +267,7 @@ def blindfolded(motion, start_s, end_s, seconds):
     return wall
 
 
-def test_says_that_the_imu_is_alone_where_pictures_stop(sway):
+def test_health_is_imu_only_where_images_stop(sway):
     wall, samples = sway
     some = [s for s in samples if s.t_ns < 4e9]
     _, made = followed(wall, unseen(some, 2.5))

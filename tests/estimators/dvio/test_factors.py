@@ -24,7 +24,7 @@ motion = from_python(imu_factors.motion)
 
 @settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
-def test_the_jacobian_of_a_sighting_is_its_slope(seed):
+def test_the_jacobian_of_an_observation_is_its_slope(seed):
     window = seen_window(np.random.default_rng(seed))
     window.frames.offset[:] = 0.0
     now = blank_views(4)

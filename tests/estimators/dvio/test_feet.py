@@ -74,7 +74,7 @@ def test_feet_need_an_exoskeleton():
         Dvio(rig(), parameters=DvioParameters(feet=True))
 
 
-def test_a_told_velocity_is_a_measurement_of_the_newest_frame_and_goes_with_it():
+def test_a_leg_velocity_is_a_measurement_of_the_newest_frame_and_goes_with_it():
     wall = Wall(swaying, 3.0, seed=3)
     odometry = Dvio(rig(), parameters=DvioParameters())
     for s in wall.samples():

@@ -41,7 +41,7 @@ def rays() -> np.ndarray:
     return np.asarray((sample_pixels(SHAPE, PlaneParameters()) - [319.5, 239.5]) / FOCAL)
 
 
-def depth_picture(planes: list[np.ndarray], rng: np.random.Generator | None = None) -> np.ndarray:
+def depth_image(planes: list[np.ndarray], rng: np.random.Generator | None = None) -> np.ndarray:
     """(H, W) m, of the nearest of some planes; with noise where a generator is given."""
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
     m = np.stack([(u - 319.5) / FOCAL, (v - 239.5) / FOCAL, np.ones(SHAPE)], axis=-1)
@@ -149,7 +149,7 @@ def test_planes_of_a_corner_are_no_worse_than_their_covariance_says():
     floor, left, right = np.array([0.02, 0.6, 0.25]), np.array([-0.35, 0.02, 0.2]), np.array([0.3, -0.05, 0.25])
     squares = []
     for _ in range(4):
-        measured, weights = measured_planes(depth_picture([floor, left, right], rng), 3e-3)
+        measured, weights = measured_planes(depth_image([floor, left, right], rng), 3e-3)
         assert len(measured) == 3
         for plane in (floor, left, right):
             i = int(np.argmin(np.linalg.norm(measured - plane, axis=1)))
@@ -162,7 +162,7 @@ def test_planes_of_a_corner_are_no_worse_than_their_covariance_says():
 def test_the_covariance_of_one_plane_is_that_of_its_noise():
     rng, plane, squares = np.random.default_rng(1), np.array([0.05, 0.5, 0.4]), []
     for _ in range(12):
-        measured, weights = measured_planes(depth_picture([plane], rng))
+        measured, weights = measured_planes(depth_image([plane], rng))
         squares.append((measured[0] - plane) @ weights[0] @ (measured[0] - plane))
     assert 1.6 < np.mean(squares) < 4.8  # 3; its mean of 12 scatters by 0.7
 
@@ -175,10 +175,10 @@ def test_steps_are_no_plane_and_neither_is_nothing():
     assert not len(measured_planes(np.full(SHAPE, np.nan, np.float32))[0])
 
 
-def test_doubt_bounds_what_a_picture_tells():
-    (_, sure), (_, doubted) = (measured_planes(depth_picture([np.array([0.0, 0.0, 0.5])]), d) for d in (0.0, 0.01))
+def test_the_plane_error_bounds_the_information_of_an_image():
+    (_, sure), (_, bounded) = (measured_planes(depth_image([np.array([0.0, 0.0, 0.5])]), d) for d in (0.0, 0.01))
     assert np.linalg.eigvalsh(sure[0]).max() > 1e7
-    assert np.linalg.eigvalsh(doubted[0]).max() == pytest.approx((0.01 * 0.5) ** -2, rel=0.01)
+    assert np.linalg.eigvalsh(bounded[0]).max() == pytest.approx((0.01 * 0.5) ** -2, rel=0.01)
 
 
 def matched(w: Window, measured: np.ndarray, sd: float = 0.005) -> tuple[int, np.ndarray]:
@@ -219,7 +219,7 @@ def test_a_forgotten_plane_leaves_what_the_prior_knew_of_the_rest():
     assert not w.planes.used[1]
 
 
-def test_the_plane_unseen_for_longest_makes_room_and_one_in_sight_does_not():
+def test_the_plane_unseen_for_longest_frees_its_slot_and_an_observed_one_does_not():
     w = corner_window(np.random.default_rng(7))
     w.planes.used[:], w.planes.held[:] = 1, 1
     w.prior.H[:] = np.eye(len(w.prior.b))

@@ -88,7 +88,7 @@ def test_covariance_is_that_of_many_noisy_runs():
     assert np.all((ratio > 0.8) & (ratio < 1.25))
 
 
-def test_a_doubtful_sample_is_known_less():
+def test_an_invalid_sample_adds_noise():
     t_ns, samples = stretch(np.random.default_rng(1))
     sure = integrated(t_ns, samples, 0, int(t_ns[-1]), np.zeros(6))
     invalid = np.zeros(len(t_ns), np.uint8)

@@ -123,7 +123,7 @@ def test_finds_the_minimum_that_a_batch_solution_finds():
     assert w.landmarks.inverse_depth == pytest.approx(best.x[n:], abs=1e-6)
 
 
-def test_the_prior_stands_for_what_was_marginalised():
+def test_the_prior_equals_what_was_marginalised():
     """After the oldest frame went with its landmarks, the remaining states have the same best estimate."""
     rng = np.random.default_rng(4)
     w = noisy_window(rng, frames=4)

@@ -51,7 +51,7 @@ def painted(c: CameraCalibration) -> Image:
     return Image(topic=c.topic, t_ns=7, pixels=np.clip(grey, 0, 255).astype(np.uint8))
 
 
-def test_tells_the_depth_of_a_wall():
+def test_measures_the_depth_of_a_wall():
     left, right = pair()
     measured = Stereo(left, right, "/head/depth").depth(painted(left), painted(right))
     true, _ = depths(left)
@@ -63,7 +63,7 @@ def test_tells_the_depth_of_a_wall():
     assert np.median(off) < 0.01
 
 
-def test_refuses_cameras_that_do_not_stand_side_by_side():
+def test_refuses_cameras_that_are_not_side_by_side():
     left, right = pair()
     with pytest.raises(ConfigError, match="to the right of"):
         Stereo(right, left, "/head/depth")
