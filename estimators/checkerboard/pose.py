@@ -81,13 +81,13 @@ def board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
     spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
     if spread[1] < _LEAST_SPREAD * spread[0]:
         return ()
-    count, turns, places, _ = cv2.solvePnPGeneric(
+    count, rotations, positions, _ = cv2.solvePnPGeneric(
         points, rays.reshape(-1, 1, 2), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
     poses: list[BoardPose] = []
     for i in range(count):
         start = np.eye(4)
-        start[:3, :3], start[:3, 3] = cv2.Rodrigues(turns[i])[0], places[i].ravel()
+        start[:3, :3], start[:3, 3] = cv2.Rodrigues(rotations[i])[0], positions[i].ravel()
         pose = _refined(observation, start) if np.isfinite(start).all() else None
         if pose is not None and not any(_same(pose, other) for other in poses):
             poses.append(pose)
@@ -111,8 +111,8 @@ def admissible(
     if R_camera_board is not None and np.isfinite(rotation_sd):
         known = np.asarray(R_camera_board, dtype=float)
         for i, pose in enumerate(poses):
-            turn = cv2.Rodrigues(pose.T_camera_board[:3, :3] @ known.T)[0].ravel()
-            costs[i] += float(turn @ np.linalg.solve(pose.covariance[3:, 3:] + rotation_sd**2 * np.eye(3), turn))
+            off = cv2.Rodrigues(pose.T_camera_board[:3, :3] @ known.T)[0].ravel()
+            costs[i] += float(off @ np.linalg.solve(pose.covariance[3:, 3:] + rotation_sd**2 * np.eye(3), off))
     return tuple(pose for pose, cost in zip(poses, costs) if cost <= min(costs) + CHI2_GATE)
 
 
@@ -121,16 +121,16 @@ def _refined(observation: BoardObservation, T_camera_board: Array) -> BoardPose 
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
     sd = np.broadcast_to(observation.ray_sd, len(observation.rays))
     for _ in range(_ROUNDS):
-        turned = observation.points_in_board @ R.T
-        x, y, z = (turned + p).T
+        rotated = observation.points_in_board @ R.T
+        x, y, z = (rotated + p).T
         if z.min() <= 0:
             return None
         residual = (observation.rays - np.column_stack([x, y]) / z[:, None]) / sd[:, None]
-        by_place = np.zeros((len(z), 2, 3))
-        by_place[:, 0, 0] = by_place[:, 1, 1] = 1 / z
-        by_place[:, 0, 2], by_place[:, 1, 2] = -x / z**2, -y / z**2
-        by_turn = np.cross(turned[:, None, :], by_place)  # P moves by rotation x turned
-        J = np.concatenate([by_place, by_turn], axis=2) / sd[:, None, None]
+        by_position = np.zeros((len(z), 2, 3))
+        by_position[:, 0, 0] = by_position[:, 1, 1] = 1 / z
+        by_position[:, 0, 2], by_position[:, 1, 2] = -x / z**2, -y / z**2
+        by_rotation = np.cross(rotated[:, None, :], by_position)  # P moves by rotation x rotated
+        J = np.concatenate([by_position, by_rotation], axis=2) / sd[:, None, None]
         J = J.reshape(-1, 6)
         N = J.T @ J
         if np.linalg.matrix_rank(N, hermitian=True) < 6:

@@ -40,8 +40,8 @@ class DvioEstimate:
         v_imu_in_world: (3,) m/s.
         gyro_bias: (3,) rad/s.
         accel_bias: (3,) m/s².
-        health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a new
-            start. While lost, the pose is frozen and its covariance grows accordingly.
+        health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a
+            new start. While lost, the pose is frozen and its covariance grows accordingly.
     """
 
     t_ns: int

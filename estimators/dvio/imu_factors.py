@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import REORDERED, carried, mul, put, rotate_back
+from stridetwin.estimators.dvio.algebra import REORDERED, mul, propagated, put, rotate_back
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE,
@@ -92,7 +92,7 @@ def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_densit
     put(B, 6, 3, mul(G, to_v), -dt)
     # White noise of density s is a bias of standard deviation s / √dt over the interval.
     by_rate, by_force = rate_density / np.sqrt(dt), force_density / np.sqrt(dt)
-    P, by_bias = carried(F, z.covariance), mul(F, z.by_bias)
+    P, by_bias = propagated(F, z.covariance), mul(F, z.by_bias)
     for i in range(9):
         for j in range(6):
             z.by_bias[i, j] = by_bias[i, j] + B[i, j]

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.algebra import turned
+from stridetwin.estimators.dvio.algebra import matvec
 from stridetwin.estimators.dvio.sliding_window import CameraFrame, Core
 from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
@@ -252,25 +252,25 @@ def _mismatch(s: _State, z: Preintegration, rates: Array, gravity: float, x: Arr
     ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
     scale = s.scale * np.exp(x[..., _SCALE, None])
-    up = turned(exp(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
+    up = matvec(exp(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
     bias = s.bias + x[..., _BIAS : _BIAS + 6]
     # pose of the IMU at each image's nominal time, in its axes at that of the newest
     back = exp(offset * (rates[-1] - bias[..., :3]))
     poses = []
     for k, column in ((slice(0, -1), _CAMERA_A), (slice(1, None), _CAMERA_B)):
         M = ic @ s.R[k] @ exp(x[..., column + 3 : column + 6]) @ np.swapaxes(ic, -1, -2)
-        p = turned(ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - turned(M, p_ic)
-        poses.append((back @ M @ exp(-offset * (rates[k] - bias[..., :3])), turned(back, p)))
+        p = matvec(ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - matvec(M, p_ic)
+        poses.append((back @ M @ exp(-offset * (rates[k] - bias[..., :3])), matvec(back, p)))
     (R_a, p_a), (R_b, p_b) = poses
     v_a, v_b = s.v[:-1] + x[..., _V_A : _V_A + 3], s.v[1:] + x[..., _V_B : _V_B + 3]
     dv, dt = v_b - v_a, z.dt
-    by = turned(z.by_bias, bias - z.bias)
+    by = matvec(z.by_bias, bias - z.bias)
     to_a = np.swapaxes(R_a, -1, -2)
     rotation = np.swapaxes(z.delta_R, -1, -2) @ to_a @ R_b
     r = np.empty((*dv.shape[:-1], 9))
-    r[..., :3] = turned(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p - by[..., :3]
+    r[..., :3] = matvec(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p - by[..., :3]
     r[..., 3:6] = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(dv.shape) - by[..., 3:6]
-    r[..., 6:] = turned(to_a, dv + gravity * up * dt) - z.delta_v - by[..., 6:]
+    r[..., 6:] = matvec(to_a, dv + gravity * up * dt) - z.delta_v - by[..., 6:]
     return r
 
 

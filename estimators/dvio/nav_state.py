@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import carried, mul, put
+from stridetwin.estimators.dvio.algebra import mul, propagated, put
 from stridetwin.estimators.dvio.imu_factors import integrate
 from stridetwin.estimators.dvio.parameters import DvioParameters, PlausibleState
 from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
@@ -65,7 +65,7 @@ def propagate(nav: NavState, z: Preintegration, imu: ImuSamples, end_ns: int, no
     put(F, 6, 9, mul(R, z.by_bias[6:9]), 1.0)
     put(G, 0, 0, R, 1.0)
     put(G, 6, 6, R, 1.0)
-    P, Q = carried(F, nav.covariance), carried(G, z.covariance)
+    P, Q = propagated(F, nav.covariance), propagated(G, z.covariance)
     for i in range(FRAME):
         for j in range(FRAME):
             nav.covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
@@ -107,7 +107,7 @@ def pose_and_covariance(nav: NavState) -> tuple[Array, Array]:
     for i in range(3):
         T[i, 3] = nav.p[i]
         to_world[i, i] = 1.0
-    return T, carried(to_world, nav.covariance[:6, :6])
+    return T, propagated(to_world, nav.covariance[:6, :6])
 
 
 class Inertial:

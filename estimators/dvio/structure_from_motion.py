@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import turned
+from stridetwin.estimators.dvio.algebra import matvec
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import exp
 
@@ -208,7 +208,7 @@ def _placed(R: Array, p: Array, at: Array, rho: Array) -> Array:
     n = np.arange(at.shape[1])
     k = (rho > 0).argmax(axis=0)
     depth = 1.0 / np.where(rho[k, n] > 0, rho[k, n], 1.0)
-    return turned(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
+    return matvec(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
 
 
 def _crossing(
@@ -264,7 +264,7 @@ def _descended(
         n = len(m.b) - 6  # the newest camera is fixed
         e = np.zeros((len(R), 6))
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
-        e_points = turned(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
+        e_points = matvec(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
         R_new, p_new = R @ exp(e[:, 3:]), p + e[:, :3]
         new = _cost(_residuals(s, R_new, p_new, points + e_points)[0], limit)
         if not new < cost:

@@ -11,12 +11,12 @@ from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
     GYRO_BIAS,
-    HEAD,
     POSITION,
     RESTORED,
     RING,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
 from stridetwin.estimators.so3 import product, rotation_matrix
@@ -45,17 +45,17 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     memory.clock[RESTORED] = first
     if first == 0:
         return
-    head, x = memory.clock[HEAD], memory.nominal
+    x = memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
     moved = memory.restored
     for back in range(first + 1):
-        i = (head - back) % RING
+        i = ring_row(memory, back)
         moved[back] = x[:GYRO_BIAS]
         propagate_state(
             memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2
         )
     for back in range(first, -1, -1):
-        i = (head - back) % RING
+        i = ring_row(memory, back)
         memory.ring[i] += hidden[back]  # later reads of the ring include the peak
         propagate_state(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
         moved[back, :ATTITUDE] = x[:ATTITUDE] - moved[back, :ATTITUDE]
@@ -72,7 +72,7 @@ def is_clipped(memory: Memory, parameters: KernelParameters) -> bool:
     """
     for back in range(2):
         for channel in range(6):
-            known, size = _range(parameters, channel), abs(memory.ring[(memory.clock[HEAD] - back) % RING, channel])
+            known, size = _range(parameters, channel), abs(memory.ring[ring_row(memory, back), channel])
             if known > 0.0 and size >= parameters.clipped_share * known:
                 return True
     return False
@@ -98,19 +98,19 @@ def _peak(memory: Memory, parameters: KernelParameters, channel: int, hidden: Ar
     """
     known = _range(parameters, channel)
     least = parameters.peak_rates_min if channel < 3 else parameters.peak_forces_min
-    head, fill = memory.clock[HEAD], memory.clock[FILL]
+    fill = memory.clock[FILL]
     limit = parameters.clipped_share * known
-    last = memory.ring[(head - 2) % RING, channel]
+    last = memory.ring[ring_row(memory, 2), channel]
     if known <= 0.0 or fill < 6 or abs(last) < limit:
         return 0
     sign = 1.0 if last > 0.0 else -1.0
     end = 2
-    while end < fill - 3 and sign * memory.ring[(head - end) % RING, channel] >= limit:
+    while end < fill - 3 and sign * memory.ring[ring_row(memory, end), channel] >= limit:
         end += 1
     x = np.empty(end + 2)
     for back in range(end + 2):
-        x[back] = sign * memory.ring[(head - back) % RING, channel]
-    span = (memory.ring_t_ns[head] - memory.ring_t_ns[(head - end - 1) % RING]) * 1e-9
+        x[back] = sign * memory.ring[ring_row(memory, back), channel]
+    span = (memory.ring_t_ns[ring_row(memory, 0)] - memory.ring_t_ns[ring_row(memory, end + 1)]) * 1e-9
     dt = span / (end + 1)
     rise, fall = (x[end] - x[end + 1]) / dt, (x[1] - x[0]) / dt
     if max(x[0], x[1], x[end]) >= limit:

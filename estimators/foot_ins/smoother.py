@@ -43,18 +43,17 @@ from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     D_VELOCITY,
     GYRO_BIAS,
-    HEAD,
     IGNORED,
     NOMINAL,
     POSITION,
     RESTORED,
-    RING,
     STATES,
     T_LAST,
     TRACKING,
     VELOCITY,
     Memory,
     blank,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import shift, shift_rows
 from stridetwin.estimators.so3 import product
@@ -138,10 +137,7 @@ def apply_restored(window: Window, memory: Memory) -> None:
     held, summed, moved = place[HELD], place[SUMMED], memory.restored
     reach = 0  # samples back, from the newest held; older ones have left the window
     for back in range(1, min(memory.clock[RESTORED], held) + 1):
-        if (
-            window.t_ns[(place[OLDEST] + held - back) % capacity]
-            != memory.ring_t_ns[(memory.clock[HEAD] - back) % RING]
-        ):
+        if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[ring_row(memory, back)]:
             break
         reach = back
     if reach == 0:

@@ -34,6 +34,7 @@ from stridetwin.estimators.foot_ins.state import (
     T_STOOD,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import correct, shift
 from stridetwin.estimators.so3 import hat, product, quat_exp, rotation_matrix
@@ -59,13 +60,13 @@ def motion_statistic(memory: Memory, parameters: KernelParameters) -> float:
 
     mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
     """
-    newest = memory.ring_t_ns[memory.clock[HEAD]]
+    newest = memory.ring_t_ns[ring_row(memory, 0)]
     span = int(parameters.window_s * 1e9)
     bx, by, bz = memory.nominal[GYRO_BIAS], memory.nominal[GYRO_BIAS + 1], memory.nominal[GYRO_BIAS + 2]
     n = 0
     rate2 = force2 = fx = fy = fz = 0.0
     for back in range(memory.clock[FILL]):
-        i = (memory.clock[HEAD] - back) % RING
+        i = ring_row(memory, back)
         if newest - memory.ring_t_ns[i] >= span and back > 0:
             break
         s = memory.ring[i]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 # Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
@@ -86,3 +88,9 @@ def blank(covariance: Array | None = None, error: Array | None = None, row: int 
         ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
         force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), extreme=np.zeros(6), nis=np.zeros(2),
     )  # fmt: skip
+
+
+@njit(**INSIDE)
+def ring_row(memory: Memory, back: int) -> int:
+    """Row of the ring's sample that is `back` samples older than the newest."""
+    return (memory.clock[HEAD] - back) % RING

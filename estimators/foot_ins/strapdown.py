@@ -17,11 +17,10 @@ from stridetwin.estimators.foot_ins.state import (
     D_VELOCITY,
     FILL,
     GYRO_BIAS,
-    HEAD,
     POSITION,
-    RING,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
@@ -165,7 +164,7 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2 + parameters.accel_motion_noise_per_rthz**2 * acceleration2
     if memory.clock[FILL] > 1:
-        before = memory.ring[(memory.clock[HEAD] - 1) % RING]
+        before = memory.ring[ring_row(memory, 1)]
         jerk2 = 0.0
         for i in range(3):
             jerk2 += ((force[i] - before[3 + i]) / dt) ** 2

@@ -20,12 +20,11 @@ from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     D_VELOCITY,
     FILL,
-    HEAD,
-    RING,
     STATES,
     TRACKING,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import correct, predict
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
@@ -41,10 +40,10 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
 
     See docs/foot_to_foot.md (10).
     """
-    newest = memory.ring_t_ns[memory.clock[HEAD]]
+    newest = memory.ring_t_ns[ring_row(memory, 0)]
     n, total, squares = 0, np.zeros(6), np.zeros(6)
     for back in range(memory.clock[FILL]):
-        i = (memory.clock[HEAD] - back) % RING
+        i = ring_row(memory, back)
         if (newest - memory.ring_t_ns[i]) * 1e-9 >= parameters.window_s and back > 1:
             break
         total += memory.ring[i]

@@ -13,14 +13,13 @@ from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
     GYRO_BIAS,
-    HEAD,
     PHASE,
     POSITION,
-    RING,
     T_LAST,
     TRACKING,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import force_at_middle
 from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
@@ -61,10 +60,10 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead
     q = x[ATTITUDE : ATTITUDE + 4].copy()
     age = (clock[T_LAST] - t_ns) * 1e-9
     known = clock[PHASE] == TRACKING and -max_lead_s <= age <= max_age_s
-    w = memory.ring[clock[HEAD], :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
+    w = memory.ring[ring_row(memory, 0), :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
     back, left = 0, known
     while left:
-        i, before = (clock[HEAD] - back) % RING, (clock[HEAD] - back - 1) % RING
+        i, before = ring_row(memory, back), ring_row(memory, back + 1)
         if age > 0.0 and back + 1 >= clock[FILL]:
             known = False
             break
