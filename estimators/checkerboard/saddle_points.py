@@ -24,7 +24,7 @@ _UNKNOWNS = 6  # x, y, mean, contrast, blur across u, blur across v
 
 
 class CornerFitParameters(NamedTuple):
-    """The fit of one corner to the image; hand-chosen on synthetic boards and shoe cameras of tuning seeds.
+    """The fit of one corner to the image; hand-chosen.
 
     Attributes:
         half: A corner is fitted to the image within this distance of it along both edges, squares.

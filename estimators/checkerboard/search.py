@@ -16,7 +16,7 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True)
 class SearchParameters:
-    """The search for candidate views; hand-chosen on synthetic boards and shoe cameras of tuning seeds."""
+    """The search for candidate views; hand-chosen."""
 
     samples_per_square: int = 3
     """Samples along a square."""

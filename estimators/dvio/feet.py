@@ -16,7 +16,7 @@ from stridetwin.streams.samples import Array, Sample
 
 @dataclass(frozen=True, kw_only=True)
 class LegParameters:
-    """Velocity from the legs; hand-chosen on twin walks of tuning seeds."""
+    """Velocity from the legs; hand-chosen."""
 
     speed_sd_mps: float = 0.2
     """Of the camera's speed relative to the trunk, m/s."""

@@ -23,7 +23,7 @@ _SCALE_INFORMATION = 1e8  # fixes the unit of length
 
 @dataclass(frozen=True, kw_only=True)
 class StructureParameters:
-    """Structure from motion at the start; hand-chosen on starts of tuning walks."""
+    """Structure from motion at the start; hand-chosen."""
 
     points_min: int = 12
     """Least number of points shared by two images."""

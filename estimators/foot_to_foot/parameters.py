@@ -14,7 +14,7 @@ GROUPS = ("foot", "tracking", "exchange")
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingParameters:
-    """Search for the other shoe's board; hand-chosen on twin walks of tuning seeds."""
+    """Search for the other shoe's board; hand-chosen."""
 
     region_sd: float = 3.0
     """Half width of the search region, standard deviations of the prediction ..."""
@@ -36,7 +36,7 @@ class TrackingParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class ExchangeParameters:
-    """Evidence that left and right are exchanged, as log-likelihoods; hand-chosen on twin walks of tuning seeds."""
+    """Evidence that left and right are exchanged, as log-likelihoods; hand-chosen."""
 
     rotation_sd_rad: float = 0.3
     """A plane's orientation in an image, and the feet's headings while unknown, rad."""
