@@ -33,7 +33,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose, standing_nis
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, standing_nis
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
 from stridetwin.estimators.foot_ins.stance import inject

@@ -23,7 +23,7 @@ from stridetwin.estimators.base import (
     deprecated,
 )
 from stridetwin.estimators.checkerboard.pose import BoardObservation
-from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
 from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, REPORTED, STATES
 from stridetwin.estimators.foot_to_foot import kernel

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
-from stridetwin.estimators.foot_ins.filter import StartPose
+from stridetwin.estimators.foot_ins.estimate import StartPose
 from stridetwin.estimators.foot_to_foot.parameters import ExchangeParameters, FootToFootParameters, PublishedParameters
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET, NEVER
 from stridetwin.streams.errors import StrideTwinError
