@@ -125,9 +125,8 @@ def _grids(grey: NDArray[np.uint8], p: SearchParameters) -> Iterator[tuple[Array
     places, directions = _saddle_points(grey, p)
     apart = places[None] - places[:, None]  # [i, j] from i to j
     distance = np.linalg.norm(apart, axis=2)
-    distance[directions @ directions.T > p.opposed_cosine] = (
-        np.inf
-    )  # neighbours on a board are rotated against each other
+    # Neighbours on a board are rotated against each other.
+    distance[directions @ directions.T > p.opposed_cosine] = np.inf
     tried = 0
     for i, order in enumerate(np.argsort(distance, axis=1)[:, : p.neighbours]):
         near = apart[i, order[np.isfinite(distance[i, order])]]

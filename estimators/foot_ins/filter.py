@@ -28,7 +28,6 @@ class FootIns:
     finite, physically impossible, or not later than the last used one. A gap is bridged up to `max_gap_s`; after a
     longer one the filter keeps its position, with a large covariance, and aligns again.
 
-
     Args:
         rig: Noise and turn-on biases of the IMU on the foot; None: any consumer sensor. The calibration of one IMU in
             its place is deprecated.

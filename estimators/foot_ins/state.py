@@ -24,7 +24,7 @@ REPORTED = 15  # number of them in an estimate
 # Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
 # not surely stationary, all in ns; head and fill of the ring; phase; whether the heading is known; whether the lever
 # arm is; whether the foot has landed; samples since the beginning of the peak restored with the last sample.
-T_LAST, T_STILL, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED, RESTORED = range(12)
+T_LAST, T_STATIONARY, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED, RESTORED = range(12)
 CLOCKS = 12
 IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2

@@ -48,10 +48,9 @@ class Expected:
 class BoardTracker:
     """The cameras of both shoes, each with a detector of the other shoe's board.
 
-    An image waits until both IMUs have reached its time. A board that faces away or is out of view is not searched for.
+    An image waits until both IMUs have reached its time. A board that faces away or is out of view is not searched.
     If the filter has lost the other shoe, the whole image is searched, at most ten times per second; and less often if
     no predicted board has been found for long, because the calibration may be wrong.
-
 
     Args:
         shoes: Cameras and boards.
@@ -74,9 +73,8 @@ class BoardTracker:
         self._waiting: deque[Image] = deque(maxlen=_HELD)
         self._searched_ns = dict.fromkeys(self._cameras, -self._lost_every_ns)
         self._newest_ns = dict.fromkeys(self._cameras, -(2**62))
-        self._found_ns: int | None = (
-            None  # when a board was last found at its prediction; at first, time of the first image
-        )
+        # when a board was last found at its prediction; at first, time of the first image
+        self._found_ns: int | None = None
 
     def take(self, image: Image) -> bool:
         """Queues an image; False if no board can be in it, or it is out of order."""
@@ -140,9 +138,8 @@ class BoardTracker:
     def _is_near(self, expected: Expected) -> bool:
         """Whether the board's position is certain relative to its distance."""
         distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
-        return (
-            self._parameters.region_sd * float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1])) < distance
-        )
+        position_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1]))
+        return self._parameters.region_sd * position_sd < distance
 
 
 def relative_position(
