@@ -373,7 +373,7 @@ def drop_oldest(window: Window) -> None:
     for a in (*frames[1:], *window.preintegrations):
         a[: n - 1] = a[1:n]
     planes = window.planes
-    for a in (marks.seen, marks.at, marks.rho, planes.seen, planes.rho, planes.weight):
+    for a in (marks.seen, marks.at, marks.rho, planes.seen, planes.measured, planes.weight):
         a[:, : n - 1] = a[:, 1:n]
     marks.seen[:, n - 1] = 0
     planes.seen[:, n - 1] = 0

@@ -128,10 +128,7 @@ def test_the_prior_equals_what_was_marginalised():
     rng = np.random.default_rng(4)
     w = noisy_window(rng, frames=4)
     w.landmarks.seen[:, 3] = 0  # the newest frame's observations would change hands
-    factors, work = (
-        FACTORS._replace(pixel_limit=1e3, depth_limit=1e3, planes=FACTORS.planes._replace(huber_sd=1e3)),
-        blank_work(SLOTS, POINTS, PLANES),
-    )
+    factors, work = QUADRATIC, blank_work(SLOTS, POINTS, PLANES)
     kernel.minimise(w, factors, work, 25, 0.0)
     whole = copy.deepcopy(w)
     kernel.marginalize_oldest(w, factors, work, np.zeros(POINTS, np.uint8))
