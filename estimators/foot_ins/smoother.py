@@ -176,7 +176,7 @@ def _move(window: Window, row: int, moved: Array, end: int, begin: int, reach: i
 
 @njit(**INSIDE)
 def _begin_at(M: Array, dp: Array, dv: Array) -> None:
-    """M <- M T⁻¹ in place, T as of `covariance.shift`."""
+    """M <- M T⁻¹ in place, T as of `strapdown.shift`."""
     p, v, a = D_POSITION, D_VELOCITY, D_ATTITUDE
     for i in range(M.shape[0]):
         for k in range(3):
@@ -351,11 +351,11 @@ class FootInsSmoother:
         """The path over the usable samples of a block and those held before, the last ones smoothed with less."""
         out = _rows(len(block) + self.held)
         n = self._take(block.t_ns, block.columns["angular_rate"], block.columns["specific_force"], out)
-        return self._told(out, n)
+        return self._path(out, n)
 
     def finish(self) -> FootInsPath:
         """The samples not yet returned, smoothed with what is available."""
-        return self._told(_rows(self.held), 0)
+        return self._path(_rows(self.held), 0)
 
     @property
     def nis(self) -> float:
@@ -367,7 +367,7 @@ class FootInsSmoother:
         """Number of samples not yet returned."""
         return int(self._window.place[HELD])
 
-    def _told(self, out: Rows, n: int) -> FootInsPath:
+    def _path(self, out: Rows, n: int) -> FootInsPath:
         """The first `n` rows, and all that is still held."""
         n = drain(self._window, out, n)
         return FootInsPath.of(out[0][:n], out[1][:n], out[2][:n], out[3][:n], out[4][:n])

@@ -171,11 +171,11 @@ def _pose_columns(G: Array, o: int, to_camera: Array, by_attitude: Array, past: 
 
     See docs/foot_to_foot.md (3).
 
-    δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × led: the force acts in the rotated direction.
+    δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × displacement: the force acts in the rotated direction.
     """
     G[:3, o + D_POSITION : o + D_POSITION + 3] = to_camera
     G[:3, o + D_VELOCITY : o + D_VELOCITY + 3] = -past.age * to_camera
-    G[:3, o + D_ATTITUDE : o + D_ATTITUDE + 3] = by_attitude - cross(to_camera, past.led)
+    G[:3, o + D_ATTITUDE : o + D_ATTITUDE + 3] = by_attitude - cross(to_camera, past.displacement)
     G[:3, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = past.age * (by_attitude @ past.R)
     G[3:, o + D_ATTITUDE : o + D_ATTITUDE + 3] = to_camera
     G[3:, o + D_GYRO_BIAS : o + D_GYRO_BIAS + 3] = past.age * (to_camera @ past.R)

@@ -36,7 +36,7 @@ class PastState(NamedTuple):
         v: (3,) velocity in the world, m/s.
         rate: (3,) angular rate, world axes, rad/s.
         age: Time before the newest sample, s; negative after it.
-        led: (3,) displacement by the specific force since then, world, m.
+        displacement: (3,) displacement by the specific force since then, world, m.
     """
 
     known: bool
@@ -45,7 +45,7 @@ class PastState(NamedTuple):
     v: Array
     rate: Array
     age: float
-    led: Array
+    displacement: Array
 
 
 @njit(**INSIDE)
@@ -82,10 +82,10 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead
         p -= dt * (v + 0.5 * dt * a)
         q = product(middle, half)
         back += 1
-    led = p - x[POSITION : POSITION + 3] + age * x[VELOCITY : VELOCITY + 3]
-    led[2] += 0.5 * gravity * age * age
+    displacement = p - x[POSITION : POSITION + 3] + age * x[VELOCITY : VELOCITY + 3]
+    displacement[2] += 0.5 * gravity * age * age
     R = rotation_matrix(q)
-    return PastState(known, p, R, v, R @ w, age, led)
+    return PastState(known, p, R, v, R @ w, age, displacement)
 
 
 @njit(**INSIDE)
