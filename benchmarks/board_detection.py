@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.checkerboard.detector import BoardDetector
 from stridetwin.estimators.checkerboard.pattern import Lens
-from stridetwin.estimators.checkerboard.pose import BoardSighting, board_poses
+from stridetwin.estimators.checkerboard.pose import BoardObservation, board_poses
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.parts.kinds import CameraPart
 from stridetwin.sim.parts.library import part
@@ -164,25 +164,25 @@ def case(frame: Frame, detector: BoardDetector, rng: np.random.Generator, search
         "searched": searched is not None if search else None,
         "searched_ms": searched_ms,
     }
-    for sighting in (found, searched):
-        if sighting is not None:
-            miss = Lens(camera).pixels(sighting.rays) - true_px[_which(sighting, detector)]
+    for observation in (found, searched):
+        if observation is not None:
+            miss = Lens(camera).pixels(observation.rays) - true_px[_which(observation, detector)]
             result["wrong"] |= bool(np.linalg.norm(miss, axis=1).max() > WRONG_SQUARES * per_square)
     return result | (_errors(found, true_px[_which(found, detector)], T, camera, square) if found is not None else {})
 
 
 def _timed(
     detector: BoardDetector, image: Image, guess: Array | None, way_px: Array | None
-) -> tuple[BoardSighting | None, float]:
+) -> tuple[BoardObservation | None, float]:
     """Detection and its CPU time in ms."""
     start = time.thread_time()
-    sighting = detector.detect(image, guess, motion_px=way_px)
-    return sighting, 1e3 * (time.thread_time() - start)
+    observation = detector.detect(image, guess, motion_px=way_px)
+    return observation, 1e3 * (time.thread_time() - start)
 
 
-def _which(sighting: BoardSighting, detector: BoardDetector) -> NDArray[np.intp]:
+def _which(observation: BoardObservation, detector: BoardDetector) -> NDArray[np.intp]:
     """(M,) indices of the corners."""
-    apart = np.linalg.norm(sighting.points_in_board[:, None] - detector.points_in_board, axis=2)
+    apart = np.linalg.norm(observation.points_in_board[:, None] - detector.points_in_board, axis=2)
     return apart.argmin(axis=1)
 
 
@@ -194,12 +194,12 @@ def _disturbed(T_camera_board: Array, rng: np.random.Generator) -> Array:
 
 
 def _errors(
-    sighting: BoardSighting, true_px: Array, T: Array, camera: CameraCalibration, square_m: float
+    observation: BoardObservation, true_px: Array, T: Array, camera: CameraCalibration, square_m: float
 ) -> dict[str, Any]:  # fmt: skip
     """Errors of corners and pose of a detection."""
-    miss, sd = Lens(camera).pixels(sighting.rays) - true_px, sighting.ray_sd * camera.intrinsics[0]
+    miss, sd = Lens(camera).pixels(observation.rays) - true_px, observation.ray_sd * camera.intrinsics[0]
     result: dict[str, Any] = {"miss_px": miss, "sd_px": sd}
-    poses = board_poses(sighting)
+    poses = board_poses(observation)
     if poses:
         likeliest = poses[0]
         shift = T[:3, 3] - likeliest.T_camera_board[:3, 3]

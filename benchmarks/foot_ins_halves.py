@@ -19,9 +19,9 @@ START = {  # typical orders of magnitude for a consumer sensor and a shoe
     "accel_noise_mps2_rthz": 0.003,
     "accel_motion_noise_per_rthz": 0.003,
     "lever_sd_m": 0.03,
-    "still_velocity_mps": 0.01,
-    "still_level": 1000.0,
-    "still_share": 0.01,
+    "stationary_speed_mps": 0.01,
+    "stationary_level": 1000.0,
+    "stationary_share": 0.01,
     "floor_sd_m": 0.01,
 }
 STEPS = (3.0, 3.0**0.5, 3.0**0.25)  # factors, one sweep each

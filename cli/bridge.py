@@ -19,7 +19,7 @@ from stridetwin.cli.options import ImportableOptions, Options, one_of, positive,
 from stridetwin.cli.outcome import Outcome, Progress
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
-from stridetwin.estimators.methods import current_name
+from stridetwin.estimators.base import current_name
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 
 if TYPE_CHECKING:

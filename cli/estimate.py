@@ -13,8 +13,7 @@ from stridetwin.cli.options import ImportableOptions, one_of
 from stridetwin.cli.outcome import Outcome, Progress
 from stridetwin.cli.recording import imported
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options
-from stridetwin.estimators.methods import current_name
+from stridetwin.estimators.base import MAP, MODES, PATH, STEPS, Declaration, Options, current_name
 from stridetwin.streams.errors import StrideTwinError
 
 if TYPE_CHECKING:

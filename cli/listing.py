@@ -16,7 +16,7 @@ class ListOptions(Options):
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """`list`."""
-    from stridetwin.estimators.registry import estimators
+    from stridetwin.estimators.registry import descriptions
     from stridetwin.scenarios.campaign.campaign_file import campaigns, read_campaign
     from stridetwin.scenarios.scenario_file import PHYSICS, SENSORS, catalogue, read_scenario
     from stridetwin.scenarios.scenario_model import FAULTS
@@ -29,7 +29,7 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     scenarios = {name: read_scenario(path).description for name, path in catalogue().items()}
     placements = {name: read_problem(path).description for name, path in problems().items()}
     many = {name: read_campaign(path).description for name, path in campaigns().items()}
-    known = {name: found.declaration.description for name, found in estimators().items()}
+    known = descriptions()
     data = {
         "scenarios": scenarios,
         "campaigns": many,

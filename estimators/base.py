@@ -30,11 +30,12 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.methods import PROPOSED, current_name
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
 
+PROPOSED, _FORMER = "proposed", "stridetwin"
+"""Method of an estimator that is not from a paper, and its name up to release 0.1."""
 PATH, STEPS, MAP, MODES = KINDS = ("path", "steps", "map", "modes")
 POSES = "/poses"
 """Topic of the poses, `Odometry`, that an estimator of kind map or modes takes from another estimator."""
@@ -95,8 +96,8 @@ class Declaration:
 
     Attributes:
         name: In commands, files and scores.
-        description: One line for `list`.
         kind: One of `KINDS`; decides return type, file, truth and scores.
+        description: One line for `list`, where the module of the entry point has no docstring.
         needs: What a recording must hold, in words: "a recording with <needs>".
         order: Place among the estimators of its kind.
         methods: Names of the algorithms, the default first.
@@ -113,8 +114,8 @@ class Declaration:
     """
 
     name: str
-    description: str
     kind: str
+    description: str = ""
     needs: str = ""
     order: int = 100
     methods: tuple[str, ...] = (PROPOSED,)
@@ -186,3 +187,23 @@ POSE_STREAM = Stream(role="poses", topic=POSES, kind=Odometry)
 def deprecated(old: str, new: str) -> None:
     """Warns the caller's caller of a form that the next release no longer has."""
     warnings.warn(f"{old} is deprecated and will go in the next release; use {new}", DeprecationWarning, stacklevel=3)
+
+
+def current_name(method: str) -> str:
+    """The name of a method today: `stridetwin`, its name up to release 0.1, is `proposed`.
+
+    Warns:
+        DeprecationWarning: The former name was given.
+    """
+    if method != _FORMER:
+        return method
+    warnings.warn(f"method {_FORMER!r} is now {PROPOSED!r}; the former name goes with the next release",
+                  DeprecationWarning, stacklevel=3)  # fmt: skip
+    return PROPOSED
+
+
+def with_current_names(row: Any) -> Any:
+    """A recorded row (JSON values), which may be of an earlier release, with the names of methods today."""
+    if isinstance(row, dict):
+        return {PROPOSED if key == _FORMER else key: with_current_names(value) for key, value in row.items()}
+    return [with_current_names(value) for value in row] if isinstance(row, list) else row

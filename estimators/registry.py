@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+from importlib.abc import InspectLoader
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from typing import Any, cast
 
 from stridetwin.estimators.base import KINDS, Declaration, Estimator
@@ -18,6 +21,15 @@ def names() -> tuple[str, ...]:
         StrideTwinError: Two packages offer the same name.
     """
     return tuple(_points())
+
+
+def descriptions() -> dict[str, str]:
+    """One line about each estimator, by name: the first of its module's docstring, read without importing the module.
+
+    Raises:
+        StrideTwinError: As `estimator`, of a module without docstring.
+    """
+    return {name: _summary(point) or estimator(name).declaration.description for name, point in _points().items()}
 
 
 def estimator(name: str) -> type[Estimator]:
@@ -59,6 +71,17 @@ def estimators(kind: str | None = None) -> dict[str, type[Estimator]]:
 
     every = sorted(map(estimator, names()), key=place)
     return {e.declaration.name: e for e in every if kind in (None, e.declaration.kind)}
+
+
+def _summary(point: EntryPoint) -> str:
+    """First line of the docstring of an entry point's module; "" without a docstring or without Python source."""
+    try:
+        spec = find_spec(point.module)
+        source = spec.loader.get_source(point.module) if spec and isinstance(spec.loader, InspectLoader) else None
+        lines = (ast.get_docstring(ast.parse(source or "")) or "").splitlines()
+    except (ImportError, SyntaxError):
+        return ""
+    return lines[0].rstrip(".") if lines else ""
 
 
 def _points() -> dict[str, EntryPoint]:

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stridetwin.estimators.methods import with_current_names
+from stridetwin.estimators.base import with_current_names
 from stridetwin.scenarios.processes import as_done
 from stridetwin.scenarios.versions import digest
 from stridetwin.streams.files import whole_file

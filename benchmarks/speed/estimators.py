@@ -114,7 +114,7 @@ def _two_foot_figures(walk: Recording, repetitions: int) -> dict[str, float]:
             assert isinstance(sample, Imu | Image | Range)
             estimate = filtering.time(lambda: estimator.update(sample))  # noqa: B023
             images += isinstance(sample, Image)
-            boards += len(estimate.sightings) if estimate else 0
+            boards += len(estimate.observations) if estimate else 0
 
     whole.time(process)
     length_s = walk.duration * repetitions

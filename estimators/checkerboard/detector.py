@@ -6,52 +6,42 @@ Corners are identified if the whole board is visible, or if no other part of it 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.estimators.checkerboard import saddle_points
 from stridetwin.estimators.checkerboard.pattern import BoardPattern, Lens, View, sample
-from stridetwin.estimators.checkerboard.pose import BoardSighting
-from stridetwin.estimators.checkerboard.search import anywhere, around, guessed
+from stridetwin.estimators.checkerboard.pose import BoardObservation
+from stridetwin.estimators.checkerboard.saddle_points import CornerFitParameters
+from stridetwin.estimators.checkerboard.search import SearchParameters, anywhere, around, guessed
 from stridetwin.streams.errors import StrideTwinError, check_numbers
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
-_CLEAR = 0.15  # least deviation from the mean brightness, in half steps, of a clearly bright or dark cell
-_SPOILT = 3  # cells of a whole board that dirt may hide: fewer dark ones than any shift would miss
 
-
-def is_whole(picture: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
+def is_whole(
+    grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array,
+    p: BoardDetectorParameters,
+) -> bool:  # fmt: skip
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
-    Args:
-        picture: (H, W) grey.
-        pattern: The board.
-        view: Its estimated view.
-        corners: (N, 2) squares, detected corners.
-        levels: (N, 2) middle and half step of the brightness at each; both change slowly over a board.
+    `levels` (N, 2) are middle and half step of the brightness at the detected corners (N, 2) squares; both change
+    slowly over a board.
     """
     plane, *_ = np.linalg.lstsq(_plane(corners), levels, rcond=None)
     middle, step = (_plane(pattern.cells) @ plane).T
-    contrast = (sample(picture, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
-    right = contrast * pattern.bright.ravel() > _CLEAR  # False outside the image
-    return int((~right).sum()) <= _SPOILT
+    contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
+    right = contrast * pattern.bright.ravel() > p.clear_contrast  # False outside the image
+    return int((~right).sum()) <= p.hidden_cells_max
 
 
 def is_alone(pattern: BoardPattern, view: View, which: NDArray[np.intp], near: Array, reach_px: float) -> bool:
-    """Whether no other corners of the same board fit within the error of the guess.
+    """Whether no other corners of the same board fit within `reach_px` of the predicted centre `near` (2,) px.
 
     An occluder may be as white as the board's margin (a stair edge is), so the margin proves nothing: the squares
-    around the corners may be any of the board's with the same colours.
-
-    Args:
-        pattern: The board.
-        view: Its estimated view.
-        which: (N,) indices of the detected corners.
-        near: (2,) predicted pixels of the board's centre.
-        reach_px: Largest error of that prediction.
+    around the corners `which` (N,) may be any of the board's with the same colours.
     """
     columns, rows = pattern.shape
     v, u = np.divmod(which, columns)
@@ -68,8 +58,6 @@ def _plane(squares: Array) -> Array:
     return np.column_stack([np.ones(len(squares)), squares])
 
 
-_ROUNDS = 7
-_PASSES = 2
 _BOX = 12.0  # variance of a Gaussian that blurs as much as a box: its width squared over this
 
 
@@ -85,7 +73,7 @@ class Smear:
     blur: Array
     motion: Array | None
 
-    def ways(self, sharp: Array) -> Array:
+    def total_motion(self, sharp: Array) -> Array:
         """(2,) motion along u and v, squares, of equal blur, where `sharp` (2,) is the blur at rest."""
         motion = np.zeros(2) if self.motion is None else self.motion
         return np.sqrt(_BOX * np.maximum(self.blur**2 - sharp**2, 0.0) + motion**2)
@@ -129,6 +117,11 @@ class BoardDetectorParameters:
         max_streak: The same along both axes: along the diagonal squares have one colour, which hides the motion.
         smeared_share: Least share of all corners that a smeared board must show.
         smeared_misfit: Largest misfit of its median corner.
+        clear_contrast: Least difference from the mean brightness, in half steps, of a clearly bright or dark cell.
+        hidden_cells_max: Cells of a whole board that dirt may hide: fewer dark ones than any shift would miss.
+        passes: Largest number of refits of the view, because one from few corners is inaccurate at the others.
+        fit: Of each corner.
+        search: Of candidate views.
         corner_sd_px: Error of a corner in addition to its residuals, pixels: remaining errors of lens and print.
         smear_sd: The same, as a share of the motion that blurs the board.
     """
@@ -149,10 +142,16 @@ class BoardDetectorParameters:
     smeared_misfit: float = 0.12
     corner_sd_px: float = 0.02
     smear_sd: float = 0.01
+    clear_contrast: float = 0.15
+    hidden_cells_max: int = 3
+    passes: int = 2
+    fit: CornerFitParameters = field(default_factory=CornerFitParameters)
+    search: SearchParameters = field(default_factory=SearchParameters)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number > 0."""
-        check_numbers("BoardDetectorParameters", asdict(self))
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("fit", "search")}
+        check_numbers("BoardDetectorParameters", values | self.fit._asdict())
 
 
 class BoardDetector:
@@ -179,10 +178,9 @@ class BoardDetector:
         self.points_in_board = self._pattern.points_in_board
 
     def predict(self, T_camera_board: ArrayLike) -> Array | None:
-        """(M, 2) pixels of all corners, also outside the image; None if behind the camera or seen from behind.
+        """(M, 2) pixels of all corners, also outside the image, of a board at a pose (4, 4) in the optical frame.
 
-        Args:
-            T_camera_board: (4, 4) pose of the board in the camera's optical frame.
+        None if it is behind the camera or seen from behind.
         """
         T = np.asarray(T_camera_board, dtype=float)
         if T[:3, 3] @ T[:3, 2] >= 0:
@@ -194,12 +192,8 @@ class BoardDetector:
         return pixels if np.isfinite(pixels).all() else None
 
     def detect(
-        self,
-        image: Image,
-        guess: Array | None = None,
-        guess_error_px: float = 40.0,
-        motion_px: Array | None = None,
-    ) -> BoardSighting | None:
+        self, image: Image, guess: Array | None = None, guess_error_px: float = 40.0, motion_px: Array | None = None
+    ) -> BoardObservation | None:
         """Detects the corners of the board in one image.
 
         With a guess, only that region is searched, in a few milliseconds, and a partly visible or blurred board is
@@ -219,45 +213,43 @@ class BoardDetector:
         Raises:
             StrideTwinError: An image of another shape than the camera's, or a guess of another shape than the board's.
         """
-        picture = self._grey(image)
+        grey = self._grey(image)
         near = None if guess is None else np.mean(guess, axis=0)
-        for rough in self._candidates(picture, guess, guess_error_px):
-            fit = self._fitted(picture, rough, motion_px)
-            if fit is not None and self._unmistakable(picture, fit, near, guess_error_px):
-                return BoardSighting(
-                    topic=image.topic,
-                    t_ns=image.t_ns + self._shift_ns,
-                    points_in_board=self.points_in_board[fit.which],
-                    rays=self._lens.rays(fit.corners[:, :2]),
+        for rough in self._candidates(grey, guess, guess_error_px):
+            fit = self._fitted(grey, rough, motion_px)
+            if fit is not None and self._unmistakable(grey, fit, near, guess_error_px):
+                return BoardObservation(
+                    topic=image.topic, t_ns=image.t_ns + self._shift_ns,
+                    points_in_board=self.points_in_board[fit.which], rays=self._lens.rays(fit.corners[:, :2]),
                     ray_sd=fit.sd_px / self._lens.focal_px,
-                )
+                )  # fmt: skip
         return None
 
     def _grey(self, image: Image) -> NDArray[np.uint8]:
         width, height = self._lens.size
         if image.pixels.shape != (height, width) or image.pixels.dtype != np.uint8:
             raise StrideTwinError(
-                f"{image.topic}: picture of shape {image.pixels.shape} and type {image.pixels.dtype}; "
+                f"{image.topic}: image of shape {image.pixels.shape} and type {image.pixels.dtype}; "
                 f"the calibration says ({height}, {width}), uint8"
             )
         return np.ascontiguousarray(image.pixels)
 
-    def _candidates(self, picture: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
+    def _candidates(self, grey: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
         if guess is None:
-            yield from anywhere(picture, self._pattern, self._lens)
+            yield from anywhere(grey, self._pattern, self._lens, self._parameters.search)
             return
         if np.shape(guess) != self._pattern.corners.shape:
             raise StrideTwinError(f"guess of shape {np.shape(guess)}; the board has {self._pattern.corners.shape}")
         if (view := guessed(self._pattern, self._lens, np.asarray(guess, dtype=float))) is not None:
-            yield from around(picture, self._pattern, view, error_px)
+            yield from around(grey, self._pattern, view, error_px, self._parameters.search)
 
-    def _fitted(self, picture: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
+    def _fitted(self, grey: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
         """The refined view and its accepted corners; None if there are too few."""
         p, corners = self._parameters, self._pattern.corners
         motion = None if motion_px is None else rough.squares_of(motion_px)
         if motion is not None and not _readable(np.abs(motion), p):
             return None
-        first = self._fit(picture, rough, Smear(blur=np.full(2, p.blur_sd), motion=motion), True)
+        first = self._fit(grey, rough, Smear(blur=np.full(2, p.blur_sd), motion=motion), True)
         good = first[:, saddle_points.OK] > 0
         if good.sum() < p.min_corners:
             return None
@@ -268,55 +260,55 @@ class BoardDetector:
         blur = np.median(first[good][:, (saddle_points.BLUR_U, saddle_points.BLUR_V)], axis=0)
         sharp = p.sharp_px / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
         smear, fits = min(
-            ((smear, self._fit(picture, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
+            ((smear, self._fit(grey, view, smear, False)) for smear in self._smears(blur, motion, sharp)),
             key=lambda tried: _misfit(tried[1]),
         )
-        ways = smear.ways(sharp)
-        fit = self._held(view, fits, ways)
-        for _ in range(_PASSES):  # a view from few corners is inaccurate at the others
+        motion_uv = smear.total_motion(sharp)
+        fit = self._held(view, fits, motion_uv)
+        for _ in range(self._parameters.passes):
             if len(fit.which) in (len(corners), 0):
                 break
             closer = View.through(self._lens, corners[fit.which], self._lens.rays(fit.corners[:, :2]))
             if closer is None:
                 break
-            again = self._held(closer, self._fit(picture, closer, smear, False), ways)
+            again = self._held(closer, self._fit(grey, closer, smear, False), motion_uv)
             if len(again.which) <= len(fit.which):
                 break
             fit = again
-        return fit if self._enough(fit, ways) else None
+        return fit if self._enough(fit, motion_uv) else None
 
-    def _held(self, view: View, fits: Array, ways: Array) -> BoardFit:
+    def _held(self, view: View, fits: Array, motion_uv: Array) -> BoardFit:
         """The corners that are certain enough and consistent with a plane board."""
         p, size = self._parameters, view.size_px(self._pattern.corners)
         shown = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
-        sd = np.sqrt(shown**2 + p.corner_sd_px**2 + (p.smear_sd * np.linalg.norm(ways) * size) ** 2)
+        sd = np.sqrt(shown**2 + p.corner_sd_px**2 + (p.smear_sd * np.linalg.norm(motion_uv) * size) ** 2)
         off = np.linalg.norm(fits[:, :2] - view.pixels(self._pattern.corners), axis=1)
         even = (off < np.maximum(p.flatness * size, 5 * sd)) & (sd < p.max_corner_sd * size)
         which = np.flatnonzero((fits[:, saddle_points.OK] > 0) & even)
         return BoardFit(view=view, which=which, corners=fits[which], sd_px=sd[which])
 
-    def _enough(self, fit: BoardFit, ways: Array) -> bool:
+    def _enough(self, fit: BoardFit, motion_uv: Array) -> bool:
         """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more."""
-        p, count, length = self._parameters, len(fit.which), np.linalg.norm(ways)
+        p, count, length = self._parameters, len(fit.which), np.linalg.norm(motion_uv)
         if length <= p.max_sharp:
             return count >= p.min_corners
         many = count >= p.smeared_share * len(self._pattern.corners)
-        return bool(many and _readable(ways, p) and _misfit(fit.corners) < p.smeared_misfit)
+        return bool(many and _readable(motion_uv, p) and _misfit(fit.corners) < p.smeared_misfit)
 
     def _smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
         """Possible blurs: a motion that smears both families of edges has one of two directions."""
         yield Smear(blur=blur, motion=motion)
-        ways = Smear(blur=blur, motion=None).ways(sharp)
-        if motion is None and ways.min() > self._parameters.min_smear:
+        motion_uv = Smear(blur=blur, motion=None).total_motion(sharp)
+        if motion is None and motion_uv.min() > self._parameters.min_smear:
             for sense in (1.0, -1.0):
-                yield Smear(blur=sharp, motion=ways * (1.0, sense))
+                yield Smear(blur=sharp, motion=motion_uv * (1.0, sense))
 
-    def _fit(self, picture: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
+    def _fit(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
         """(M, COLUMNS) fits of all corners; OK are those with little misfit and the common step in brightness."""
         p, corners, colour = self._parameters, self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
         fits = saddle_points.fit_corners(
-            picture, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, _ROUNDS
+            grey, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur, p.fit
         )
         step = fits[:, saddle_points.STEP]
         good = (fits[:, saddle_points.OK] > 0) & (fits[:, saddle_points.RMS] < p.max_misfit * step)
@@ -325,18 +317,18 @@ class BoardDetector:
         return fits
 
     def _unmistakable(
-        self, picture: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
+        self, grey: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
     ) -> bool:  # fmt: skip
         """Whether the identity of the corners is certain."""
         if near is not None and is_alone(self._pattern, fit.view, fit.which, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]
-        return is_whole(picture, self._pattern, fit.view, self._pattern.corners[fit.which], levels)
+        return is_whole(grey, self._pattern, fit.view, self._pattern.corners[fit.which], levels, self._parameters)
 
 
-def _readable(ways: Array, parameters: BoardDetectorParameters) -> bool:
+def _readable(motion_uv: Array, parameters: BoardDetectorParameters) -> bool:
     """Whether a board that moves by (2,) squares along u and v during the exposure keeps its pattern."""
-    return bool(np.linalg.norm(ways) <= parameters.max_smear and ways.min() <= parameters.max_streak)
+    return bool(np.linalg.norm(motion_uv) <= parameters.max_smear and motion_uv.min() <= parameters.max_streak)
 
 
 def _misfit(fits: Array) -> float:

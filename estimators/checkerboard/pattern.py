@@ -133,16 +133,9 @@ class View:
 
     @classmethod
     def through(cls, lens: Lens, squares: Array, rays: Array, tolerance: float = 0.0) -> View | None:
-        """The view that maps (N, 2) squares to (N, 2) rays.
+        """The view that maps (N, 2) squares to (N, 2) rays; None if none does, or if it shows the board from behind.
 
-        Args:
-            lens: Camera's lens.
-            squares: Points of the board.
-            rays: Their observations.
-            tolerance: Points farther off are outliers (RANSAC); 0 = all are inliers.
-
-        Returns:
-            None if there is no such homography, or if it shows the board from behind.
+        Points farther off than `tolerance` are outliers (RANSAC); 0 = all are inliers.
         """
         if len(squares) < 4:
             return None
@@ -187,12 +180,12 @@ class View:
         return np.sqrt(np.abs(u[0] * v[1] - u[1] * v[0]))
 
 
-def sample(picture: NDArray[np.uint8], pixels: Array) -> NDArray[np.float32]:
+def sample(image: NDArray[np.uint8], pixels: Array) -> NDArray[np.float32]:
     """(N,) brightness at (N, 2) pixels, bilinear; NaN outside the image."""
-    height, width = picture.shape
+    height, width = image.shape
     inside = np.all((pixels >= 0) & (pixels <= np.array([width - 1, height - 1])), axis=1)  # false for NaN as well
     at = np.where(inside[:, None], pixels, 0.0).astype(np.float32).reshape(-1, 1, 2)
-    grey = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
+    grey = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
     return np.where(inside, grey, np.nan).astype(np.float32)
 
 

@@ -16,7 +16,7 @@ MIN_POINTS, MAX_POINTS = 4, 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BoardSighting:
+class BoardObservation:
     """Corners of one board in one image; each corner's identity is certain, its position is not.
 
     Attributes:
@@ -37,13 +37,13 @@ class BoardSighting:
         """Raises ConfigError where an array has another shape or is not finite."""
         m = len(self.points_in_board)
         if not MIN_POINTS <= m <= MAX_POINTS:
-            raise ConfigError("BoardSighting", "points_in_board", m, f"{MIN_POINTS} to {MAX_POINTS} points")
+            raise ConfigError("BoardObservation", "points_in_board", m, f"{MIN_POINTS} to {MAX_POINTS} points")
         for name, shape in (("points_in_board", (m, 3)), ("rays", (m, 2)), ("ray_sd", (m,))):
             value = getattr(self, name)
             if np.shape(value) != shape or not np.all(np.isfinite(value)):
-                raise ConfigError("BoardSighting", name, value, f"finite numbers of shape {shape}")
+                raise ConfigError("BoardObservation", name, value, f"finite numbers of shape {shape}")
         if not np.all(self.ray_sd > 0.0):
-            raise ConfigError("BoardSighting", "ray_sd", self.ray_sd, "numbers > 0")
+            raise ConfigError("BoardObservation", "ray_sd", self.ray_sd, "numbers > 0")
 
 
 CHI2_GATE = 9.0
@@ -68,30 +68,27 @@ class BoardPose:
     chi2: float
 
 
-def board_poses(sighting: BoardSighting) -> tuple[BoardPose, ...]:
+def board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
     """All locally optimal poses for the corners of one image, the most likely first.
 
     From far away a plane tilted one way looks nearly like the same plane tilted the other way: both solutions of
     Collins & Bartoli 2014 (IPPE, IJCV 109:252) are refined on the corners, each weighted by its certainty.
 
-    Args:
-        sighting: Corners of one board.
-
     Returns:
         Two poses, or one if both solutions converge to the same; none if the corners are collinear.
     """
-    points, rays = sighting.points_in_board, sighting.rays
+    points, rays = observation.points_in_board, observation.rays
     spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
     if spread[1] < _LEAST_SPREAD * spread[0]:
         return ()
-    count, turns, places, _ = cv2.solvePnPGeneric(
+    count, rotations, positions, _ = cv2.solvePnPGeneric(
         points, rays.reshape(-1, 1, 2), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
     poses: list[BoardPose] = []
     for i in range(count):
         start = np.eye(4)
-        start[:3, :3], start[:3, 3] = cv2.Rodrigues(turns[i])[0], places[i].ravel()
-        pose = _refined(sighting, start) if np.isfinite(start).all() else None
+        start[:3, :3], start[:3, 3] = cv2.Rodrigues(rotations[i])[0], positions[i].ravel()
+        pose = _refined(observation, start) if np.isfinite(start).all() else None
         if pose is not None and not any(_same(pose, other) for other in poses):
             poses.append(pose)
     return tuple(sorted(poses, key=lambda pose: pose.chi2))
@@ -114,26 +111,26 @@ def admissible(
     if R_camera_board is not None and np.isfinite(rotation_sd):
         known = np.asarray(R_camera_board, dtype=float)
         for i, pose in enumerate(poses):
-            turn = cv2.Rodrigues(pose.T_camera_board[:3, :3] @ known.T)[0].ravel()
-            costs[i] += float(turn @ np.linalg.solve(pose.covariance[3:, 3:] + rotation_sd**2 * np.eye(3), turn))
+            off = cv2.Rodrigues(pose.T_camera_board[:3, :3] @ known.T)[0].ravel()
+            costs[i] += float(off @ np.linalg.solve(pose.covariance[3:, 3:] + rotation_sd**2 * np.eye(3), off))
     return tuple(pose for pose, cost in zip(poses, costs) if cost <= min(costs) + CHI2_GATE)
 
 
-def _refined(sighting: BoardSighting, T_camera_board: Array) -> BoardPose | None:
+def _refined(observation: BoardObservation, T_camera_board: Array) -> BoardPose | None:
     """Gauss-Newton from a start; None if the board leaves the space in front of the camera."""
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
-    sd = np.broadcast_to(sighting.ray_sd, len(sighting.rays))
+    sd = np.broadcast_to(observation.ray_sd, len(observation.rays))
     for _ in range(_ROUNDS):
-        turned = sighting.points_in_board @ R.T
-        x, y, z = (turned + p).T
+        rotated = observation.points_in_board @ R.T
+        x, y, z = (rotated + p).T
         if z.min() <= 0:
             return None
-        residual = (sighting.rays - np.column_stack([x, y]) / z[:, None]) / sd[:, None]
-        by_place = np.zeros((len(z), 2, 3))
-        by_place[:, 0, 0] = by_place[:, 1, 1] = 1 / z
-        by_place[:, 0, 2], by_place[:, 1, 2] = -x / z**2, -y / z**2
-        by_turn = np.cross(turned[:, None, :], by_place)  # P moves by rotation x turned
-        J = np.concatenate([by_place, by_turn], axis=2) / sd[:, None, None]
+        residual = (observation.rays - np.column_stack([x, y]) / z[:, None]) / sd[:, None]
+        by_position = np.zeros((len(z), 2, 3))
+        by_position[:, 0, 0] = by_position[:, 1, 1] = 1 / z
+        by_position[:, 0, 2], by_position[:, 1, 2] = -x / z**2, -y / z**2
+        by_rotation = np.cross(rotated[:, None, :], by_position)  # P moves by rotation x rotated
+        J = np.concatenate([by_position, by_rotation], axis=2) / sd[:, None, None]
         J = J.reshape(-1, 6)
         N = J.T @ J
         if np.linalg.matrix_rank(N, hermitian=True) < 6:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +15,48 @@ from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
 
-HALF = 0.55
-"""A corner is fitted to the image within this many squares of it, along both edges."""
 X, Y, MEAN, STEP, BLUR_U, BLUR_V, RMS, V_XX, V_XY, V_YY, OK = range(11)
 COLUMNS = 11
 """Columns of a fit: pixel, mean brightness and half the step, blur across both edges (squares), RMS residual,
 covariance of the pixel for grey values of variance 1, and 1 if the fit is valid."""
 
-_PARAMETERS = 6  # x, y, mean, contrast, blur across u, blur across v
-_MIN_PIXELS = 12
-_BLUR_LIMITS = (0.02, 0.6)
-_DAMPING = 1e-3
-_LONGEST = 0.2  # step of the corner, squares
-_ROUGH = 2  # rounds before the blur is fitted: far from the corner it would shrink
-_STEP_SD, _MOST_STEPS = 1.5, 12  # steps of an average over a motion: their length in blurs, and their largest number
-_PLENTY_PX2 = 64.0  # larger squares that are smeared use every other pixel each way
-_SETTLED_PX = 3e-3  # Gauss-Newton has converged quadratically: the next step would be a thousandth of this
+_UNKNOWNS = 6  # x, y, mean, contrast, blur across u, blur across v
+
+
+class CornerFitParameters(NamedTuple):
+    """The fit of one corner to the image; hand-chosen.
+
+    Attributes:
+        half: A corner is fitted to the image within this distance of it along both edges, squares.
+        pixels_min: Least number of pixels there.
+        blur_min: Least blur, squares.
+        blur_max: Largest blur, squares.
+        blur_information: Information of the prior on the blur, over the contrast squared: the blur of a corner of few
+            pixels is not observable.
+        damping: Of the Gauss-Newton steps, relative.
+        step_max: Longest step of the corner, squares.
+        position_rounds: Rounds before the blur is fitted too: far from the corner it would shrink.
+        rounds: Largest number of rounds.
+        settled_px: Smaller steps end the fit: quadratic convergence, so the next step would be a thousandth of this.
+        sample_blurs: Distance between the samples of an average over a motion, as a multiple of the blur.
+        samples_max: Their largest number.
+        sparse_px2: Larger squares that are smeared use every other pixel each way.
+    """
+
+    half: float = 0.55
+    pixels_min: int = 12
+    blur_min: float = 0.02
+    blur_max: float = 0.6
+    blur_information: float = 0.1
+    damping: float = 1e-3
+    step_max: float = 0.2
+    position_rounds: int = 2
+    rounds: int = 7
+    settled_px: float = 3e-3
+    sample_blurs: float = 1.5
+    samples_max: int = 12
+    sparse_px2: float = 64.0
+
 
 _Z_MAX, _PER_Z = 4.0, 64
 _Z = np.linspace(-_Z_MAX, _Z_MAX, int(2 * _Z_MAX * _PER_Z) + 1)
@@ -39,8 +66,8 @@ _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 
 @cached(_HERE)
 def fit_corners(
-    picture: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
-    rounds: int,
+    image: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool,
+    p: CornerFitParameters,
 ) -> Array:  # fmt: skip
     """Fits the brightness around every corner; unknown are the corner's position, two brightnesses and the blur.
 
@@ -50,14 +77,14 @@ def fit_corners(
     is averaged over the motion.
 
     Args:
-        picture: (H, W) grey.
+        image: (H, W) grey.
         start: (N, 2) predicted corners, pixels.
         edges: (N, 2, 2) one square along u (first row) and along v (second), pixels.
         colour: (N,) +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
         blur: (2,) initial standard deviation of the blur across the edges u = 0 and v = 0, squares.
         motion: (2,) motion of the board during the exposure along u and v, squares, if not part of `blur`.
         fit_blur: Whether the blur of each corner is fitted; otherwise it is fixed.
-        rounds: Most iterations.
+        p: Of the fit.
 
     Returns:
         (N, COLUMNS); rows that are not OK left the image or fit no corner of the right colours.
@@ -65,7 +92,7 @@ def fit_corners(
     found = np.zeros((len(start), COLUMNS))
     for n in range(len(start)):
         if math.isfinite(start[n, 0] + start[n, 1]):
-            _fit(picture, start[n], edges[n], colour[n], blur, motion, fit_blur, rounds, found[n])
+            _fit(image, start[n], edges[n], colour[n], blur, motion, fit_blur, p, found[n])
     return found
 
 
@@ -91,23 +118,23 @@ def _wave(u: float, sd: float) -> tuple[float, float, float]:
 
 @cached(_HERE, error_model="numpy")
 def _fit(
-    picture: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
-    fit_blur: bool, rounds: int, out: Array,
+    image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
+    fit_blur: bool, p: CornerFitParameters, out: Array,
 ) -> None:  # fmt: skip
-    height, width = picture.shape
+    height, width = image.shape
     area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
     if abs(area) < 1.0:
         return
     ux, uy = edges[1, 1] / area, -edges[1, 0] / area  # gradients of u and v in the image
     vx, vy = -edges[0, 1] / area, edges[0, 0] / area
-    reach_x = HALF * (abs(edges[0, 0]) + abs(edges[1, 0]))
-    reach_y = HALF * (abs(edges[0, 1]) + abs(edges[1, 1]))
+    reach_x = p.half * (abs(edges[0, 0]) + abs(edges[1, 0]))
+    reach_y = p.half * (abs(edges[0, 1]) + abs(edges[1, 1]))
     left, right = math.floor(start[0] - reach_x), math.ceil(start[0] + reach_x)
     top, bottom = math.floor(start[1] - reach_y), math.ceil(start[1] + reach_y)
     if left < 0 or top < 0 or right >= width or bottom >= height:
         return
-    ways = min(1 + int(max(abs(motion[0]) / blur[0], abs(motion[1]) / blur[1]) / _STEP_SD), _MOST_STEPS)
-    pace = 2 if ways > 1 and abs(area) > _PLENTY_PX2 else 1
+    samples = min(1 + int(max(abs(motion[0]) / blur[0], abs(motion[1]) / blur[1]) / p.sample_blurs), p.samples_max)
+    pace = 2 if samples > 1 and abs(area) > p.sparse_px2 else 1
     size = (right - left + 1) * (bottom - top + 1)
     dx, dy, grey = np.empty(size), np.empty(size), np.empty(size)
     count = 0
@@ -115,36 +142,36 @@ def _fit(
     for row in range(top, bottom + 1, pace):
         for column in range(left, right + 1, pace):
             px, py = column - start[0], row - start[1]
-            if abs(ux * px + uy * py) <= HALF and abs(vx * px + vy * py) <= HALF:
-                dx[count], dy[count], grey[count] = px, py, picture[row, column]
+            if abs(ux * px + uy * py) <= p.half and abs(vx * px + vy * py) <= p.half:
+                dx[count], dy[count], grey[count] = px, py, image[row, column]
                 mean += grey[count]
                 count += 1
-    if count < _MIN_PIXELS:
+    if count < p.pixels_min:
         return
     mean /= count
     x, y, contrast, blur_u, blur_v = 0.0, 0.0, 0.0, blur[0], blur[1]
-    free = _PARAMETERS if fit_blur else _PARAMETERS - 2
-    N, g, J = np.zeros((free, free)), np.zeros(free), np.zeros(_PARAMETERS)
+    free = _UNKNOWNS if fit_blur else _UNKNOWNS - 2
+    N, g, J = np.zeros((free, free)), np.zeros(free), np.zeros(_UNKNOWNS)
     settled = False
-    for iteration in range(rounds + 1):
+    for iteration in range(p.rounds + 1):
         N[:], g[:] = 0.0, 0.0
         squares = 0.0
         for i in range(count):
             u = ux * (dx[i] - x) + uy * (dy[i] - y)
             v = vx * (dx[i] - x) + vy * (dy[i] - y)
             by_x, by_y, by_contrast, by_blur_u, by_blur_v = 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(ways):
-                way = (k + 0.5) / ways - 0.5
-                wave_u, slope_u, widen_u = _wave(u + way * motion[0], blur_u)
-                wave_v, slope_v, widen_v = _wave(v + way * motion[1], blur_v)
+            for k in range(samples):
+                share = (k + 0.5) / samples - 0.5
+                wave_u, slope_u, widen_u = _wave(u + share * motion[0], blur_u)
+                wave_v, slope_v, widen_v = _wave(v + share * motion[1], blur_v)
                 du, dv = slope_u * wave_v, wave_u * slope_v
                 by_x -= du * ux + dv * vx
                 by_y -= du * uy + dv * vy
                 by_contrast += wave_u * wave_v
                 by_blur_u += widen_u * wave_v
                 by_blur_v += wave_u * widen_v
-            scale = contrast / ways
-            J[0], J[1], J[2], J[3] = scale * by_x, scale * by_y, 1.0, by_contrast / ways
+            scale = contrast / samples
+            J[0], J[1], J[2], J[3] = scale * by_x, scale * by_y, 1.0, by_contrast / samples
             J[4], J[5] = scale * by_blur_u, scale * by_blur_v
             r = grey[i] - mean - contrast * J[3]
             squares += r * r
@@ -164,23 +191,23 @@ def _fit(
             if contrast * colour <= 0.0:
                 return
             continue
-        if settled or iteration == rounds:
+        if settled or iteration == p.rounds:
             break
         for j in range(free):
-            N[j, j] *= 1.0 + _DAMPING
+            N[j, j] *= 1.0 + p.damping
             N[j, j] += 1e-9
         if fit_blur:  # weak prior: the blur of a corner of few pixels is not observable
-            N[4, 4] += 0.1 * contrast * contrast
-            N[5, 5] += 0.1 * contrast * contrast
+            N[4, 4] += p.blur_information * contrast * contrast
+            N[5, 5] += p.blur_information * contrast * contrast
         step = np.linalg.solve(N, g)
-        way = max(abs(ux * step[0] + uy * step[1]), abs(vx * step[0] + vy * step[1]))
-        step[:2] *= min(1.0, _LONGEST / (way + 1e-12))
+        moved = max(abs(ux * step[0] + uy * step[1]), abs(vx * step[0] + vy * step[1]))
+        step[:2] *= min(1.0, p.step_max / (moved + 1e-12))
         x, y, mean, contrast = x + step[0], y + step[1], mean + step[2], contrast + step[3]
-        settled = abs(step[0]) + abs(step[1]) < _SETTLED_PX and (iteration > _ROUGH or not fit_blur)
-        if fit_blur and iteration > _ROUGH:
-            blur_u = min(max(blur_u + step[4], 0.5 * blur_u, _BLUR_LIMITS[0]), 2.0 * blur_u, _BLUR_LIMITS[1])
-            blur_v = min(max(blur_v + step[5], 0.5 * blur_v, _BLUR_LIMITS[0]), 2.0 * blur_v, _BLUR_LIMITS[1])
-        if abs(ux * x + uy * y) > HALF or abs(vx * x + vy * y) > HALF or contrast * colour <= 0.0:
+        settled = abs(step[0]) + abs(step[1]) < p.settled_px and (iteration > p.position_rounds or not fit_blur)
+        if fit_blur and iteration > p.position_rounds:
+            blur_u = min(max(blur_u + step[4], 0.5 * blur_u, p.blur_min), 2.0 * blur_u, p.blur_max)
+            blur_v = min(max(blur_v + step[5], 0.5 * blur_v, p.blur_min), 2.0 * blur_v, p.blur_max)
+        if abs(ux * x + uy * y) > p.half or abs(vx * x + vy * y) > p.half or contrast * colour <= 0.0:
             return
     det = N[0, 0] * N[1, 1] - N[0, 1] ** 2
     if det <= 0.0 or count <= free:

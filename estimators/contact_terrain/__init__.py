@@ -1,4 +1,4 @@
-"""Estimates slope and step height from the legs of an exoskeleton."""
+"""Slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles."""
 
 from stridetwin.estimators.contact_terrain.estimate import MODES, UNKNOWN, StepEstimate
 from stridetwin.estimators.contact_terrain.filter import METHODS, ContactTerrain

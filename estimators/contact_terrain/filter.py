@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar, Protocol
 
-from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream, deprecated
+from stridetwin.estimators.base import PROPOSED, STEPS, Declaration, Options, Stream, current_name, deprecated
 from stridetwin.estimators.contact_terrain.estimate import StepEstimate
 from stridetwin.estimators.contact_terrain.geometry import (
     METADATA_KEY,
@@ -18,7 +18,6 @@ from stridetwin.estimators.contact_terrain.proposed import Proposed
 from stridetwin.estimators.contact_terrain.published import Published
 from stridetwin.estimators.contact_terrain.step_class import TerrainSvm
 from stridetwin.estimators.contact_terrain.ticks import Gather, Tick
-from stridetwin.estimators.methods import current_name
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Ahrs, Encoder, Insole, Sample
@@ -51,7 +50,6 @@ class ContactTerrain:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="contact_terrain", kind=STEPS, order=1, methods=METHODS, budget_s=0.05,
-        description="slope, step height and class of each step from an exoskeleton's AHRS, encoders and insoles",
         needs="an exoskeleton's AHRS, encoders and insoles",
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Visual-inertial odometry with depth."""
+"""Path of a head- or chest-worn RGB-D camera with IMU."""
 
 from stridetwin.estimators.dvio.filter import MOUNTS, Dvio, DvioEstimate
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters

@@ -9,7 +9,7 @@ from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 
-def turned(M: Array, v: Array) -> Array:
+def matvec(M: Array, v: Array) -> Array:
     """(..., 3) products of matrices (..., 3, 3) and vectors (..., 3)."""
     return np.asarray((M @ v[..., None])[..., 0])
 
@@ -54,7 +54,7 @@ def sparse_mul(F: Array, P: Array) -> Array:
 
 
 @njit(error_model="numpy", **INSIDE)
-def carried(F: Array, P: Array) -> Array:
+def propagated(F: Array, P: Array) -> Array:
     """(n, n) F P Fᵀ of a symmetric P."""
     return sparse_mul(F, np.ascontiguousarray(sparse_mul(F, P).T))
 

@@ -14,10 +14,10 @@ from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate,
 from stridetwin.estimators.contact_terrain.geometry import Exoskeleton
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.feet import Feet
-from stridetwin.estimators.dvio.initializer import Alignment, Starter
-from stridetwin.estimators.dvio.nav_state import Live
+from stridetwin.estimators.dvio.initializer import Alignment, Initializer
+from stridetwin.estimators.dvio.nav_state import NavState
 from stridetwin.estimators.dvio.parameters import METHODS, DvioParameters, named
-from stridetwin.estimators.dvio.sliding_window import Core, Picture
+from stridetwin.estimators.dvio.sliding_window import CameraFrame, Core
 from stridetwin.estimators.dvio.tracker import Stereo, with_depth, with_stereo
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
@@ -25,7 +25,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
-TRACKING, COASTING, LOST = "tracking", "coasting", "lost"
+TRACKING, IMU_ONLY, LOST = "tracking", "imu_only", "lost"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,8 +40,8 @@ class DvioEstimate:
         v_imu_in_world: (3,) m/s.
         gyro_bias: (3,) rad/s.
         accel_bias: (3,) m/s².
-        health: `tracking`; `coasting`: IMU only, for lack of points or images; or `lost`: from a failure until a new
-            start. While lost, the pose is frozen and its covariance grows accordingly.
+        health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a
+            new start. While lost, the pose is frozen and its covariance grows accordingly.
     """
 
     t_ns: int
@@ -52,10 +52,10 @@ class DvioEstimate:
     health: str
 
     @classmethod
-    def of(cls, live: Live, health: str, frame: str = "") -> DvioEstimate:
+    def of(cls, nav: NavState, health: str, frame: str = "") -> DvioEstimate:
         """A copy of a propagated state."""
-        T_world_imu, covariance = kernel.told(live)
-        t_ns = int(live.t_ns[0])
+        T_world_imu, covariance = kernel.pose_and_covariance(nav)
+        t_ns = int(nav.t_ns[0])
         return cls(
             t_ns=t_ns,
             pose=Pose(
@@ -66,9 +66,9 @@ class DvioEstimate:
                 covariance=covariance,
                 valid=health != LOST,
             ),
-            v_imu_in_world=live.v.copy(),
-            gyro_bias=live.bias[:3].copy(),
-            accel_bias=live.bias[3:].copy(),
+            v_imu_in_world=nav.v.copy(),
+            gyro_bias=nav.bias[:3].copy(),
+            accel_bias=nav.bias[3:].copy(),
             health=health,
         )
 
@@ -113,20 +113,14 @@ class Dvio:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="dvio", kind=PATH, order=3, methods=tuple(METHODS), mounts=MOUNTS, leads=True, label="",
-        description="path of a head- or chest-worn RGB-D camera with IMU",
         needs="an RGB-D camera with IMU on head or chest",
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
     )  # fmt: skip
 
     def __init__(
-        self,
-        rig: Rig,
-        *,
-        options: Options | None = None,
-        mount: str | None = None,
-        parameters: DvioParameters | None = None,
-        exoskeleton: Exoskeleton | None = None,
-    ) -> None:
+        self, rig: Rig, *, options: Options | None = None, mount: str | None = None,
+        parameters: DvioParameters | None = None, exoskeleton: Exoskeleton | None = None,
+    ) -> None:  # fmt: skip
         options = options or Options()
         if mount is None:
             mount = _mount(rig, options)
@@ -145,19 +139,19 @@ class Dvio:
         self._feet: Feet | None = None
         if self._parameters.feet:
             if exoskeleton is None:
-                raise ConfigError("Dvio", "feet", True, "false, or give the exoskeleton whose legs tell the speed")
-            self._feet = Feet.of(exoskeleton)
+                raise ConfigError("Dvio", "feet", True, "false, or an exoskeleton whose legs measure the speed")
+            self._feet = Feet.of(exoskeleton, self._parameters.legs)
         self._alone_s = max(recovery.alone_s, recovery.alone_frames / camera.rate_hz)
         self._shape = (camera.height, camera.width)
         self._waits = camera.depth_topic != "" and self._parameters.uses_depth
         self._core = Core(camera, imu, T_imu_camera, self._parameters)
-        self._starter = Starter(self._core)
-        self._pictures: deque[Image] = deque(maxlen=HELD)
+        self._initializer = Initializer(self._core)
+        self._images: deque[Image] = deque(maxlen=HELD)
         self._depths: deque[Depth] = deque(maxlen=HELD)
         self._last_ns: dict[str, int] = {}
         self._begun_ns: int | None = None
         self._health = ""
-        self._sound_p, self._sound_R, self._sound_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
+        self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -171,7 +165,7 @@ class Dvio:
         streams = [Stream(role="imu", topic=f"/{mount}/imu", kind=Imu), Stream(role="camera", topic=color, kind=Image)]
         if color in rig.cameras and rig.cameras[color].depth_topic:
             streams.append(Stream(role="depth", topic=depth, kind=Depth))
-        return (*streams, Stream(role="depth", topic=right, kind=Image, live=False))
+        return (*streams, Stream(role="depth", topic=right, kind=Image, nav=False))
 
     @classmethod
     def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
@@ -225,7 +219,7 @@ class Dvio:
             return None
         queue: deque[Image] | deque[Depth]
         if isinstance(sample, Image) and sample.topic == self._color:
-            fine, queue = sample.pixels.shape[:2] == self._shape, self._pictures
+            fine, queue = sample.pixels.shape[:2] == self._shape, self._images
         elif isinstance(sample, Depth) and sample.topic == self._depth:
             fine, queue = sample.depth.shape == self._shape, self._depths
         else:
@@ -253,34 +247,34 @@ class Dvio:
             return None
         if self._health and core.inertial.gap_s() > self._parameters.max_gap_s:
             self._lose()
-        while (picture := self._next()) is not None:
-            if self._health in (TRACKING, COASTING):
-                self._see(picture)
+        while (frame := self._next()) is not None:
+            if self._health in (TRACKING, IMU_ONLY):
+                self._track(frame)
             else:
-                self._begin(picture)
+                self._initialize(frame)
         if not self._health:
             return None
         if self._health == LOST:
-            seconds = (sample.t_ns - int(core.live.t_ns[0])) * 1e-9
-            core.live.covariance[range(3), range(3)] += self._parameters.recovery.lost_walk_m_rts**2 * max(seconds, 0.0)
-            core.live.t_ns[0] = sample.t_ns
+            seconds = (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
+            core.nav.covariance[range(3), range(3)] += self._parameters.recovery.lost_walk_m_rts**2 * max(seconds, 0.0)
+            core.nav.t_ns[0] = sample.t_ns
         else:
-            core.carry(sample.t_ns)
-            if core.sound:
-                self._sound_p[:], self._sound_R[:] = core.live.p, core.live.R
-                self._sound_covariance[:] = core.live.covariance[:6, :6]
+            core.propagate(sample.t_ns)
+            if core.plausible:
+                self._valid_p[:], self._valid_R[:] = core.nav.p, core.nav.R
+                self._valid_covariance[:] = core.nav.covariance[:6, :6]
                 if self._health == TRACKING and (sample.t_ns - core.newest_ns) * 1e-9 > self._alone_s:
-                    self._health = COASTING
+                    self._health = IMU_ONLY
             else:
                 self._lose()
-                core.live.t_ns[0] = sample.t_ns
-        return DvioEstimate.of(core.live, self._health, self._frame)
+                core.nav.t_ns[0] = sample.t_ns
+        return DvioEstimate.of(core.nav, self._health, self._frame)
 
-    def _next(self) -> Picture | None:
+    def _next(self) -> CameraFrame | None:
         """The oldest image whose time the IMU has reached and whose depth has arrived or timed out."""
-        if not self._pictures:
+        if not self._images:
             return None
-        image, newest = self._pictures[0], self._core.inertial.newest_ns
+        image, newest = self._images[0], self._core.inertial.newest_ns
         if self._core.imu_time(image.t_ns) >= newest:
             return None
         depth = None
@@ -290,105 +284,105 @@ class Dvio:
         late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.wait_s
         if depth is None and self._waits and not late:
             return None
-        self._pictures.popleft()
+        self._images.popleft()
         while self._depths and self._depths[0].t_ns <= image.t_ns:
             self._depths.popleft()
         grey = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
-        return Picture(t_ns=image.t_ns, grey=np.ascontiguousarray(grey), depth=depth)
+        return CameraFrame(t_ns=image.t_ns, grey=np.ascontiguousarray(grey), depth=depth)
 
-    def _see(self, picture: Picture) -> None:
+    def _track(self, frame: CameraFrame) -> None:
         core = self._core
-        t_ns, before = core.imu_time(picture.t_ns), core.newest_ns
+        t_ns, before = core.imu_time(frame.t_ns), core.newest_ns
         if t_ns <= before:
             return
         if (t_ns - before) * 1e-9 > self._parameters.recovery.blind_s or not core.joined:
-            # `live` may be later than the image, which can arrive after later IMU samples.
+            # `nav` may be later than the image, which can arrive after later IMU samples.
             if core.go_back(t_ns):
-                core.start(picture, core.live.covariance.copy())
-                self._health = TRACKING if core.sees else COASTING
+                core.start(frame, core.nav.covariance.copy())
+                self._health = TRACKING if core.tracking else IMU_ONLY
             return
         feet = self._feet
-        footing = feet.at(t_ns) if feet is not None else None
-        core.take(picture, core.inertial.still(t_ns, self._parameters), footing)
-        self._health = TRACKING if core.sees else COASTING
+        legs = feet.at(t_ns) if feet is not None else None
+        core.take(frame, core.inertial.stationary(t_ns), legs)
+        self._health = TRACKING if core.tracking else IMU_ONLY
         if feet is not None and self._health == TRACKING:
-            feet.compare(int(core.live.t_ns[0]), core.live.v)
-        if not core.sound:
+            feet.compare(int(core.nav.t_ns[0]), core.nav.v)
+        if not core.plausible:
             self._lose()
 
-    def _begin(self, picture: Picture) -> None:
+    def _initialize(self, frame: CameraFrame) -> None:
         """Starts at an image: at once if stationary, else once vision and IMU align, else from the mean force."""
         core, p = self._core, self._parameters
-        t_ns = core.imu_time(picture.t_ns)
+        t_ns = core.imu_time(frame.t_ns)
         if not core.inertial.reaches_back(t_ns):
             return
         if self._begun_ns is None:
             self._begun_ns = t_ns
-        resting = core.inertial.still(t_ns, p)
-        if not resting and (found := self._starter.take(picture)) is not None:
+        resting = core.inertial.stationary(t_ns)
+        if not resting and (found := self._initializer.take(frame)) is not None:
             covariance = self._by_alignment(found)
         elif resting or (t_ns - self._begun_ns) * 1e-9 >= p.align_s:
-            force = core.inertial.since(t_ns - round((p.still_s if resting else p.start_s) * 1e9), t_ns)
+            force = core.inertial.since(t_ns - round((p.stationary_s if resting else p.start_s) * 1e9), t_ns)
             if not len(force):
                 return
             covariance = self._by_force(force.mean(axis=0), resting)
         else:
             return
-        core.live.t_ns[0] = t_ns
-        core.start(picture, covariance)
-        self._starter.forget()
-        if core.sees:
+        core.nav.t_ns[0] = t_ns
+        core.start(frame, covariance)
+        self._initializer.reset()
+        if core.tracking:
             self._begun_ns, self._health = None, TRACKING
 
     def _by_force(self, mean: Array, resting: bool) -> Array:
-        """(15, 15) covariance of a state, now in `live`, with its vertical from the mean rate and force (6,)."""
-        live, p = self._core.live, self._parameters
+        """(15, 15) covariance of a state, now in `nav`, with its vertical from the mean rate and force (6,)."""
+        nav, p = self._core.nav, self._parameters
         place, heading_sd = self._kept()
-        live.R[:] = _upright(mean[3:], live.R if self._health == LOST else None)
-        live.v[:] = 0.0
+        nav.R[:] = _upright(mean[3:], nav.R if self._health == LOST else None)
+        nav.v[:] = 0.0
         if resting:
-            live.bias[:3] = mean[:3]
+            nav.bias[:3] = mean[:3]
         of = p.recovery
         tilt_sd = of.resting_tilt_sd_rad if resting else of.moving_tilt_sd_rad
-        speed_sd = p.still_speed_sd_mps if resting else of.moving_speed_sd_mps
+        speed_sd = p.stationary_speed_sd_mps if resting else of.moving_speed_sd_mps
         return self._core.start_covariance(place, heading_sd, tilt_sd, speed_sd)
 
     def _by_alignment(self, found: Alignment) -> Array:
-        """(15, 15) covariance of the state from the alignment of vision and IMU, now in `live`."""
-        live = self._core.live
+        """(15, 15) covariance of the state from the alignment of vision and IMU, now in `nav`."""
+        nav = self._core.nav
         place, heading_sd = self._kept()
-        live.R[:] = _upright(found.up, live.R if self._health == LOST else None)
-        live.v[:], live.bias[:] = live.R @ found.v, found.bias
-        return found.state_covariance(live.R, place, heading_sd)
+        nav.R[:] = _upright(found.up, nav.R if self._health == LOST else None)
+        nav.v[:], nav.bias[:] = nav.R @ found.v, found.bias
+        return found.state_covariance(nav.R, place, heading_sd)
 
     def _kept(self) -> tuple[Array, float]:
         """(3, 3) m² of position and rad of heading: the uncertainty after a failure persists."""
-        live = self._core.live
+        nav = self._core.nav
         if self._health != LOST:
             start_sd = self._parameters.recovery.start_sd
             return start_sd**2 * np.eye(3), start_sd
-        up = live.R.T @ np.array([0.0, 0.0, 1.0])
-        return live.covariance[:3, :3].copy(), float(np.sqrt(up @ live.covariance[3:6, 3:6] @ up))
+        up = nav.R.T @ np.array([0.0, 0.0, 1.0])
+        return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
 
     def _lose(self) -> None:
         """Holds the last valid pose, with a large covariance, until a new start."""
-        live, already = self._core.live, self._health == LOST
+        nav, already = self._core.nav, self._health == LOST
         self._health, self._begun_ns = LOST, None
         if self._feet is not None:
-            self._feet.forget()
-        self._pictures.clear()
-        self._starter.forget()
+            self._feet.reset()
+        self._images.clear()
+        self._initializer.reset()
         if already:
             # Since then the position has become less certain.
             return
-        live.p[:], live.R[:], live.v[:], live.bias[:] = self._sound_p, self._sound_R, 0.0, 0.0
+        nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
         of = self._parameters.recovery
         sd = (
             of.lost_position_sd_m, of.lost_attitude_sd_rad, of.lost_velocity_sd_mps, of.lost_gyro_bias_sd_radps,
             of.lost_accel_bias_sd_mps2,
         )  # fmt: skip
-        live.covariance[:] = np.diag(np.repeat(sd, 3) ** 2)
-        live.covariance[:6, :6] += self._sound_covariance
+        nav.covariance[:] = np.diag(np.repeat(sd, 3) ** 2)
+        nav.covariance[:6, :6] += self._valid_covariance
 
 
 def _upright(force: Array, before: Array | None) -> Array:

@@ -1,8 +1,8 @@
 """IMU factors of the window: pre-integration between frames, zero velocity, and the prior, added to H d = b.
 
 Pre-integration follows Zhao et al. 2023, (7), after Forster et al. 2017. A sample is the mean over the interval that
-ends at its stamp, so rate and force are constant over it; the increments of attitude, velocity and position over it
-are exact to the third order of its rotation.
+ends at its stamp, so rate and force are constant over it; the changes of attitude, velocity and position over
+it are exact to the third order of its rotation.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import REORDERED, carried, mul, put, rotate_back
+from stridetwin.estimators.dvio.algebra import REORDERED, mul, propagated, put, rotate_back
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE,
@@ -23,10 +22,11 @@ from stridetwin.estimators.dvio.state import (
     D_VELOCITY,
     FRAME,
     PLANE,
+    FactorParameters,
     Frames,
     ImuNoise,
-    Increment,
-    Terms,
+    ImuSamples,
+    Preintegration,
     Window,
 )
 from stridetwin.estimators.so3 import exp, hat, log, right_jacobian, right_jacobian_inverse
@@ -34,45 +34,37 @@ from stridetwin.streams.samples import Array
 
 
 @njit(error_model="numpy", **INSIDE)
-def increment_at(zs: Increment, k: int) -> Increment:
-    """The k-th of an array of increments."""
-    return Increment(
-        zs.dt[k], zs.alpha[k], zs.gamma[k], zs.beta[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
+def preintegration_at(zs: Preintegration, k: int) -> Preintegration:
+    """The k-th of an array."""
+    return Preintegration(
+        zs.dt[k], zs.delta_p[k], zs.delta_R[k], zs.delta_v[k], zs.by_bias[k], zs.covariance[k], zs.weight[k], zs.bias[k]
     )
 
 
 @njit(error_model="numpy", **INSIDE)
-def clear(z: Increment, bias: Array) -> None:
+def clear(z: Preintegration, bias: Array) -> None:
     """Resets an increment to zero duration, at the biases (6,) of gyroscope and accelerometer."""
     z.dt[0] = 0.0
-    z.alpha[:] = 0.0
-    z.beta[:] = 0.0
-    z.gamma[:] = np.eye(3)
+    z.delta_p[:] = 0.0
+    z.delta_v[:] = 0.0
+    z.delta_R[:] = np.eye(3)
     z.by_bias[:] = 0.0
     z.covariance[:] = 0.0
     z.bias[:] = bias
 
 
 @njit(error_model="numpy", **INSIDE)
-def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: float, force_density: float) -> None:
-    """Adds an interval of constant rate and force to an increment.
+def advance(z: Preintegration, rate: Array, force: Array, dt: float, rate_density: float, force_density: float) -> None:
+    """Adds an interval of `dt` (s) of constant measured rate (rad/s) and force (m/s²) to a measurement, in place.
 
-    See docs/dvio.md (1)-(3).
-
-    Args:
-        z: Changed in place.
-        rate: (3,) measured angular rate, rad/s.
-        force: (3,) measured specific force, m/s².
-        dt: s.
-        rate_density: Noise, rad/s/√Hz.
-        force_density: Noise, m/s²/√Hz.
+    The noise densities are in rad/s/√Hz and m/s²/√Hz. See docs/dvio.md (1)-(3).
     """
     phi, a = np.empty(3), np.empty((3, 1))
     for i in range(3):
         phi[i], a[i, 0] = (rate[i] - z.bias[i]) * dt, force[i] - z.bias[3 + i]
-    X, A, G = hat(phi), hat(a[:, 0]), z.gamma.copy()
-    X2, turned = mul(X, X), mul(X, a)
-    XA, Xa = mul(X, A), hat(turned[:, 0])
+    X, A, G = hat(phi), hat(a[:, 0]), z.delta_R.copy()
+    X2, Xf = mul(X, X), mul(X, a)
+    XA, Xa = mul(X, A), hat(Xf[:, 0])
     # mean of the rotation over the interval, and its mean weighted with the remaining time
     to_v, to_p, v_by_phi, p_by_phi = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
@@ -87,9 +79,9 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
     for i in range(3):
         dv[i] *= dt
         dp[i] *= dt * dt
-    F, B, turn = np.eye(9), np.zeros((9, 6)), exp(phi)
+    F, B, rotation = np.eye(9), np.zeros((9, 6)), exp(phi)
     put(F, 0, 3, mul(G, hat(dp)), -1.0)
-    put(F, 3, 3, turn.T, 1.0)
+    put(F, 3, 3, rotation.T, 1.0)
     put(F, 6, 3, mul(G, hat(dv)), -1.0)
     for i in range(3):
         F[i, 6 + i] = dt
@@ -100,7 +92,7 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
     put(B, 6, 3, mul(G, to_v), -dt)
     # White noise of density s is a bias of standard deviation s / √dt over the interval.
     by_rate, by_force = rate_density / np.sqrt(dt), force_density / np.sqrt(dt)
-    P, by_bias = carried(F, z.covariance), mul(F, z.by_bias)
+    P, by_bias = propagated(F, z.covariance), mul(F, z.by_bias)
     for i in range(9):
         for j in range(6):
             z.by_bias[i, j] = by_bias[i, j] + B[i, j]
@@ -109,94 +101,68 @@ def advance(z: Increment, rate: Array, force: Array, dt: float, rate_density: fl
             forces = B[i, 3] * B[j, 3] + B[i, 4] * B[j, 4] + B[i, 5] * B[j, 5]
             z.covariance[i, j] = P[i, j] + by_rate * by_rate * rates + by_force * by_force * forces
     for i in range(3):
-        moved = z.beta[i] * dt
+        moved = z.delta_v[i] * dt
         for j in range(3):
             moved += G[i, j] * dp[j]
-        z.alpha[i] += moved
+        z.delta_p[i] += moved
     for i in range(3):
         for j in range(3):
-            z.beta[i] += G[i, j] * dv[j]
-    put(z.gamma, 0, 0, mul(G, turn), 1.0)
+            z.delta_v[i] += G[i, j] * dv[j]
+    put(z.delta_R, 0, 0, mul(G, rotation), 1.0)
     z.dt[0] += dt
 
 
 @njit(error_model="numpy", **INSIDE)
-def integrate(
-    z: Increment,
-    t_ns: NDArray[np.int64],
-    samples: Array,
-    doubt: NDArray[np.uint8],
-    count: int,
-    start_ns: int,
-    end_ns: int,
-    bias: Array,
-    noise: ImuNoise,
-) -> None:
-    """Pre-integrates from `start_ns` to `end_ns`.
+def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise) -> None:
+    """Pre-integrates into `z` from `start_ns` to `end_ns`, at the biases (6,).
 
-    Args:
-        z: Overwritten.
-        t_ns: Stamps of the samples, rising.
-        samples: Rate (rad/s) and force (m/s²) of each, 6 columns.
-        doubt: Of each: 1 if it is saturated or replaces missing samples.
-        count: Number of samples; the first is not later than the start, the last not before the end.
-        start_ns: Start time.
-        end_ns: End time.
-        bias: (6,) of gyroscope and accelerometer.
-        noise: Of the sensor.
+    The first sample is not later than the start, and the last one not before the end.
     """
     clear(z, bias)
     at = start_ns
-    i = np.searchsorted(t_ns[:count], start_ns, side="right")
-    while at < end_ns and i < count:
-        until = min(t_ns[i], end_ns)
+    i = np.searchsorted(imu.t_ns, start_ns, side="right")
+    while at < end_ns and i < len(imu.t_ns):
+        until = min(imu.t_ns[i], end_ns)
         dt = (until - at) * 1e-9
         share = 0.0
         for k in range(3):
-            share += (noise.rate_share * (samples[i, k] - bias[k])) ** 2
+            share += (noise.rate_share * (imu.values[i, k] - bias[k])) ** 2
         rate_density, force_density = np.sqrt(noise.rate**2 + share), noise.force
-        if doubt[i]:
+        if imu.invalid[i]:
             # A constant error over the interval, as a density.
-            rate_density += noise.doubtful_rate * np.sqrt(dt)
-            force_density += noise.doubtful_force * np.sqrt(dt)
-        advance(z, samples[i, :3], samples[i, 3:], dt, rate_density, force_density)
+            rate_density += noise.invalid_rate * np.sqrt(dt)
+            force_density += noise.invalid_force * np.sqrt(dt)
+        advance(z, imu.values[i, :3], imu.values[i, 3:], dt, rate_density, force_density)
         at = until
         i += 1
 
 
 @njit(error_model="numpy", **INSIDE)
-def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Array, first: bool) -> None:
-    """IMU residual (7) from frame k to the next and its Jacobian.
+def motion(
+    frames: Frames, z: Preintegration, k: int, factors: FactorParameters, r: Array, J: Array, first: bool
+) -> None:
+    """IMU residual (7) from frame k to the next, `r` (9,) of position, rotation and velocity, and its Jacobian.
 
-    See docs/dvio.md (4).
-
-    Args:
-        frames: Of the window.
-        z: The increment between the two.
-        k: Slot.
-        terms: Gravity.
-        r: (9,) out: position, rotation, velocity.
-        J: (9, 30) out: with respect to the states of both, at the residual's current rotation.
-        first: Whether Jacobians are taken at first estimates.
+    `J` (9, 30) is with respect to the states of both, at first estimates if `first`. See docs/dvio.md (4).
     """
     dt = z.dt[0]
     Ri, Rj = frames.R[k], frames.R[k + 1]
-    g = np.array([0.0, 0.0, -terms.gravity])
+    g = np.array([0.0, 0.0, -factors.gravity])
     off = frames.bias[k] - z.bias
     moved = np.zeros(9)
     for i in range(9):
         for j in range(6):
             moved[i] += z.by_bias[i, j] * off[j]
-    turned = moved[3:6].copy()
+    rotation = moved[3:6].copy()
     p = rotate_back(Ri, frames.p[k + 1] - frames.p[k] - frames.v[k] * dt - 0.5 * g * dt * dt)
     v = rotate_back(Ri, frames.v[k + 1] - frames.v[k] - g * dt)
-    expected = mul(z.gamma, exp(turned))
+    expected = mul(z.delta_R, exp(rotation))
     M = mul(np.ascontiguousarray(Ri.T), Rj)
     e = log(mul(np.ascontiguousarray(expected.T), M))
     for i in range(3):
-        r[i] = p[i] - z.alpha[i] - moved[i]
+        r[i] = p[i] - z.delta_p[i] - moved[i]
         r[3 + i] = e[i]
-        r[6 + i] = v[i] - z.beta[i] - moved[6 + i]
+        r[6 + i] = v[i] - z.delta_v[i] - moved[6 + i]
     Ri0, Rj0 = Ri, Rj
     pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
     if first and frames.held[k]:
@@ -209,8 +175,8 @@ def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Arra
     inverse = right_jacobian_inverse(e)
     by_turn = mul(inverse, mul(np.ascontiguousarray(Rj0.T), Ri0))
     P, V = hat(p), hat(v)
-    # Log(Exp(-Jr(turned) B db) E) of E = Exp(e)
-    by_bias = mul(inverse, mul(np.ascontiguousarray(exp(e).T), right_jacobian(turned)))
+    # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
+    by_bias = mul(inverse, mul(np.ascontiguousarray(exp(e).T), right_jacobian(rotation)))
     B = mul(by_bias, np.ascontiguousarray(z.by_bias[3:6]))
     J[:] = 0.0
     n = FRAME
@@ -232,11 +198,11 @@ def motion(frames: Frames, z: Increment, k: int, terms: Terms, r: Array, J: Arra
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> float:
+def add_motion(window: Window, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor (9) from frame k to the next, with the random walk of its biases; returns its cost."""
-    frames, z = window.frames, increment_at(window.increments, k)
+    frames, z = window.frames, preintegration_at(window.preintegrations, k)
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
-    motion(frames, z, k, terms, r, J, terms.first_estimates)
+    motion(frames, z, k, factors, r, J, factors.first_estimates)
     WJ = mul(z.weight, J)
     o = window.shared + FRAME * k
     cost = 0.0
@@ -255,7 +221,7 @@ def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> floa
                 row[c] += g * of[c]
     dt = z.dt[0]
     for i in range(6):
-        walk = terms.rate_walk if i < 3 else terms.force_walk
+        walk = factors.rate_walk if i < 3 else factors.force_walk
         w = 1.0 / (walk * walk * dt)
         step = frames.bias[k + 1, i] - frames.bias[k, i]
         at = o + D_GYRO_BIAS + i
@@ -269,12 +235,12 @@ def add_motion(window: Window, k: int, terms: Terms, H: Array, b: Array) -> floa
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_standing(window: Window, k: int, H: Array, b: Array) -> float:
+def add_zero_velocity(window: Window, k: int, H: Array, b: Array) -> float:
     """Adds the zero-velocity update of a frame known to be stationary; returns its cost."""
     frames = window.frames
-    if not math.isfinite(frames.still_sd[k]):
+    if not math.isfinite(frames.zero_velocity_sd[k]):
         return 0.0
-    w, cost = 1.0 / frames.still_sd[k] ** 2, 0.0
+    w, cost = 1.0 / frames.zero_velocity_sd[k] ** 2, 0.0
     for i in range(3):
         at = window.shared + FRAME * k + D_VELOCITY + i
         H[at, at] += w
@@ -289,13 +255,13 @@ def add_prior(window: Window, size: int, H: Array, b: Array) -> float:
     d = errors(window, size)
     cost, P = 0.0, window.prior
     for i in range(size):
-        h, told, row = 0.0, P.H[i], H[i]
+        h, prior_row, row = 0.0, P.H[i], H[i]
         for j in range(size):
-            h += told[j] * d[j]
+            h += prior_row[j] * d[j]
         b[i] += P.b[i] - h
         cost += d[i] * (0.5 * h - P.b[i])
         for j in range(i + 1):
-            row[j] += told[j]
+            row[j] += prior_row[j]
     return cost
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.algebra import turned
-from stridetwin.estimators.dvio.sliding_window import Core, Picture
-from stridetwin.estimators.dvio.state import Increment, blank_increment
+from stridetwin.estimators.dvio.algebra import matvec
+from stridetwin.estimators.dvio.sliding_window import CameraFrame, Core
+from stridetwin.estimators.dvio.state import Preintegration, blank_preintegration
 from stridetwin.estimators.dvio.structure_from_motion import (
-    Sightings,
+    Observations,
     Structure,
     structure_of_bearings,
     structure_with_depth,
@@ -26,30 +26,28 @@ from stridetwin.estimators.dvio.structure_from_motion import (
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import exp, hat
 
-# Errors that one increment depends on: position and attitude of the two cameras, the two velocities, tilt, biases,
-# scale, the camera's position and attitude on the IMU, time offset.
+# Errors that one interval depends on: pose of the two cameras, the two velocities, tilt, biases, scale,
+# the camera's position and attitude on the IMU, time offset.
 _CAMERA_A, _CAMERA_B, _V_A, _V_B, _TILT, _BIAS, _SCALE, _MOUNT, _OFFSET, _LOCAL = 0, 6, 12, 15, 18, 20, 26, 27, 33, 34
-_STEP = 1e-6  # step of numerical derivatives
-_STEPS, _LARGE, _ENOUGH = (
-    4,
-    0.1,
-    1e-4,
-)  # a step below the last value ends the iteration, one above the second recomputes derivatives
-_WRONG_GRAVITY = 0.3  # relative error allowed for the linear problem's gravity
+_STEP = 1e-6  # of numerical derivatives
+# Gauss-Newton: largest number of steps; a step above the second value recomputes the derivatives, one below the last
+# ends the iteration.
+_STEPS, _LARGE, _SETTLED = 4, 0.1, 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Beliefs:
+class Priors:
     """Prior knowledge; a standard deviation of 0 means exactly known.
 
     Attributes:
         T_imu_camera: (4, 4) camera to IMU.
-        bias: (6,) at which the increments were integrated.
+        bias: (6,) at which the intervals were integrated.
         bias_sd: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
         mount_sd: (6,) of the camera's position (m) and attitude (rad) on the IMU.
         offset_sd: Of the camera's clock, s.
         scale_sd: Of measured depths, relative.
         gravity: m/s².
+        gravity_error: Largest relative error of the linear problem's gravity.
     """
 
     T_imu_camera: Array
@@ -59,6 +57,7 @@ class Beliefs:
     offset_sd: float
     scale_sd: float
     gravity: float
+    gravity_error: float = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,10 +86,7 @@ class Alignment:
     def state_covariance(self, R_world_imu: Array, place: Array, heading_sd: float) -> Array:
         """(15, 15) of position, attitude (on its right), velocity and biases in a world whose z axis is up.
 
-        Args:
-            R_world_imu: (3, 3).
-            place: (3, 3) of the position, m².
-            heading_sd: rad.
+        `place` (3, 3) is that of the position, m²; `heading_sd` is in rad.
         """
         J = np.zeros((15, 12))
         by_turn = -R_world_imu @ hat(self.v)
@@ -122,43 +118,36 @@ class _State:
     offset: float
 
 
-def aligned(structure: Structure, increments: Increment, rates: Array, beliefs: Beliefs) -> Alignment | None:
-    """State at the newest image; None if vision and IMU are inconsistent.
-
-    Args:
-        structure: K ≥ 3 cameras.
-        increments: K − 1 of them, from each image to the next.
-        rates: (K, 3) angular rate at each, rad/s.
-        beliefs: About the rig.
-    """
-    bias = beliefs.bias.copy()
-    bias[:3] += gyro_bias(structure, increments, beliefs)
-    start = _linear(structure, increments, bias, beliefs)
+def aligned(structure: Structure, preintegrations: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
+    """State at the newest of K ≥ 3 images, at angular rates (K, 3) rad/s; None if vision and IMU are inconsistent."""
+    bias = priors.bias.copy()
+    bias[:3] += gyro_bias(structure, preintegrations, priors)
+    start = _linear(structure, preintegrations, bias, priors)
     if start is None:
         return None
-    return _refined(start, structure, increments, rates, beliefs)
+    return _refined(start, structure, preintegrations, rates, priors)
 
 
-def gyro_bias(structure: Structure, increments: Increment, beliefs: Beliefs) -> Array:
-    """(3,) rad/s correction of the bias that the increments were integrated at (Qin et al. 2018, (15))."""
-    R_ic = beliefs.T_imu_camera[:3, :3]
+def gyro_bias(structure: Structure, preintegrations: Preintegration, priors: Priors) -> Array:
+    """(3,) rad/s correction of the bias that the intervals were integrated at (Qin et al. 2018, (15))."""
+    R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
-    over = np.swapaxes(increments.gamma, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
+    over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
     r = Rotation.from_matrix(over).as_rotvec()
-    J, W = increments.by_bias[:, 3:6, :3], np.linalg.inv(increments.covariance[:, 3:6, 3:6])
+    J, W = preintegrations.by_bias[:, 3:6, :3], np.linalg.inv(preintegrations.covariance[:, 3:6, 3:6])
     JtW = np.swapaxes(J, 1, 2) @ W
-    H = (JtW @ J).sum(axis=0) + np.diag(beliefs.bias_sd[:3] ** -2.0)
+    H = (JtW @ J).sum(axis=0) + np.diag(priors.bias_sd[:3] ** -2.0)
     return np.asarray(np.linalg.solve(H, (JtW @ r[..., None])[..., 0].sum(axis=0)))
 
 
-def _linear(structure: Structure, z: Increment, bias: Array, beliefs: Beliefs) -> _State | None:
+def _linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> _State | None:
     """Velocities, gravity of free magnitude and scale (Qin et al. 2018, (16)-(19))."""
     K = len(structure.R)
-    R_ic, p_ic = beliefs.T_imu_camera[:3, :3], beliefs.T_imu_camera[:3, 3]
+    R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
     R = R_ic @ structure.R @ R_ic.T
     arm, cameras = p_ic - R @ p_ic, structure.p @ R_ic.T
     by = (z.by_bias @ (bias - z.bias)[..., None])[..., 0]
-    alpha, beta = (R[:-1] @ (d + c)[..., None] for d, c in ((z.alpha, by[:, :3]), (z.beta, by[:, 6:])))
+    alpha, beta = (R[:-1] @ (d + c)[..., None] for d, c in ((z.delta_p, by[:, :3]), (z.delta_v, by[:, 6:])))
     n = 3 * K + 4
     A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
     for k in range(K - 1):
@@ -176,7 +165,7 @@ def _linear(structure: Structure, z: Increment, bias: Array, beliefs: Beliefs) -
     x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
     scale, g = (1.0 if structure.scaled else float(x[-1])), x[3 * K : 3 * K + 3]
     size = float(np.linalg.norm(g))
-    if not (scale > 0.0 and abs(size - beliefs.gravity) < _WRONG_GRAVITY * beliefs.gravity):
+    if not (scale > 0.0 and abs(size - priors.gravity) < priors.gravity_error * priors.gravity):
         return None
     up: Array = np.asarray(-g / size, float)
     return _State(
@@ -185,26 +174,26 @@ def _linear(structure: Structure, z: Increment, bias: Array, beliefs: Beliefs) -
     )  # fmt: skip
 
 
-def _refined(s: _State, structure: Structure, z: Increment, rates: Array, beliefs: Beliefs) -> Alignment | None:
+def _refined(s: _State, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
     """Gauss–Newton over all unknowns."""
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K
     n = TILT + 2 + 6 + 1 + 6 + 1
     free, prior = np.ones(n, bool), np.zeros(n)
     free[6 * K - 6 : 6 * K] = False  # the newest camera is the reference
-    told = np.concatenate(
-        [beliefs.bias_sd, [beliefs.scale_sd if structure.scaled else np.inf], beliefs.mount_sd, [beliefs.offset_sd]]
+    prior_sd = np.concatenate(
+        [priors.bias_sd, [priors.scale_sd if structure.scaled else np.inf], priors.mount_sd, [priors.offset_sd]]
     )
-    prior[TILT + 2 :] = np.where(told > 0, np.maximum(told, 1e-12), 1.0) ** -2.0
-    free[TILT + 2 :] = told > 0
+    prior[TILT + 2 :] = np.where(prior_sd > 0, np.maximum(prior_sd, 1e-12), 1.0) ** -2.0
+    free[TILT + 2 :] = prior_sd > 0
     moved, index = np.zeros(n), _columns(K)
-    moved[TILT + 2 : TILT + 8] = s.bias - beliefs.bias
+    moved[TILT + 2 : TILT + 8] = s.bias - priors.bias
     large = True
     for step in range(_STEPS):
         if step == 0 or large:
-            r, J = _derived(s, z, rates, beliefs.gravity)
+            r, J = _derived(s, z, rates, priors.gravity)
         else:
-            r = _mismatch(s, z, rates, beliefs.gravity, np.zeros((1, 1, _LOCAL)))[0]
+            r = _mismatch(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
         H, b = np.diag(prior), -prior * moved
         H[:V, :V] += structure.information
         b[:V] -= structure.information @ moved[:V]
@@ -226,9 +215,9 @@ def _refined(s: _State, structure: Structure, z: Increment, rates: Array, belief
         moved += e
         size = np.abs(e[6 * K :]).max()
         large = size > _LARGE
-        if size < _ENOUGH:
+        if size < _SETTLED:
             break
-    r = _mismatch(s, z, rates, beliefs.gravity, np.zeros((1, 1, _LOCAL)))[0]
+    r = _mismatch(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
     cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + moved[:V] @ structure.information @ moved[:V])
     whole = np.zeros((n, n))
     whole[np.ix_(free, free)] = P
@@ -243,7 +232,7 @@ def _refined(s: _State, structure: Structure, z: Increment, rates: Array, belief
 
 
 def _columns(K: int) -> Array:
-    """(K − 1, 34) indices of each increment's errors among all errors."""
+    """(K − 1, 34) indices of each interval's errors among all errors."""
     rows = []
     for k in range(K - 1):
         a, v = 6 * k, 6 * K + 3 * k
@@ -251,37 +240,37 @@ def _columns(K: int) -> Array:
     return np.array(rows)
 
 
-def _derived(s: _State, z: Increment, rates: Array, gravity: float) -> tuple[Array, Array]:
+def _derived(s: _State, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
     """(K − 1, 9) residuals (7) and their (K − 1, 9, 34) derivatives."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _mismatch(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
 
 
-def _mismatch(s: _State, z: Increment, rates: Array, gravity: float, x: Array) -> Array:
+def _mismatch(s: _State, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
     """(D, K − 1, 9) motion between images minus the IMU's measurement of it, for errors (D, 1, 34)."""
     ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
     scale = s.scale * np.exp(x[..., _SCALE, None])
-    up = turned(exp(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
+    up = matvec(exp(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
     bias = s.bias + x[..., _BIAS : _BIAS + 6]
     # pose of the IMU at each image's nominal time, in its axes at that of the newest
     back = exp(offset * (rates[-1] - bias[..., :3]))
     poses = []
     for k, column in ((slice(0, -1), _CAMERA_A), (slice(1, None), _CAMERA_B)):
         M = ic @ s.R[k] @ exp(x[..., column + 3 : column + 6]) @ np.swapaxes(ic, -1, -2)
-        p = turned(ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - turned(M, p_ic)
-        poses.append((back @ M @ exp(-offset * (rates[k] - bias[..., :3])), turned(back, p)))
+        p = matvec(ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - matvec(M, p_ic)
+        poses.append((back @ M @ exp(-offset * (rates[k] - bias[..., :3])), matvec(back, p)))
     (R_a, p_a), (R_b, p_b) = poses
     v_a, v_b = s.v[:-1] + x[..., _V_A : _V_A + 3], s.v[1:] + x[..., _V_B : _V_B + 3]
     dv, dt = v_b - v_a, z.dt
-    by = turned(z.by_bias, bias - z.bias)
+    by = matvec(z.by_bias, bias - z.bias)
     to_a = np.swapaxes(R_a, -1, -2)
-    turn = np.swapaxes(z.gamma, -1, -2) @ to_a @ R_b
+    rotation = np.swapaxes(z.delta_R, -1, -2) @ to_a @ R_b
     r = np.empty((*dv.shape[:-1], 9))
-    r[..., :3] = turned(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.alpha - by[..., :3]
-    r[..., 3:6] = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(dv.shape) - by[..., 3:6]
-    r[..., 6:] = turned(to_a, dv + gravity * up * dt) - z.beta - by[..., 6:]
+    r[..., :3] = matvec(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p - by[..., :3]
+    r[..., 3:6] = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(dv.shape) - by[..., 3:6]
+    r[..., 6:] = matvec(to_a, dv + gravity * up * dt) - z.delta_v - by[..., 6:]
     return r
 
 
@@ -289,21 +278,14 @@ def _moved(s: _State, e: Array, K: int) -> _State:
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
-        s,
-        R=s.R @ exp(cameras[:, 3:]),
-        p=s.p + cameras[:, :3],
-        v=s.v + e[6 * K : 9 * K].reshape(K, 3),
-        up=back @ s.up,
-        tilt_axes=back @ s.tilt_axes,
-        bias=s.bias + globals_[2:8],
-        scale=s.scale * float(np.exp(globals_[8])),
-        mount_R=s.mount_R @ exp(globals_[12:15]),
-        mount_p=s.mount_p + globals_[9:12],
-        offset=s.offset + float(globals_[15]),
-    )
+        s, R=s.R @ exp(cameras[:, 3:]), p=s.p + cameras[:, :3], v=s.v + e[6 * K : 9 * K].reshape(K, 3),
+        up=back @ s.up, tilt_axes=back @ s.tilt_axes, bias=s.bias + globals_[2:8],
+        scale=s.scale * float(np.exp(globals_[8])), mount_R=s.mount_R @ exp(globals_[12:15]),
+        mount_p=s.mount_p + globals_[9:12], offset=s.offset + float(globals_[15]),
+    )  # fmt: skip
 
 
-class Starter:
+class Initializer:
     """Tracks points from image to image and keeps the observations of about every third one; constant memory.
 
     Args:
@@ -316,26 +298,26 @@ class Starter:
         self._t_ns: list[int] = []
         self._before_ns = 0
         self._seen = np.zeros((views, slots), bool)
-        self._at, self._told = np.zeros((views, slots, 2)), np.zeros((views, slots))
+        self._at, self._rho = np.zeros((views, slots, 2)), np.zeros((views, slots))
         self._alive, self._pixels = np.zeros(slots, bool), np.zeros((slots, 2), np.float32)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Restarts."""
         self._t_ns.clear()
         self._alive[:] = False
 
-    def take(self, picture: Picture) -> Alignment | None:
+    def take(self, frame: CameraFrame) -> Alignment | None:
         """Takes an image whose time the IMU has reached; returns the state there once it is certain enough."""
-        core, t_ns, p = self._core, self._core.imu_time(picture.t_ns), self._parameters
+        core, t_ns, p = self._core, self._core.imu_time(frame.t_ns), self._parameters
         heard = not self._t_ns or core.inertial.reaches_back(self._t_ns[0])
         if not heard or (self._t_ns and not 0 < t_ns - self._before_ns < p.gap_s * 1e9):
-            self.forget()
-        core.tracker.take(picture.grey)
+            self.reset()
+        core.tracker.take(frame.grey)
         self._follow(t_ns)
         self._before_ns = t_ns
         if self._t_ns and (t_ns - self._t_ns[-1]) * 1e-9 < p.apart_s:
             return None
-        self._keep(picture, t_ns)
+        self._keep(frame, t_ns)
         if len(self._t_ns) < p.views_min:
             return None
         found = self._align()
@@ -350,20 +332,20 @@ class Starter:
         ids = np.flatnonzero(self._alive)
         if not len(ids):
             return
-        core, x, z = self._core, self._core.inertial, blank_increment()
-        kernel.integrate(z, x.t_ns, x.samples, x.doubt, x.count, self._before_ns, t_ns, core.live.bias, core.noise)
+        core, z = self._core, blank_preintegration()
+        kernel.integrate(z, core.inertial.kept, self._before_ns, t_ns, core.nav.bias, core.noise)
         R_ic, was = core.window.calibration.R, self._pixels[ids]
-        rays = np.concatenate([core.lens.normalised(was), np.ones((len(ids), 1))], axis=1) @ (R_ic.T @ z.gamma @ R_ic)
+        rays = np.concatenate([core.lens.normalised(was), np.ones((len(ids), 1))], axis=1) @ (R_ic.T @ z.delta_R @ R_ic)
         there, good = core.tracker.follow(was, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
         self._alive[ids] = good
         self._pixels[ids] = there
 
-    def _keep(self, picture: Picture, t_ns: int) -> None:
+    def _keep(self, frame: CameraFrame, t_ns: int) -> None:
         """Stores observations and searches for new points."""
         core, c = self._core, self._core.window.calibration
         if len(self._t_ns) == self._parameters.views:
             self._t_ns.pop(0)
-            for a in (self._seen, self._at, self._told):
+            for a in (self._seen, self._at, self._rho):
                 a[:-1] = a[1:].copy()
         k = len(self._t_ns)
         self._t_ns.append(t_ns)
@@ -373,43 +355,41 @@ class Starter:
         new = free[: len(points)]
         self._pixels[new], self._alive[new] = points, True
         ids = np.flatnonzero(self._alive)
-        self._seen[k], self._told[k] = self._alive, 0.0
-        self._at[k, ids] = core.lens.normalised(self._pixels[ids]) * (1.0 + c.lens)
-        self._told[k, ids] = core.depth(picture, self._pixels[ids]) / c.scale[0]
+        self._seen[k], self._rho[k] = self._alive, 0.0
+        self._at[k, ids] = core.lens.normalised(self._pixels[ids]) * (1.0 + c.focal)
+        self._rho[k, ids] = core.depth(frame, self._pixels[ids]) / c.scale[0]
 
     def _align(self) -> Alignment | None:
         found = self._structure()
         if found is None:
             return None
-        core, x, t_ns = self._core, self._core.inertial, self._t_ns[found.first :]
-        increments = blank_increment(len(t_ns) - 1)
+        core, t_ns = self._core, self._t_ns[found.first :]
+        preintegrations = blank_preintegration(len(t_ns) - 1)
         for k in range(len(t_ns) - 1):
             kernel.integrate_into(
-                increments, k, x.t_ns, x.samples, x.doubt, x.count, t_ns[k], t_ns[k + 1], core.live.bias, core.noise
+                preintegrations, k, core.inertial.kept, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise
             )
-        return aligned(found, increments, np.array([x.rate_at(t) for t in t_ns]), self._beliefs())
+        return aligned(found, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._priors())
 
     def _structure(self) -> Structure | None:
         """Structure from at least as many images as an alignment needs."""
         p, K = self._core.parameters, len(self._t_ns)
         often = self._seen[:K].sum(axis=0) > 1
-        s = Sightings(
-            seen=self._seen[:K, often], at=self._at[:K, often], told=self._told[:K, often],
-            sd=p.pixel_noise_px / self._core.lens.focal_px, told_sd=p.inverse_depth_again_sd_per_m,
+        s = Observations(
+            seen=self._seen[:K, often], at=self._at[:K, often], rho=self._rho[:K, often],
+            sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=p.inverse_depth_again_sd_per_m,
+            parameters=p.structure,
         )  # fmt: skip
-        found = structure_with_depth(s) if (s.told > 0).any() else structure_of_bearings(s)
+        found = structure_with_depth(s) if (s.prior_sd > 0).any() else structure_of_bearings(s)
         return None if found is None or len(found.R) < self._parameters.views_min else found
 
-    def _beliefs(self) -> Beliefs:
+    def _priors(self) -> Priors:
         core, p, c = self._core, self._core.parameters, self._core.window.calibration
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p
-        return Beliefs(
-            T_imu_camera=T_imu_camera,
-            bias=core.live.bias.copy(),
-            bias_sd=core.bias_sd,
+        return Priors(
+            T_imu_camera=T_imu_camera, bias=core.nav.bias.copy(), bias_sd=core.bias_sd,
             mount_sd=np.repeat([p.extrinsic_position_sd_m, p.extrinsic_rotation_sd_rad], 3),
-            offset_sd=p.time_offset_sd_s,
-            scale_sd=p.depth_scale_sd,
-            gravity=p.gravity_mps2,
-        )
+            offset_sd=p.time_offset_sd_s, scale_sd=p.depth_scale_sd, gravity=p.gravity_mps2,
+            gravity_error=self._parameters.gravity_error,
+        )  # fmt: skip

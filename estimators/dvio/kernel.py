@@ -7,26 +7,26 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.estimators.compiled import cached
-from stridetwin.estimators.dvio import imu_factors, nav_state, observations, patches, plane_cells, planes, solver
-from stridetwin.estimators.dvio import patches as pixels
-from stridetwin.estimators.dvio import solver as marginal
+from stridetwin.estimators.dvio import imu_factors, landmarks, nav_state, patches, plane_cells, planes, solver
 
 _called = cached(Path(__file__).parent, error_model="numpy")
 
 
 @_called
-def integrate_into(zs, k, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
-    """`imu_factors.integrate` into the `k`-th of some increments, with its inverse covariance."""
-    z = imu_factors.increment_at(zs, k)
-    imu_factors.integrate(z, t_ns, samples, doubt, count, start_ns, end_ns, bias, noise)
+def integrate_into(zs, k, imu, start_ns, end_ns, bias, noise):  # type: ignore[no-untyped-def]
+    """`imu_factors.integrate` into the `k`-th of an array, with its inverse covariance."""
+    z = imu_factors.preintegration_at(zs, k)
+    imu_factors.integrate(z, imu, start_ns, end_ns, bias, noise)
     z.weight[:] = np.linalg.inv(z.covariance)
 
 
 integrate = _called(imu_factors.integrate)
-carry, sound, told = _called(nav_state.carry), _called(nav_state.sound), _called(nav_state.told)
-minimise, forget_oldest = _called(solver.minimise), _called(marginal.forget_oldest)
-foresee, cull, parallax = _called(observations.foresee), _called(observations.cull), _called(observations.parallax)
-pick, read_depth = _called(pixels.pick), _called(pixels.read_depth)
+propagate, plausible = _called(nav_state.propagate), _called(nav_state.plausible)
+pose_and_covariance = _called(nav_state.pose_and_covariance)
+minimise, marginalize_oldest = _called(solver.minimise), _called(solver.marginalize_oldest)
+predict_observations, cull = _called(landmarks.predict_observations), _called(landmarks.cull)
+parallax = _called(landmarks.parallax)
+pick, read_depth = _called(patches.pick), _called(patches.read_depth)
 cut, align, read_slope = _called(patches.cut), _called(patches.align), _called(patches.read_slope)
 read_planes = _called(plane_cells.read_planes)
-match_planes, found_plane = _called(planes.match_planes), _called(planes.found_plane)
+match_planes, add_plane = _called(planes.match_planes), _called(planes.add_plane)

@@ -1,4 +1,4 @@
-"""The newest state between images: propagated with each IMU sample, with its covariance."""
+"""The newest valid IMU samples, and the state between images that is propagated with each, with its covariance."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
-from stridetwin.estimators.dvio.algebra import carried, mul, put
+from stridetwin.estimators.dvio.algebra import mul, propagated, put
 from stridetwin.estimators.dvio.imu_factors import integrate
-from stridetwin.estimators.dvio.state import FRAME, ImuNoise, Increment
+from stridetwin.estimators.dvio.parameters import DvioParameters, PlausibleState
+from stridetwin.estimators.dvio.state import FRAME, ImuNoise, ImuSamples, Preintegration
 from stridetwin.estimators.so3 import hat
-from stridetwin.streams.samples import Array
+from stridetwin.streams.rig import ImuCalibration
+from stridetwin.streams.samples import Array, Imu
 
-_FASTEST, _MOST_GYRO_BIAS, _MOST_ACCEL_BIAS = 15.0, 0.5, 3.0  # m/s, rad/s, m/s²
 
-
-class Live(NamedTuple):
+class NavState(NamedTuple):
     """A state and its covariance.
 
     Attributes:
@@ -39,93 +39,170 @@ class Live(NamedTuple):
     covariance: Array
 
 
-def blank_live() -> Live:
+def blank_nav_state() -> NavState:
     """Stationary at the origin, with zero covariance."""
-    return Live(
+    return NavState(
         t_ns=np.zeros(1, np.int64), R=np.eye(3), p=np.zeros(3), v=np.zeros(3), bias=np.zeros(6),
         covariance=np.zeros((FRAME, FRAME)),
     )  # fmt: skip
 
 
 @njit(error_model="numpy", **INSIDE)
-def carry(
-    live: Live,
-    z: Increment,
-    t_ns: NDArray[np.int64],
-    samples: Array,
-    doubt: NDArray[np.uint8],
-    count: int,
-    end_ns: int,
-    noise: ImuNoise,
-    gravity: float,
-) -> None:
-    """Propagates a state to `end_ns`.
-
-    Args:
-        live: Changed in place.
-        z: Buffer for the increment.
-        t_ns: See `integrate`.
-        samples: See `integrate`.
-        doubt: See `integrate`.
-        count: See `integrate`.
-        end_ns: Not later than the last sample.
-        noise: Of the sensor.
-        gravity: m/s².
-    """
-    integrate(z, t_ns, samples, doubt, count, live.t_ns[0], end_ns, live.bias, noise)
+def propagate(nav: NavState, z: Preintegration, imu: ImuSamples, end_ns: int, noise: ImuNoise, gravity: float) -> None:
+    """Propagates a state to `end_ns`, not later than the last sample; `z` is a buffer."""
+    integrate(z, imu, nav.t_ns[0], end_ns, nav.bias, noise)
     dt = z.dt[0]
-    R = live.R.copy()
+    R = nav.R.copy()
     F, G = np.eye(FRAME), np.zeros((9, 9))
     for i in range(3):
         F[i, 6 + i] = dt
         G[3 + i, 3 + i] = 1.0
-    put(F, 0, 3, mul(R, hat(z.alpha)), -1.0)
-    put(F, 3, 3, z.gamma.T, 1.0)
-    put(F, 6, 3, mul(R, hat(z.beta)), -1.0)
+    put(F, 0, 3, mul(R, hat(z.delta_p)), -1.0)
+    put(F, 3, 3, z.delta_R.T, 1.0)
+    put(F, 6, 3, mul(R, hat(z.delta_v)), -1.0)
     put(F, 0, 9, mul(R, z.by_bias[0:3]), 1.0)
     put(F, 3, 9, z.by_bias[3:6], 1.0)
     put(F, 6, 9, mul(R, z.by_bias[6:9]), 1.0)
     put(G, 0, 0, R, 1.0)
     put(G, 6, 6, R, 1.0)
-    P, Q = carried(F, live.covariance), carried(G, z.covariance)
+    P, Q = propagated(F, nav.covariance), propagated(G, z.covariance)
     for i in range(FRAME):
         for j in range(FRAME):
-            live.covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
+            nav.covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
     for i in range(9):
         for j in range(9):
-            live.covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
+            nav.covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
     for i in range(3):
-        live.covariance[9 + i, 9 + i] += noise.rate_walk**2 * dt
-        live.covariance[12 + i, 12 + i] += noise.force_walk**2 * dt
+        nav.covariance[9 + i, 9 + i] += noise.rate_walk**2 * dt
+        nav.covariance[12 + i, 12 + i] += noise.force_walk**2 * dt
     for i in range(3):
-        live.p[i] += live.v[i] * dt
+        nav.p[i] += nav.v[i] * dt
         for j in range(3):
-            live.p[i] += R[i, j] * z.alpha[j]
-            live.v[i] += R[i, j] * z.beta[j]
-    live.p[2] -= 0.5 * gravity * dt * dt
-    live.v[2] -= gravity * dt
-    put(live.R, 0, 0, mul(R, z.gamma), 1.0)
-    live.t_ns[0] = end_ns
+            nav.p[i] += R[i, j] * z.delta_p[j]
+            nav.v[i] += R[i, j] * z.delta_v[j]
+    nav.p[2] -= 0.5 * gravity * dt * dt
+    nav.v[2] -= gravity * dt
+    put(nav.R, 0, 0, mul(R, z.delta_R), 1.0)
+    nav.t_ns[0] = end_ns
 
 
 @njit(error_model="numpy", **INSIDE)
-def sound(live: Live) -> bool:
+def plausible(nav: NavState, limits: PlausibleState) -> bool:
     """Whether a state is physically possible for a person."""
-    total = live.p.sum() + live.bias.sum() + live.R.sum() + live.covariance.sum()
-    fast = live.v[0] ** 2 + live.v[1] ** 2 + live.v[2] ** 2
-    if not (math.isfinite(total) and fast < _FASTEST**2):
+    total = nav.p.sum() + nav.bias.sum() + nav.R.sum() + nav.covariance.sum()
+    fast = nav.v[0] ** 2 + nav.v[1] ** 2 + nav.v[2] ** 2
+    if not (math.isfinite(total) and fast < limits.speed_mps**2):
         return False
-    return bool(np.abs(live.bias[:3]).max() < _MOST_GYRO_BIAS and np.abs(live.bias[3:]).max() < _MOST_ACCEL_BIAS)
+    gyro, accel = np.abs(nav.bias[:3]).max(), np.abs(nav.bias[3:]).max()
+    return bool(gyro < limits.gyro_bias_radps and accel < limits.accel_bias_mps2)
 
 
 @njit(error_model="numpy", **INSIDE)
-def told(live: Live) -> tuple[Array, Array]:
+def pose_and_covariance(nav: NavState) -> tuple[Array, Array]:
     """(4, 4) world <- IMU, and (6, 6) covariance of its position (m) and rotation (rad), both in world axes."""
     T, to_world = np.zeros((4, 4)), np.zeros((6, 6))
-    put(T, 0, 0, live.R, 1.0)
-    put(to_world, 3, 3, live.R, 1.0)
+    put(T, 0, 0, nav.R, 1.0)
+    put(to_world, 3, 3, nav.R, 1.0)
     T[3, 3] = 1.0
     for i in range(3):
-        T[i, 3] = live.p[i]
+        T[i, 3] = nav.p[i]
         to_world[i, i] = 1.0
-    return T, carried(to_world, live.covariance[:6, :6])
+    return T, propagated(to_world, nav.covariance[:6, :6])
+
+
+class Inertial:
+    """A buffer of samples in time order.
+
+    A sample that is not finite, out of range or not later than the last one is rejected. A sample is invalid if it is
+    saturated, or if it follows missing samples (it then replaces them, as the mean with the previous one). Samples of
+    the last 6 s are kept, at the nominal rate.
+
+    Args:
+        calibration: Rate and ranges.
+        parameters: Of the odometry.
+    """
+
+    def __init__(self, calibration: ImuCalibration, parameters: DvioParameters) -> None:
+        self._parameters, p = parameters, parameters.imu
+        self._half = math.ceil(p.buffer_s * calibration.rate_hz) + 1
+        self.t_ns = np.zeros(2 * self._half, np.int64)
+        self.samples = np.zeros((2 * self._half, 6))
+        self.invalid = np.zeros(2 * self._half, np.uint8)
+        self.count = 0
+        self.period_s = 1.0 / calibration.rate_hz
+        ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
+        self._limit = np.repeat(ranges, 3) * p.saturated_share
+        self._largest = np.repeat([p.rate_max_radps, p.force_max_mps2], 3)
+
+    def take(self, sample: Imu) -> bool:
+        """Takes a sample; False where it is ignored."""
+        if self.count and sample.t_ns <= self.t_ns[self.count - 1]:
+            return False
+        x = np.empty(6)
+        x[:3], x[3:] = sample.angular_rate, sample.specific_force
+        size = np.abs(x)
+        if not (size <= self._largest).all():
+            return False
+        half = self._half
+        if self.count == 2 * half:
+            for a in (self.t_ns, self.samples, self.invalid):
+                a[:half] = a[half:].copy()
+            self.count = half
+        i = self.count
+        missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > self._parameters.imu.gap_periods * self.period_s
+        self.t_ns[i] = sample.t_ns
+        self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
+        self.invalid[i] = missing or bool((size >= self._limit).any())
+        self.count += 1
+        return True
+
+    @property
+    def kept(self) -> ImuSamples:
+        """The samples, without a copy."""
+        n = self.count
+        return ImuSamples(self.t_ns[:n], self.samples[:n], self.invalid[:n])
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest sample."""
+        return int(self.t_ns[self.count - 1])
+
+    @property
+    def staying_ns(self) -> int:
+        """Stamp of the oldest sample that remains after the next one."""
+        return int(self.t_ns[max(self.count - self._half, 0)])
+
+    def gap_s(self) -> float:
+        """Time between the two newest samples, s."""
+        return (self.newest_ns - int(self.t_ns[self.count - 2])) * 1e-9 if self.count > 1 else 0.0
+
+    def rate_at(self, t_ns: int) -> Array:
+        """(3,) measured angular rate near a time, rad/s."""
+        i = int(np.searchsorted(self.t_ns[: self.count], t_ns))
+        i = min(max(i, 1), self.count - 1)
+        share = (t_ns - self.t_ns[i - 1]) / (self.t_ns[i] - self.t_ns[i - 1])
+        # a sample is the mean over the period that ends with it
+        j = min(i + 1, self.count - 1) if share > 0.5 else max(i - 1, 0)
+        weight = abs(share - 0.5)
+        return np.asarray((1 - weight) * self.samples[i, :3] + weight * self.samples[j, :3])
+
+    def since(self, t_ns: int, until_ns: int) -> Array:
+        """(N, 6) samples within (t_ns, until_ns]."""
+        i, j = np.searchsorted(self.t_ns[: self.count], [t_ns, until_ns], side="right")
+        return self.samples[i:j]
+
+    def reaches_back(self, t_ns: int) -> bool:
+        """Whether the samples are complete from a time on."""
+        return self.count > 0 and int(self.t_ns[0]) <= t_ns
+
+    def stationary(self, until_ns: int) -> bool:
+        """Whether the sensor was stationary just before a time, by the scatter of its samples."""
+        p = self._parameters
+        start = until_ns - round(p.stationary_s * 1e9)
+        if not self.reaches_back(start):
+            return False
+        x = self.since(start, until_ns)
+        if len(x) < p.imu.complete_share * p.stationary_s / self.period_s:
+            return False
+        spread = x.std(axis=0)
+        return bool(spread[:3].max() < p.stationary_rate_sd_radps and spread[3:].max() < p.stationary_force_sd_mps2)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
 
-from stridetwin.estimators.dvio.state import ImuNoise, Terms
-from stridetwin.estimators.methods import PROPOSED, current_name
+from stridetwin.estimators.base import PROPOSED, current_name
+from stridetwin.estimators.dvio.feet import LegParameters
+from stridetwin.estimators.dvio.patches import AlignmentParameters, CornerParameters, DepthParameters
+from stridetwin.estimators.dvio.state import FactorParameters, ImuNoise, PlaneParameters
+from stridetwin.estimators.dvio.structure_from_motion import StructureParameters
 from stridetwin.streams.errors import ConfigError, check_numbers
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
@@ -26,22 +29,16 @@ class TrackingParameters:
     """Of optical flow per level."""
     flow_settled_px: float = 0.02
     """Optical flow stops at smaller steps."""
-    cells_x: int = 10
-    """Columns of the grid over which new points are spread."""
-    cells_y: int = 8
-    """Its rows."""
-    apart_px: float = 16.0
-    """Least distance of new points from others."""
-    margin_px: int = 10
-    """No new point lies closer to the image's border."""
-    settled_px: float = 0.01
-    """Alignment with a patch stops at smaller steps, whole resolution."""
-    coarse_reach_px: float = 8.0
-    """Largest move of alignment at half the resolution, pixels of the whole one."""
-    coarse_settled_px: float = 0.1
-    """This alignment stops at smaller steps, pixels of the half resolution."""
-    coarse_likeness: float = 0.6
-    """Least correlation with the patch there."""
+    forward_backward_px: float = 0.7
+    """Largest forward-backward error of a tracked point."""
+    corners: CornerParameters = field(default_factory=CornerParameters)
+    """Of new points."""
+    coarse: AlignmentParameters = field(
+        default_factory=lambda: AlignmentParameters(reach_px=4.0, correlation_min=0.6, settled_px=0.1)
+    )
+    """Alignment with patches at half the resolution."""
+    fine: AlignmentParameters = field(default_factory=AlignmentParameters)
+    """The same at the whole resolution."""
     fast_threshold: int = 14
     """Grey levels, of the FAST detector."""
     fast_threshold_low: int = 5
@@ -66,8 +63,42 @@ class StartParameters:
     """While the vertical is less certain, collection continues."""
     speed_sd_mps: float = 0.1
     """The same for the velocity."""
+    gravity_error: float = 0.3
+    """Largest relative error of the gravity that the linear alignment finds."""
     misfit: float = 3.0
     """Mean squared residual, in variances, beyond which vision and IMU contradict each other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuParameters:
+    """Which samples of the IMU are used."""
+
+    buffer_s: float = 6.0
+    """Time kept: longer than a start in motion, or than a gap in vision followed by a late image."""
+    saturated_share: float = 0.995
+    """Share of the range from which on a sample counts as saturated."""
+    rate_max_radps: float = 100.0
+    """A larger rate is ignored: no head moves so."""
+    force_max_mps2: float = 1000.0
+    """The same of a force."""
+    gap_periods: float = 1.7
+    """A longer time between two samples means that one is missing."""
+    complete_share: float = 0.7
+    """Least share of the samples that must be there to detect a stationary sensor."""
+
+
+class PlausibleState(NamedTuple):
+    """Limits of a person's motion and of a consumer IMU; beyond them the odometry has failed.
+
+    Attributes:
+        speed_mps: m/s.
+        gyro_bias_radps: rad/s.
+        accel_bias_mps2: m/s².
+    """
+
+    speed_mps: float = 15.0
+    gyro_bias_radps: float = 0.5
+    accel_bias_mps2: float = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,9 +135,10 @@ class RecoveryParameters:
     """Growth of the position error while lost, because the wearer walks on."""
 
 
-def _numbers(parameters: object) -> dict[str, float]:
-    """Fields of a dataclass of parameters that are numbers."""
-    values = {f.name: getattr(parameters, f.name) for f in fields(parameters)}  # type: ignore[arg-type]
+def _numbers(parameters: Any) -> dict[str, float]:
+    """Fields of a group of parameters that are numbers."""
+    named = hasattr(parameters, "_asdict")
+    values = parameters._asdict() if named else {f.name: getattr(parameters, f.name) for f in fields(parameters)}
     return {name: v for name, v in values.items() if isinstance(v, int | float) and not isinstance(v, bool)}
 
 
@@ -132,23 +164,18 @@ class DvioParameters:
         projection_depth: Whether the depths measured in the other frames are used (12).
         host_depth_in_prior: Whether (11) of a landmark is marginalised into the prior; the paper drops it.
         first_estimates: Jacobians of frames in the prior are kept at the first linearisation point.
-        standing: Whether zero-velocity updates are used.
+        zero_velocity_updates: Whether zero-velocity updates are used.
         pixel_noise_px: Of an observation.
-        sight_limit: Observations beyond this many standard deviations are down-weighted (Huber).
+        pixel_limit: Observations beyond this many standard deviations are down-weighted (Huber).
         inverse_depth_sd_per_m: Of the host's measured inverse depth, 1/m; of a depth z it is this times z².
         inverse_depth_again_sd_per_m: The same for later frames; larger, because their errors are correlated.
-        depth_limit: As `sight_limit`.
-        depth_min_m: Nearest depth used, m.
-        depth_max_m: Farthest depth used, m.
-        depth_edge_per_m: Difference of inverse depths about a point that counts as an edge, 1/m.
+        depth_limit: As `pixel_limit`.
         cull_sd: Observations beyond this are removed, standard deviations.
         apart_sd: A point is dropped if its measured depth is farther from the prediction, standard deviations.
         gate_px: A point is dropped if it is observed farther from its prediction.
+        unmeasured_gate_px: Added for a point whose depth is not measured, with its predicted motion.
+        agreement_px: Largest error of an inlier of the pose that decides where most points are mispredicted.
         anchored: Whether a point is aligned with its host's patch, from its predicted or tracked position.
-        anchor_px: Largest move of this alignment.
-        anchor_likeness: Least correlation with the patch.
-        forward_backward_px: Largest forward-backward error of a tracked point.
-        corner_least: Cornerness of a new point, grey levels² a pixel².
         extrinsic_position_sd_m: Of the camera's nominal position on the IMU, m; 0: exactly known.
         extrinsic_rotation_sd_rad: Of its nominal rotation, rad.
         time_offset_sd_s: Of the camera's clock, s.
@@ -162,30 +189,31 @@ class DvioParameters:
         accel_bias_sd_mps2: Turn-on bias, m/s², if the calibration has a smaller one.
         saturated_rate_sd_radps: Error of a rate that is saturated or replaces missing samples, rad/s.
         saturated_force_sd_mps2: The same for a force, m/s².
-        still_s: Time without motion after which the sensor is stationary.
-        still_rate_sd_radps: Largest scatter of the rate of a stationary sensor, rad/s.
-        still_force_sd_mps2: Largest scatter of its force, m/s².
-        still_speed_sd_mps: Speed of a stationary sensor, m/s.
+        stationary_s: Time without motion after which the sensor is stationary.
+        stationary_rate_sd_radps: Largest scatter of the rate of a stationary sensor, rad/s.
+        stationary_force_sd_mps2: Largest scatter of its force, m/s².
+        stationary_speed_sd_mps: Speed of a stationary sensor, m/s.
         align_s: In motion, longest wait for vision and IMU to align; then the mean force is taken as the vertical.
         start_s: Duration of that mean.
         max_gap_s: A longer gap of the IMU causes a new start.
         planes: Whether floors and walls in the depth image are states too.
-        plane_depth_max_m: Farthest depth used for planes, m; below the sensor's range.
-        plane_doubt: Error of a plane in one image beyond its depth noise: of its direction, rad, and of its distance,
-            relative.
-        plane_limit: As `sight_limit`.
         feet: Whether the legs of an exoskeleton measure the speed when the camera observes little.
-        feet_speed_sd_mps: Of the camera's speed relative to the trunk, m/s.
         wait_s: Longest wait for the depth image of a colour image.
         unknown_inverse_depth_per_m: Inverse depth of a new landmark without measured depth: 6.7 m, typical of a room.
         measured_sd: From this many standard deviations of inverse depth on, parallax counts as a measurement.
-        still_px: Motion of points per frame up to which the camera may be stationary.
+        stationary_px: Motion of points per frame up to which the camera may be stationary.
         predicted_share: If fewer points than this share are where they were predicted, all are searched for.
         points_min: With fewer points only the IMU is used.
         observations_min: A frame with fewer counts as dead reckoning.
         tracking: Of the front end.
         start: Of the start in motion.
         recovery: Of gaps, and of a new start after a failure.
+        depth: Of measured depths at points.
+        plane: Of planes.
+        legs: Of the legs' velocity.
+        imu: Of the IMU's samples.
+        plausible: Limits of the state.
+        structure: Of the structure from motion of a start.
     """
 
     keyframes: int = 9
@@ -201,23 +229,18 @@ class DvioParameters:
     projection_depth: bool = True
     host_depth_in_prior: bool = True
     first_estimates: bool = True
-    standing: bool = True
+    zero_velocity_updates: bool = True
     pixel_noise_px: float = 0.35
-    sight_limit: float = 1.05
+    pixel_limit: float = 1.05
     inverse_depth_sd_per_m: float = 0.007
     inverse_depth_again_sd_per_m: float = 0.014
     depth_limit: float = 1.05
-    depth_min_m: float = 0.3
-    depth_max_m: float = 6.5
-    depth_edge_per_m: float = 0.04
     cull_sd: float = 3.5
     apart_sd: float = 5.0
     gate_px: float = 3.0
+    unmeasured_gate_px: float = 10.0
+    agreement_px: float = 3.0
     anchored: bool = True
-    anchor_px: float = 2.0
-    anchor_likeness: float = 0.8
-    forward_backward_px: float = 0.7
-    corner_least: float = 6.0
     extrinsic_position_sd_m: float = 2e-3
     extrinsic_rotation_sd_rad: float = 5e-3
     time_offset_sd_s: float = 5e-3
@@ -231,47 +254,51 @@ class DvioParameters:
     accel_bias_sd_mps2: float = 0.1
     saturated_rate_sd_radps: float = 1.0
     saturated_force_sd_mps2: float = 5.0
-    still_s: float = 0.25
-    still_rate_sd_radps: float = 0.02
-    still_force_sd_mps2: float = 0.15
-    still_speed_sd_mps: float = 0.01
+    stationary_s: float = 0.25
+    stationary_rate_sd_radps: float = 0.02
+    stationary_force_sd_mps2: float = 0.15
+    stationary_speed_sd_mps: float = 0.01
     align_s: float = 3.0
     start_s: float = 1.0
     max_gap_s: float = 0.5
     planes: bool = False
-    plane_depth_max_m: float = 5.0
-    plane_doubt: float = 3e-3
-    plane_limit: float = 2.5
     feet: bool = False
-    feet_speed_sd_mps: float = 0.2
     wait_s: float = 0.05
     unknown_inverse_depth_per_m: float = 0.15
     measured_sd: float = 8.0
-    still_px: float = 0.25
+    stationary_px: float = 0.25
     predicted_share: float = 0.5
     points_min: int = 8
     observations_min: int = 10
     tracking: TrackingParameters = TrackingParameters()
     start: StartParameters = StartParameters()
     recovery: RecoveryParameters = RecoveryParameters()
+    depth: DepthParameters = field(default_factory=DepthParameters)
+    plane: PlaneParameters = field(default_factory=PlaneParameters)
+    legs: LegParameters = field(default_factory=LegParameters)
+    imu: ImuParameters = ImuParameters()
+    plausible: PlausibleState = field(default_factory=PlausibleState)
+    structure: StructureParameters = field(default_factory=StructureParameters)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is out of range."""
         if self.host_depth not in HOST_DEPTHS:
             raise ConfigError("DvioParameters", "host_depth", self.host_depth, ", ".join(HOST_DEPTHS))
         numbers = _numbers(self)
-        told = {
+        may_be_zero = {
             "extrinsic_position_sd_m",
             "extrinsic_rotation_sd_rad",
             "time_offset_sd_s",
             "depth_scale_sd",
             "focal_sd",
         }
-        check_numbers("DvioParameters", numbers, may_be_zero=told | {"rate_share_rts", "plane_doubt"})
+        check_numbers("DvioParameters", numbers, may_be_zero | {"rate_share_rts"})
         if self.keyframes < 3:
             raise ConfigError("DvioParameters", "keyframes", self.keyframes, "a whole number ≥ 3")
-        for name in ("tracking", "start", "recovery"):
-            check_numbers(f"DvioParameters.{name}", _numbers(getattr(self, name)))
+        for name in ("tracking", "start", "recovery", "depth", "plane", "legs", "imu", "plausible", "structure"):
+            check_numbers(f"DvioParameters.{name}", _numbers(getattr(self, name)), may_be_zero={"error"})
+        for name in ("corners", "coarse", "fine"):
+            check_numbers(f"DvioParameters.tracking.{name}", _numbers(getattr(self.tracking, name)))
 
     @property
     def uses_depth(self) -> bool:
@@ -282,39 +309,28 @@ class DvioParameters:
         """Noise of an IMU's samples."""
         f, w = self.imu_noise_factor, self.walk_factor
         return ImuNoise(
-            rate=f * max(imu.gyroscope_noise_density, 1e-5),
-            force=f * max(imu.accelerometer_noise_density, 1e-4),
-            rate_share=self.rate_share_rts,
-            rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
-            force_walk=w * max(imu.accelerometer_random_walk, 1e-5),
-            doubtful_rate=self.saturated_rate_sd_radps,
-            doubtful_force=self.saturated_force_sd_mps2,
-        )
+            rate=f * max(imu.gyroscope_noise_density, 1e-5), force=f * max(imu.accelerometer_noise_density, 1e-4),
+            rate_share=self.rate_share_rts, rate_walk=w * max(imu.gyroscope_random_walk, 1e-6),
+            force_walk=w * max(imu.accelerometer_random_walk, 1e-5), invalid_rate=self.saturated_rate_sd_radps,
+            invalid_force=self.saturated_force_sd_mps2,
+        )  # fmt: skip
 
-    def terms(self, focal_px: float, noise: ImuNoise) -> Terms:
+    def factors(self, focal_px: float, noise: ImuNoise) -> FactorParameters:
         """Noise model of the factors for a camera's focal length."""
-        return Terms(
-            gravity=self.gravity_mps2,
-            sight_weight=(focal_px / self.pixel_noise_px) ** 2,
-            sight_limit=self.sight_limit,
-            depth_weight=self.inverse_depth_sd_per_m**-2,
-            again_weight=self.inverse_depth_again_sd_per_m**-2,
-            depth_limit=self.depth_limit,
-            plane_limit=self.plane_limit,
-            host_depth=self.host_depth == "factor",
-            depth_fixed=self.host_depth == "fixed",
-            projection_depth=self.projection_depth,
-            host_depth_in_prior=self.host_depth_in_prior,
-            first_estimates=self.first_estimates,
-            rate_walk=noise.rate_walk,
-            force_walk=noise.force_walk,
-        )
+        return FactorParameters(
+            gravity=self.gravity_mps2, pixel_weight=(focal_px / self.pixel_noise_px) ** 2,
+            pixel_limit=self.pixel_limit, depth_weight=self.inverse_depth_sd_per_m**-2,
+            later_depth_weight=self.inverse_depth_again_sd_per_m**-2, depth_limit=self.depth_limit, planes=self.plane,
+            host_depth=self.host_depth == "factor", depth_fixed=self.host_depth == "fixed",
+            projection_depth=self.projection_depth, host_depth_in_prior=self.host_depth_in_prior,
+            first_estimates=self.first_estimates, rate_walk=noise.rate_walk, force_walk=noise.force_walk,
+        )  # fmt: skip
 
 
 _PUBLISHED: dict[str, Any] = {
     "host_depth_in_prior": False,
     "first_estimates": False,
-    "standing": False,
+    "zero_velocity_updates": False,
     "extrinsic_position_sd_m": 0.0,
     "extrinsic_rotation_sd_rad": 0.0,
     "time_offset_sd_s": 0.0,

@@ -17,65 +17,101 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
-_REACH = 3  # px; half of the window for cornerness
-_DEPTH_REACH = 2
+
+class CornerParameters(NamedTuple):
+    """New points.
+
+    Attributes:
+        columns: Of the grid over which they are spread.
+        rows: Of the grid.
+        apart_px: Least distance of new points from others.
+        margin_px: No new point lies closer to the image's border; at least 5.
+        cornerness_min: Grey levels² a pixel².
+        reach_px: Half of the window for cornerness.
+    """
+
+    columns: int = 10
+    rows: int = 8
+    apart_px: float = 16.0
+    margin_px: int = 10
+    cornerness_min: float = 6.0
+    reach_px: int = 3
+
+
+class AlignmentParameters(NamedTuple):
+    """Alignment of a point with its host's patch, in pixels of the resolution at which it takes place.
+
+    Attributes:
+        reach_px: Largest move.
+        correlation_min: Least correlation with the patch.
+        settled_px: Smaller steps end the iteration.
+        steps: Largest number of steps.
+        gain_min: Least contrast, as a share of the patch's.
+        stretch_max: A patch whose area changes by more than this factor is not aligned.
+    """
+
+    reach_px: float = 2.0
+    correlation_min: float = 0.8
+    settled_px: float = 0.01
+    steps: int = 8
+    gain_min: float = 0.2
+    stretch_max: float = 10.0
+
+
+class DepthParameters(NamedTuple):
+    """Measured depths at points.
+
+    Attributes:
+        min_m: Nearest depth used, m.
+        max_m: Farthest depth used, m.
+        edge_per_m: Difference of inverse depths about a point that counts as an edge, 1/m.
+        reach_px: Half of the window of a depth.
+        slope_reach_px: Half of the window of a slope.
+        slope_step_px: Between its samples.
+    """
+
+    min_m: float = 0.3
+    max_m: float = 6.5
+    edge_per_m: float = 0.04
+    reach_px: int = 2
+    slope_reach_px: int = 8
+    slope_step_px: int = 2
 
 
 @njit(error_model="numpy", **INSIDE)
-def cornerness(grey: NDArray[np.uint8], x: int, y: int) -> float:
+def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> float:
     """Lesser eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), grey levels² a pixel²."""
     a, b, c = 0.0, 0.0, 0.0
-    for i in range(y - _REACH, y + _REACH + 1):
-        for j in range(x - _REACH, x + _REACH + 1):
+    for i in range(y - reach, y + reach + 1):
+        for j in range(x - reach, x + reach + 1):
             dx = 0.5 * (float(grey[i, j + 1]) - float(grey[i, j - 1]))
             dy = 0.5 * (float(grey[i + 1, j]) - float(grey[i - 1, j]))
             a += dx * dx
             b += dx * dy
             c += dy * dy
-    n = (2 * _REACH + 1) ** 2
+    n = (2 * reach + 1) ** 2
     return (0.5 * (a + c) - math.sqrt(0.25 * (a - c) ** 2 + b * b)) / n
 
 
 @njit(error_model="numpy", **INSIDE)
 def pick(
-    grey: NDArray[np.uint8],
-    candidates: NDArray[np.float32],
-    taken: NDArray[np.float32],
-    columns: int,
-    rows: int,
-    apart: float,
-    margin: int,
-    least: float,
-    wanted: int,
-    out: NDArray[np.float32],
-) -> int:
+    grey: NDArray[np.uint8], candidates: NDArray[np.float32], taken: NDArray[np.float32], p: CornerParameters,
+    wanted: int, out: NDArray[np.float32],
+) -> int:  # fmt: skip
     """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
-    Args:
-        grey: (H, W).
-        candidates: (N, 2) px.
-        taken: (M, 2) px, existing points.
-        columns: Number of cell columns.
-        rows: Number of cell rows.
-        apart: Least distance between two points, px.
-        margin: From the image border, px, ≥ 5.
-        least: Least cornerness of a point.
-        wanted: Number of points wanted.
-        out: (wanted, 2) px.
-
-    Returns:
-        Number of points.
+    All points are (N, 2) px; `taken` exist already. Writes up to `wanted` points to `out`; returns their number.
     """
     height, width = grey.shape
     n = len(candidates)
     score = np.full(n, -1.0)
     for i in range(n):
         x, y = int(candidates[i, 0]), int(candidates[i, 1])
-        if margin <= x < width - margin and margin <= y < height - margin:
-            s = cornerness(grey, x, y)
-            if s >= least:
+        if p.margin_px <= x < width - p.margin_px and p.margin_px <= y < height - p.margin_px:
+            s = cornerness(grey, x, y, p.reach_px)
+            if s >= p.cornerness_min:
                 score[i] = s
-    order = np.argsort(-score)
+    order, columns, rows = np.argsort(-score), p.columns, p.rows
     filled = np.zeros((rows, columns), np.int64)
     for i in range(len(taken)):
         c = min(max(int(taken[i, 0] * columns / width), 0), columns - 1)
@@ -92,11 +128,11 @@ def pick(
                 continue
             near = False
             for k in range(len(taken)):
-                if (taken[k, 0] - x) ** 2 + (taken[k, 1] - y) ** 2 < apart * apart:
+                if (taken[k, 0] - x) ** 2 + (taken[k, 1] - y) ** 2 < p.apart_px * p.apart_px:
                     near = True
                     break
             for k in range(count):
-                if (out[k, 0] - x) ** 2 + (out[k, 1] - y) ** 2 < apart * apart:
+                if (out[k, 0] - x) ** 2 + (out[k, 1] - y) ** 2 < p.apart_px * p.apart_px:
                     near = True
                     break
             if near:
@@ -108,46 +144,34 @@ def pick(
 
 
 @njit(error_model="numpy", **INSIDE)
-def read_depth(
-    depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, spread: float, told: Array
-) -> None:
-    """Inverse depth at points on smooth surfaces.
-
-    Args:
-        depth: (H, W) m, 0 or NaN where none.
-        points: (N, 2) px.
-        least: Nearest depth that counts, m.
-        most: Farthest.
-        spread: Largest difference of inverse depths about a point, 1/m; a larger one is an edge.
-        told: (N,) out: median of the inverse depths, 1/m; 0 where none.
-    """
+def read_depth(depth: NDArray[np.float32], points: NDArray[np.float32], p: DepthParameters, rho: Array) -> None:
+    """Median inverse depths about points (N, 2) px of a depth image (H, W) m, into `rho` (N,) 1/m; 0 at edges."""
     height, width = depth.shape
-    values = np.empty((2 * _DEPTH_REACH + 1) ** 2)
+    reach = p.reach_px
+    values = np.empty((2 * reach + 1) ** 2)
     for i in range(len(points)):
-        told[i] = 0.0
+        rho[i] = 0.0
         if not (abs(points[i, 0]) < 1e6 and abs(points[i, 1]) < 1e6):
             continue
         x, y = int(points[i, 0] + 0.5), int(points[i, 1] + 0.5)
-        if not (_DEPTH_REACH <= x < width - _DEPTH_REACH and _DEPTH_REACH <= y < height - _DEPTH_REACH):
+        if not (reach <= x < width - reach and reach <= y < height - reach):
             continue
         n = 0
-        for r in range(y - _DEPTH_REACH, y + _DEPTH_REACH + 1):
-            for c in range(x - _DEPTH_REACH, x + _DEPTH_REACH + 1):
+        for r in range(y - reach, y + reach + 1):
+            for c in range(x - reach, x + reach + 1):
                 z = float(depth[r, c])
-                if least <= z <= most:
+                if p.min_m <= z <= p.max_m:
                     values[n] = 1.0 / z
                     n += 1
         if n < len(values) - 2:
             continue
         ordered = np.sort(values[:n])
-        if ordered[n - 1] - ordered[0] <= spread:
-            told[i] = ordered[n // 2]
+        if ordered[n - 1] - ordered[0] <= p.edge_per_m:
+            rho[i] = ordered[n // 2]
 
 
-REACH = 6  # px; half of a patch
+REACH = 6  # px; half of a patch, a constant because the compiler unrolls its sums
 PIXELS = (2 * REACH + 1) ** 2
-_STEPS = 8
-_SLOPE_REACH, _SLOPE_STRIDE = 8, 2  # px
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -180,14 +204,7 @@ def blank_patches(slots: int) -> Patches:
 
 @njit(error_model="numpy", **INSIDE)
 def cut(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
-    """Stores the patches about points.
-
-    Args:
-        grey: (H, W).
-        ids: (N,) slot of each.
-        points: (N, 2) px; outside the image, the border is replicated.
-        patches: Out.
-    """
+    """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated."""
     height, width = grey.shape
     side = 2 * REACH + 3
     T, mean, H = np.empty((side, side)), np.empty(3), np.empty((3, 3))
@@ -250,16 +267,9 @@ def _compare(
 
 @njit(error_model="numpy", **INSIDE)
 def align(
-    grey: NDArray[np.uint8],
-    patches: Patches,
-    ids: NDArray[np.int64],
-    warps: Array,
-    far: float,
-    alike: float,
-    settled: float,
-    points: NDArray[np.float32],
-    good: NDArray[np.bool_],
-) -> None:
+    grey: NDArray[np.uint8], patches: Patches, ids: NDArray[np.int64], warps: Array, p: AlignmentParameters,
+    points: NDArray[np.float32], good: NDArray[np.bool_],
+) -> None:  # fmt: skip
     """Aligns points with their patches.
 
     Args:
@@ -267,9 +277,7 @@ def align(
         patches: As stored by `cut`.
         ids: (N,) slot of each.
         warps: (N, 2, 2) from the patch's pixels to the image's.
-        far: Largest move, px.
-        alike: Least correlation of the image with the patch.
-        settled: The iteration stops at a smaller move, px.
+        p: Of the alignment.
         points: (N, 2) px, changed.
         good: (N,) changed: False where alignment fails; points that are False on entry are skipped.
     """
@@ -280,55 +288,49 @@ def align(
         good[l] = False
         M, inverse, power = warps[l], patches.inverse[ids[l]], patches.power[ids[l]]
         stretch = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
-        if not 0.1 < stretch < 10.0 or inverse[2, 2] == 0.0:
+        if not 1.0 / p.stretch_max < stretch < p.stretch_max or inverse[2, 2] == 0.0:
             continue
         reach_x = REACH * (abs(M[0, 0]) + abs(M[0, 1])) + 2
         reach_y = REACH * (abs(M[1, 0]) + abs(M[1, 1])) + 2
         x, y = float(points[l, 0]), float(points[l, 1])
         x0, y0 = x, y
-        likeness = 0.0
-        for _ in range(_STEPS):
+        correlation = 0.0
+        for _ in range(p.steps):
             if not (reach_x < x < width - reach_x and reach_y < y < height - reach_y):
-                likeness = 0.0
+                correlation = 0.0
                 break
             g0, g1, g2, own = _compare(grey, x, y, M, patches.basis[ids[l]])
-            likeness = g2 / math.sqrt(own * power + 1e-9)
+            correlation = g2 / math.sqrt(own * power + 1e-9)
             # image model: the patch, moved by d and scaled by a gain
             d0 = inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2
             d1 = inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2
             gain = inverse[2, 0] * g0 + inverse[2, 1] * g1 + inverse[2, 2] * g2
-            if gain < 0.2:
-                likeness = 0.0
+            if gain < p.gain_min:
+                correlation = 0.0
                 break
             d0, d1 = d0 / gain, d1 / gain
             mx, my = M[0, 0] * d0 + M[0, 1] * d1, M[1, 0] * d0 + M[1, 1] * d1
             x, y = x - mx, y - my
-            if math.hypot(x - x0, y - y0) > far:
-                likeness = 0.0
+            if math.hypot(x - x0, y - y0) > p.reach_px:
+                correlation = 0.0
                 break
-            if math.hypot(mx, my) < settled:
+            if math.hypot(mx, my) < p.settled_px:
                 break
-        if likeness >= alike:
+        if correlation >= p.correlation_min:
             points[l, 0], points[l, 1] = x, y
             good[l] = True
 
 
 @njit(error_model="numpy", **INSIDE)
 def read_slope(
-    depth: NDArray[np.float32], points: NDArray[np.float32], least: float, most: float, rough: float, slope: Array
+    depth: NDArray[np.float32], points: NDArray[np.float32], p: DepthParameters, roughness: float, slope: Array
 ) -> None:
-    """Gradient of the inverse depth about points: on a plane it is linear in the image.
+    """Gradients of the inverse depth (linear in the image of a plane) about points (N, 2) px of a depth image (H, W) m.
 
-    Args:
-        depth: (H, W) m, 0 or NaN where none.
-        points: (N, 2) px.
-        least: Nearest depth that counts, m.
-        most: Farthest.
-        rough: Largest mean deviation from a plane, 1/m.
-        slope: (N, 2) out: 1/m per pixel; 0 where there is no plane.
+    Writes them to `slope` (N, 2), 1/m per pixel; 0 where the mean scatter about a plane exceeds `roughness`, 1/m.
     """
     height, width = depth.shape
-    r, step = _SLOPE_REACH, _SLOPE_STRIDE
+    r, step = p.slope_reach_px, p.slope_step_px
     for l in range(len(points)):
         slope[l] = 0.0
         x, y = int(points[l, 0] + 0.5), int(points[l, 1] + 0.5)
@@ -338,7 +340,7 @@ def read_slope(
         for i in range(-r, r + 1, step):
             for j in range(-r, r + 1, step):
                 z = float(depth[y + i, x + j])
-                if least <= z <= most:
+                if p.min_m <= z <= p.max_m:
                     v = 1.0 / z
                     n += 1
                     total += v
@@ -350,5 +352,5 @@ def read_slope(
             continue
         a, b = a / u2, b / u2
         left = (square - total * total / n - (a * a + b * b) * u2) / n
-        if left < rough * rough:
+        if left < roughness * roughness:
             slope[l, 0], slope[l, 1] = a, b

@@ -9,21 +9,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.dvio.state import PlaneParameters
 from stridetwin.streams.samples import Array
 
-STEP_PX = 4  # between samples: the noise of a stereo camera is correlated within its matching window
-_SIDE = 10  # samples per cell side
-_FULL = 0.9  # least share of a cell's samples that are measured
-_ROUGH = 1.6  # largest scatter of a cell's samples about its plane, standard deviations
-_ALIKE = 14.0  # squared Mahalanobis distance of planes: 0.3 % of one plane's cells exceed it
-_LEAST_CELLS = 8
 _SUMS = 11  # per cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatter about its plane
 
 
-def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
+def sample_pixels(shape: tuple[int, int], p: PlaneParameters) -> NDArray[np.float32]:
     """(R, C, 2) px of the samples of an image (H, W): whole cells of them."""
-    rows, columns = (n // (STEP_PX * _SIDE) * _SIDE for n in shape)
-    v, u = np.mgrid[:rows, :columns] * STEP_PX + STEP_PX // 2
+    rows, columns = (n // (p.step_px * p.side) * p.side for n in shape)
+    v, u = np.mgrid[:rows, :columns] * p.step_px + p.step_px // 2
     return np.stack([u, v], axis=-1).astype(np.float32)
 
 
@@ -52,17 +47,19 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
 
 
 @njit(error_model="numpy", **INSIDE)
-def _sums(depth: NDArray[np.float32], rays: Array, least: float, most: float, sd: float, cells: Array) -> None:
+def _sums(
+    depth: NDArray[np.float32], rays: Array, p: PlaneParameters, depth_min_m: float, sd: float, cells: Array
+) -> None:
     """Sums of each cell, (R, C, 11); the sixth, the number of samples, is 0 if the cell is not full or is rough."""
-    inverse, plane = np.empty((3, 3)), np.empty(3)
+    inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), p.side, p.step_px // 2
     for r in range(cells.shape[0]):
         for c in range(cells.shape[1]):
             s = cells[r, c]
             s[:] = 0.0
-            for i in range(r * _SIDE, (r + 1) * _SIDE):
-                for j in range(c * _SIDE, (c + 1) * _SIDE):
-                    z = float(depth[STEP_PX * i + STEP_PX // 2, STEP_PX * j + STEP_PX // 2])
-                    if not least <= z <= most:
+            for i in range(r * side, (r + 1) * side):
+                for j in range(c * side, (c + 1) * side):
+                    z = float(depth[p.step_px * i + middle, p.step_px * j + middle])
+                    if not depth_min_m <= z <= p.depth_max_m:
                         continue
                     x, y, xi = rays[i, j, 0], rays[i, j, 1], 1.0 / z
                     s[0] += x * x
@@ -75,26 +72,21 @@ def _sums(depth: NDArray[np.float32], rays: Array, least: float, most: float, sd
                     s[7] += y * xi
                     s[8] += xi
                     s[9] += xi * xi
-            if s[5] < _FULL * _SIDE * _SIDE or not _solve(s, inverse, plane):
+            if s[5] < p.measured_share * side * side or not _solve(s, inverse, plane):
                 s[5] = 0.0
                 continue
             s[10] = max(s[9] - plane[0] * s[6] - plane[1] * s[7] - plane[2] * s[8], 0.0)
-            if s[10] > (_ROUGH * sd) ** 2 * s[5]:
+            if s[10] > (p.roughness_sd * sd) ** 2 * s[5]:
                 s[5] = 0.0
 
 
 @njit(error_model="numpy", **INSIDE)
-def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) -> float:
-    """Squared Mahalanobis distance between the plane of a cell's sums and a region's.
+def _apart(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
+    """Squared Mahalanobis distance between the planes of a cell's sums (11,) and of a region, by a sample's variance.
 
-    Args:
-        s: (11,) of the cell.
-        region: (3, 3) inverse of the region's normal equations; 0 takes its plane as exact.
-        variance: Of a sample.
-        plane: (3,) of the region.
-        room: (2, 3, 3).
+    `region` is the (3, 3) inverse of the region's normal equations; 0 takes its plane as exact.
     """
-    own, both = room[0], room[1]
+    own, both = buffers[0], buffers[1]
     e = np.empty(3)
     if not _solve(s, own, e):
         return math.inf
@@ -113,19 +105,15 @@ def _apart(s: Array, region: Array, variance: float, plane: Array, room: Array) 
 
 
 @njit(error_model="numpy", **INSIDE)
-def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
-    """Grows a region by neighbours on its plane, then by all other cells on it; returns its size.
+def _grow(
+    cells: Array, group: NDArray[np.int64], name: int, p: PlaneParameters, variance: float, total: Array, plane: Array
+) -> int:
+    """Grows a region by neighbours on its plane, then by all other cells on it; returns its number of cells.
 
-    Args:
-        cells: (R, C, 11) sums.
-        group: (R, C) 0 where free, `name` where in the region; changed.
-        name: ≥ 1.
-        variance: Of a sample.
-        total: (11,) the region's sums; changed.
-        plane: (3,) its plane; changed.
+    `group` (R, C) is 0 where a cell is free, `name` where it belongs to the region, whose sums are `total` (11,).
     """
     rows, columns = group.shape
-    inverse, room, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
+    inverse, buffers, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
     _solve(total, inverse, plane)
     anywhere, grown = False, True
     while grown or not anywhere:
@@ -142,7 +130,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
                     or (c > 0 and group[r, c - 1] == name)
                     or (c + 1 < columns and group[r, c + 1] == name)
                 )
-                if beside and _apart(cells[r, c], inverse, variance, plane, room) < _ALIKE:
+                if beside and _apart(cells[r, c], inverse, variance, plane, buffers) < p.cell_gate:
                     group[r, c] = name
                     total += cells[r, c]
                     _solve(total, inverse, plane)
@@ -152,7 +140,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     inverse[:] = 0.0
     for r in range(rows):
         for c in range(columns):
-            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, room) > _ALIKE:
+            if group[r, c] == name and _apart(cells[r, c], inverse, variance, plane, buffers) > p.cell_gate:
                 group[r, c] = -1
                 total -= cells[r, c]
                 count -= 1
@@ -161,33 +149,26 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
 
 @njit(error_model="numpy", **INSIDE)
 def read_planes(
-    depth: NDArray[np.float32],
-    rays: Array,
-    least: float,
-    most: float,
-    sd: float,
-    doubt: float,
-    planes: Array,
+    depth: NDArray[np.float32], rays: Array, p: PlaneParameters, depth_min_m: float, sd: float, planes: Array,
     weights: Array,
-) -> int:
+) -> int:  # fmt: skip
     """The largest planes of a depth image; 0.4 ms.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
         rays: (R, C, 2) of `sample_pixels` on the plane at depth 1.
-        least: Nearest depth that counts, m.
-        most: Farthest: below the sensor's range, near whose end measured depths are biased towards the camera.
+        p: Of planes.
+        depth_min_m: Nearest depth that counts.
         sd: Of an inverse depth, 1/m.
-        doubt: Of a plane: error of its direction, rad, and of its distance, relative, beyond the samples' noise.
         planes: (P, 3) out: inverse depth at (x, y) is its product with (x, y, 1); 1/m, largest first.
         weights: (P, 3, 3) out: inverse of its covariance.
 
     Returns:
         Number of planes.
     """
-    rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
+    rows, columns = rays.shape[0] // p.side, rays.shape[1] // p.side
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
-    _sums(depth, rays, least, most, sd, cells)
+    _sums(depth, rays, p, depth_min_m, sd, cells)
     score = np.empty(rows * columns)
     for i in range(len(score)):
         s = cells[i // columns, i % columns]
@@ -203,8 +184,8 @@ def read_planes(
         name += 1
         group[r, c] = name
         total[:] = cells[r, c]
-        n = _grow(cells, group, name, sd * sd, total, plane)
-        if n < _LEAST_CELLS or not _solve(total, inverse, plane):
+        n = _grow(cells, group, name, p, sd * sd, total, plane)
+        if n < p.cells_min or not _solve(total, inverse, plane):
             continue
         # insertion sort by size
         at = min(count, len(planes))
@@ -215,7 +196,7 @@ def read_planes(
         count = min(count + 1, len(planes))
         for k in range(count - 1, at, -1):
             size[k], planes[k], weights[k] = size[k - 1], planes[k - 1], weights[k - 1]
-        off = (doubt * doubt) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
+        off = (p.error * p.error) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
         size[at], planes[at] = n, plane
         covariance = sd * sd * inverse
         for k in range(3):

@@ -19,25 +19,22 @@ from stridetwin.estimators.dvio.projection import at_exposure, huber
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE_IC,
-    D_LENS,
+    D_FOCAL,
     D_OFFSET,
     D_POSITION_IC,
     D_SCALE,
     FRAME,
     PLANE,
-    Terms,
+    FactorParameters,
     Window,
 )
 from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration, of the plane, and of the observing frame's pose.
-_PLANE, _SEER, COLUMNS = CALIBRATION, CALIBRATION + PLANE, CALIBRATION + PLANE + 6
-_LEAST_DISTANCE = 0.05  # m; least distance of a camera from a plane
-_TURNED, _OFF = 0.1, 0.15  # rad, m; a plane farther off never matches, however uncertain
-_STRANGE = 16.3  # chi-square gate: 0.1 % of a plane's own observations exceed it
+_PLANE, _OBSERVER, COLUMNS = CALIBRATION, CALIBRATION + PLANE, CALIBRATION + PLANE + 6
 
 
-class Room(NamedTuple):
+class PlaneWorkspace(NamedTuple):
     """Buffers for an observation.
 
     Attributes:
@@ -74,7 +71,7 @@ def tangent(n: Array) -> Array:
 
 
 @njit(error_model="numpy", **INSIDE)
-def turned(n: Array, a: float, b: float) -> Array:
+def rotate_normal(n: Array, a: float, b: float) -> Array:
     """(3,) unit vector n, moved by a and b along its `tangent`."""
     T = tangent(n)
     m = np.empty(3)
@@ -93,37 +90,28 @@ def _in_camera(window: Window, n: Array, d: float, R: Array, p: Array) -> tuple[
 
 
 @njit(error_model="numpy", **INSIDE)
-def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room: Room) -> bool:
-    """Residual of a plane observed by a frame, s L π − π_told, and its Jacobian; s scales depth, L the focal lengths.
+def plane_residual(
+    window: Window, factors: FactorParameters, k: int, j: int, measured: Array, workspace: PlaneWorkspace
+) -> bool:
+    """Residual of plane k measured in frame j, s L π − π_measured (3,) 1/m, and its Jacobian, into `workspace`.
 
-    See docs/dvio.md (12).
-
-    Args:
-        window: States.
-        terms: Whether Jacobians are taken at first estimates.
-        k: Slot of the plane.
-        j: Slot of the frame.
-        told: (3,) measured plane, 1/m.
-        room: Out.
-
-    Returns:
-        False if the camera is not in front of the plane.
+    s scales the depth, L the focal lengths. False if the camera is not in front of the plane. See docs/dvio.md (12).
     """
-    f, c, planes, J = window.frames, window.calibration, window.planes, room.J
-    lens = (1.0 + c.lens[0], 1.0 + c.lens[1], 1.0)
+    f, c, planes, J = window.frames, window.calibration, window.planes, workspace.J
+    focal = (1.0 + c.focal[0], 1.0 + c.focal[1], 1.0)
     R, p = at_exposure(f, j, c.offset[0])
     _, m, away = _in_camera(window, planes.normal[k], planes.distance[k], R, p)
-    if away < _LEAST_DISTANCE:
+    if away < factors.planes.distance_min_m:
         return False
     for i in range(3):
-        room.r[i] = c.scale[0] * lens[i] * m[i] / away - told[i]
+        workspace.r[i] = c.scale[0] * focal[i] * m[i] / away - measured[i]
     n, d = planes.normal[k], planes.distance[k]
-    if terms.first_estimates and planes.held[k]:
+    if factors.first_estimates and planes.held[k]:
         n, d = planes.normal_first[k], planes.distance_first[k]
-    if terms.first_estimates and f.held[j]:
+    if factors.first_estimates and f.held[j]:
         R, p = f.R_first[j], f.p_first[j]
     a, m, away = _in_camera(window, n, d, R, p)
-    if away < _LEAST_DISTANCE:
+    if away < factors.planes.distance_min_m:
         return False
     T = tangent(n)
     # derivatives of the distance by plane, position and attitude
@@ -133,12 +121,12 @@ def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room:
     by_away[_PLANE + 2] = 1.0
     for i in range(3):
         by_away[D_POSITION_IC + i] = -a[i]
-        by_away[_SEER + i] = -n[i]
-        by_away[_SEER + 3 + i] = a[i - 2] * c.p[i - 1] - a[i - 1] * c.p[i - 2]
+        by_away[_OBSERVER + i] = -n[i]
+        by_away[_OBSERVER + 3 + i] = a[i - 2] * c.p[i - 1] - a[i - 1] * c.p[i - 2]
     J[:] = 0.0
     across = rotate_back(c.R, rotate_back(R, T[0])), rotate_back(c.R, rotate_back(R, T[1]))
     for i in range(3):
-        g = c.scale[0] * lens[i] / away
+        g = c.scale[0] * focal[i] / away
         for e in range(COLUMNS):
             J[i, e] = -g * m[i] / away * by_away[e]
         J[i, _PLANE] += g * across[0][i]
@@ -147,13 +135,13 @@ def plane_sight(window: Window, terms: Terms, k: int, j: int, told: Array, room:
         J[i, D_ATTITUDE_IC + (i + 1) % 3] -= g * m[(i + 2) % 3]
         J[i, D_ATTITUDE_IC + (i + 2) % 3] += g * m[(i + 1) % 3]
         for e in range(3):
-            J[i, _SEER + 3 + e] += g * (c.R[e - 2, i] * a[e - 1] - c.R[e - 1, i] * a[e - 2])
-        J[i, D_SCALE] = lens[i] * m[i] / away
+            J[i, _OBSERVER + 3 + e] += g * (c.R[e - 2, i] * a[e - 1] - c.R[e - 1, i] * a[e - 2])
+        J[i, D_SCALE] = focal[i] * m[i] / away
         if i < 2:
-            J[i, D_LENS + i] = c.scale[0] * m[i] / away
+            J[i, D_FOCAL + i] = c.scale[0] * m[i] / away
         late = 0.0
         for e in range(3):
-            late += J[i, _SEER + e] * f.v[j, e] + J[i, _SEER + 3 + e] * f.rate[j, e]
+            late += J[i, _OBSERVER + e] * f.v[j, e] + J[i, _OBSERVER + 3 + e] * f.rate[j, e]
         J[i, D_OFFSET] = late
     return True
 
@@ -163,9 +151,9 @@ def _column(i: int, k: int, j: int, shared: int) -> int:
     """Index among all states of a column of an observation's Jacobian."""
     if i < _PLANE:
         return i
-    if i < _SEER:
+    if i < _OBSERVER:
         return CALIBRATION + PLANE * k + i - _PLANE
-    return shared + FRAME * j + i - _SEER
+    return shared + FRAME * j + i - _OBSERVER
 
 
 @njit(error_model="numpy", **INSIDE)
@@ -178,18 +166,18 @@ def _squared(weight: Array, r: Array) -> float:
 
 
 @njit(error_model="numpy", **INSIDE)
-def add_planes(window: Window, terms: Terms, last: int, H: Array, b: Array) -> float:
+def add_planes(window: Window, factors: FactorParameters, last: int, H: Array, b: Array) -> float:
     """Adds the plane observations of frames up to `last`; returns the cost."""
     planes, shared, cost = window.planes, window.shared, 0.0
-    room = Room(np.empty(3), np.empty((3, COLUMNS)))
+    workspace = PlaneWorkspace(np.empty(3), np.empty((3, COLUMNS)))
     for k in range(len(planes.used)):
         if not planes.used[k]:
             continue
         for j in range(last + 1):
-            if not planes.seen[k, j] or not plane_sight(window, terms, k, j, planes.told[k, j], room):
+            if not planes.seen[k, j] or not plane_residual(window, factors, k, j, planes.measured[k, j], workspace):
                 continue
-            W, r, J = planes.weight[k, j], room.r, room.J
-            c, w = huber(_squared(W, r), terms.plane_limit)
+            W, r, J = planes.weight[k, j], workspace.r, workspace.J
+            c, w = huber(_squared(W, r), factors.planes.huber_sd)
             cost += c
             WJ, Wr = mul(W, J), rotate(W, r)
             for e in range(COLUMNS):
@@ -201,46 +189,40 @@ def add_planes(window: Window, terms: Terms, last: int, H: Array, b: Array) -> f
 
 
 @njit(error_model="numpy", **INSIDE)
-def cull_planes(window: Window, terms: Terms) -> None:
+def cull_planes(window: Window, factors: FactorParameters) -> None:
     """Removes outlier observations of planes."""
     planes = window.planes
-    room = Room(np.empty(3), np.empty((3, COLUMNS)))
+    workspace = PlaneWorkspace(np.empty(3), np.empty((3, COLUMNS)))
     for k in range(len(planes.used)):
         for j in range(window.frames.count[0]):
             if planes.used[k] and planes.seen[k, j]:
-                fits = plane_sight(window, terms, k, j, planes.told[k, j], room)
-                planes.seen[k, j] = fits and _squared(planes.weight[k, j], room.r) < _STRANGE
+                fits = plane_residual(window, factors, k, j, planes.measured[k, j], workspace)
+                planes.seen[k, j] = fits and _squared(planes.weight[k, j], workspace.r) < factors.planes.gate
 
 
 @njit(error_model="numpy", **INSIDE)
-def _strangeness(
-    window: Window, terms: Terms, L: Array, k: int, j: int, told: Array, cover: Array, room: Room
-) -> float:
-    """Squared Mahalanobis distance of a measured plane from a known one; inf if it is far off.
+def _distance2(
+    window: Window, factors: FactorParameters, L: Array, k: int, j: int, measured: Array, cover: Array,
+    workspace: PlaneWorkspace,
+) -> float:  # fmt: skip
+    """Squared Mahalanobis distance of a plane measured in frame j from the known plane k; inf if it is far off.
 
-    Args:
-        window: States.
-        terms: As of `plane_sight`.
-        L: Cholesky factor of the normal equations of all states.
-        k: Slot of the known plane.
-        j: Slot of the frame.
-        told: (3,) measured plane, 1/m.
-        cover: (3, 3) covariance of the measurement.
-        room: Buffers.
+    `L` is the Cholesky factor of the normal equations of all states, `cover` (3, 3) the measurement's covariance.
     """
-    if not plane_sight(window, terms, k, j, told, room):
+    if not plane_residual(window, factors, k, j, measured, workspace):
         return math.inf
     c = window.calibration
-    expected = told + room.r
-    size, known = math.sqrt(_dot(told, told)), math.sqrt(_dot(expected, expected))
-    if _dot(told, expected) < math.cos(_TURNED) * size * known or abs(1.0 / size - 1.0 / known) * c.scale[0] > _OFF:
+    expected, p = measured + workspace.r, factors.planes
+    size, known = math.sqrt(_dot(measured, measured)), math.sqrt(_dot(expected, expected))
+    apart_m = abs(1.0 / size - 1.0 / known) * c.scale[0]
+    if _dot(measured, expected) < math.cos(p.match_rad) * size * known or apart_m > p.match_m:
         return math.inf
     shared = window.shared
     n = shared + FRAME * (j + 1)
     Y, S = np.zeros((n, 3)), cover.copy()
     for e in range(COLUMNS):
         for i in range(3):
-            Y[_column(e, k, j, shared), i] = room.J[i, e]
+            Y[_column(e, k, j, shared), i] = workspace.J[i, e]
     for a in range(n):
         row = L[a]
         for i in range(3):
@@ -252,57 +234,50 @@ def _strangeness(
         for i in range(3):
             for e in range(3):
                 S[i, e] += Y[a, i] * Y[a, e]
-    return _squared(np.linalg.inv(S), room.r)
+    return _squared(np.linalg.inv(S), workspace.r)
 
 
 @njit(error_model="numpy", **INSIDE)
-def match_planes(window: Window, terms: Terms, L: Array, told: Array, weights: Array, count: int, new: Array) -> int:
-    """Associates planes measured in the newest frame with known ones.
+def match_planes(
+    window: Window, factors: FactorParameters, L: Array, measured: Array, weights: Array, count: int, new: Array
+) -> int:
+    """Associates planes measured in the newest frame with known ones; returns the number without a match.
 
-    Args:
-        window: Its planes are changed in place.
-        terms: As of `plane_sight`.
-        L: Cholesky factor of the normal equations of all states.
-        told: (P, 3) measured planes, 1/m.
-        weights: (P, 3, 3) inverse of the covariance of each.
-        count: Number of measured planes.
-        new: (P,) out: which of them match no known plane.
-
-    Returns:
-        Number of planes without a match.
+    `measured` (P, 3) 1/m and `weights` (P, 3, 3) are as of `read_planes`, `L` as of `_distance2`. The indices of those
+    without a match are written to `new` (P,).
     """
-    planes, j, strangers = window.planes, window.frames.count[0] - 1, 0
-    room = Room(np.empty(3), np.empty((3, COLUMNS)))
+    planes, j, unmatched = window.planes, window.frames.count[0] - 1, 0
+    workspace = PlaneWorkspace(np.empty(3), np.empty((3, COLUMNS)))
     planes.seen[:, j] = 0
     for i in range(count):
-        best, least, cover = -1, _STRANGE, np.linalg.inv(weights[i])
+        best, least, cover = -1, factors.planes.gate, np.linalg.inv(weights[i])
         twice = False
         for k in range(len(planes.used)):
             if not planes.used[k]:
                 continue
-            chi = _strangeness(window, terms, L, k, j, told[i], cover, room)
+            chi = _distance2(window, factors, L, k, j, measured[i], cover, workspace)
             if chi < least:
                 best, least, twice = k, chi, planes.seen[k, j] > 0
         if best < 0:
-            new[strangers] = i
-            strangers += 1
+            new[unmatched] = i
+            unmatched += 1
         elif not twice:
             planes.seen[best, j] = 1
-            planes.told[best, j] = told[i]
+            planes.measured[best, j] = measured[i]
             planes.weight[best, j] = weights[i]
             planes.seen_ns[best] = window.frames.t_ns[j]
-    return strangers
+    return unmatched
 
 
 @njit(error_model="numpy", **INSIDE)
-def found_plane(window: Window, k: int, told: Array, weight: Array) -> None:
+def add_plane(window: Window, k: int, measured: Array, weight: Array) -> None:
     """Adds a new plane in slot `k` as measured in the newest frame: (3,) 1/m and (3, 3) inverse covariance."""
     f, c, planes = window.frames, window.calibration, window.planes
     j = f.count[0] - 1
     R, p = at_exposure(f, j, c.offset[0])
     m = np.empty(3)
     for i in range(3):
-        m[i] = told[i] / (c.scale[0] * (1.0 + c.lens[i] if i < 2 else 1.0))
+        m[i] = measured[i] / (c.scale[0] * (1.0 + c.focal[i] if i < 2 else 1.0))
     away = 1.0 / math.sqrt(_dot(m, m))
     n = rotate(R, rotate(c.R, m * away))
     p = p + rotate(R, c.p)
@@ -310,7 +285,7 @@ def found_plane(window: Window, k: int, told: Array, weight: Array) -> None:
     planes.normal[k], planes.distance[k] = n, away + _dot(n, p)
     planes.moved[k] = 0.0
     planes.seen[k] = 0
-    planes.seen[k, j], planes.told[k, j], planes.weight[k, j] = 1, told, weight
+    planes.seen[k, j], planes.measured[k, j], planes.weight[k, j] = 1, measured, weight
     planes.seen_ns[k] = f.t_ns[j]
 
 
@@ -325,10 +300,10 @@ def move_planes(window: Window, step: Array) -> None:
         if planes.held[k]:
             m = planes.moved[k]
             m += e
-            planes.normal[k] = turned(planes.normal_first[k], m[0], m[1])
+            planes.normal[k] = rotate_normal(planes.normal_first[k], m[0], m[1])
             planes.distance[k] = planes.distance_first[k] + m[2]
         else:
-            planes.normal[k] = turned(planes.normal[k], e[0], e[1])
+            planes.normal[k] = rotate_normal(planes.normal[k], e[0], e[1])
             planes.distance[k] += e[2]
 
 
@@ -357,11 +332,11 @@ def free_slot(window: Window) -> int | None:
     if not len(gone):
         return None
     k = int(gone[np.argmin(planes.seen_ns[gone])])
-    forget_plane(window, k)
+    marginalize_plane(window, k)
     return k
 
 
-def forget_plane(window: Window, k: int) -> None:
+def marginalize_plane(window: Window, k: int) -> None:
     """Marginalises a plane that no frame of the window observes out of the prior."""
     planes, H, b = window.planes, window.prior.H, window.prior.b
     own = slice(CALIBRATION + PLANE * k, CALIBRATION + PLANE * (k + 1))

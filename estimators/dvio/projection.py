@@ -10,35 +10,44 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import mul, rotate
-from stridetwin.estimators.dvio.state import CALIBRATION, D_LENS, D_OFFSET, D_SCALE, Calibration, Frames, Terms, Window
+from stridetwin.estimators.dvio.state import (
+    CALIBRATION,
+    D_FOCAL,
+    D_OFFSET,
+    D_SCALE,
+    Calibration,
+    FactorParameters,
+    Frames,
+    Window,
+)
 from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration, then of the host's pose, then of the observing frame's. The
 # residual follows, then a column that pads to the width of the vector units.
-HOST, SEER, SIGHT = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
-RESIDUAL, COLUMNS = SIGHT, SIGHT + 2
+HOST, OBSERVER, OBSERVATION = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
+RESIDUAL, COLUMNS = OBSERVATION, OBSERVATION + 2
 _LEAST_DEPTH = 1e-3  # least depth of a point in front of the camera, relative to the host's depth
 
 
 class Views(NamedTuple):
     """Cameras of the window's frames, at the current and the linearisation states, and from each to every later one.
 
-    A host is older than the frames that observe its landmarks ("seers").
+    A host is older than the frames that observe its landmarks ("observers").
 
     Attributes:
-        turn: (F, F, 3, 3) seer's camera <- host's camera.
-        shift: (F, F, 3) host's camera in the seer's.
-        turn_first: As `turn`, where Jacobians are taken.
-        shift_first: As `shift`.
+        rotation: (F, F, 3, 3) observer's camera <- host's camera.
+        translation: (F, F, 3) host's camera in the observer's.
+        rotation_first: As `rotation`, where Jacobians are taken.
+        translation_first: As `translation`.
         C: (F, 3, 3) camera <- world, where Jacobians are taken.
-        CR: (F, F, 3, 3) seer's camera <- host's IMU, likewise.
+        CR: (F, F, 3, 3) observer's camera <- host's IMU, likewise.
     """
 
-    turn: Array
-    shift: Array
-    turn_first: Array
-    shift_first: Array
+    rotation: Array
+    translation: Array
+    rotation_first: Array
+    translation_first: Array
     C: Array
     CR: Array
 
@@ -48,32 +57,21 @@ def blank_views(frames: int) -> Views:
     F = frames
     pair, vector = (F, F, 3, 3), (F, F, 3)
     return Views(
-        turn=np.zeros(pair), shift=np.zeros(vector), turn_first=np.zeros(pair), shift_first=np.zeros(vector),
-        C=np.zeros((F, 3, 3)), CR=np.zeros(pair),
+        rotation=np.zeros(pair), translation=np.zeros(vector), rotation_first=np.zeros(pair),
+        translation_first=np.zeros(vector), C=np.zeros((F, 3, 3)), CR=np.zeros(pair),
     )  # fmt: skip
 
 
 @njit(error_model="numpy", **INSIDE)
 def at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
-    """Pose of a frame's IMU when its image was taken, by the current estimate of the time offset.
-
-    See docs/dvio.md (5).
-
-    Args:
-        frames: Of the window.
-        k: Slot.
-        offset: s.
-
-    Returns:
-        (3, 3) world <- IMU and (3,) m.
-    """
+    """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
     R = mul(frames.R[k], exp(frames.rate[k] * late))
     return R, frames.p[k] + frames.v[k] * late
 
 
 @njit(error_model="numpy", **INSIDE)
-def view(window: Window, terms: Terms, views: Views) -> None:
+def view(window: Window, factors: FactorParameters, views: Views) -> None:
     """Fills the views of all frames."""
     frames, c = window.frames, window.calibration
     n = frames.count[0]
@@ -81,46 +79,35 @@ def view(window: Window, terms: Terms, views: Views) -> None:
     for k in range(n):
         R, at = at_exposure(frames, k, c.offset[0])
         A[0, k], p[0, k] = mul(R, c.R), at + rotate(R, c.p)
-        if terms.first_estimates and frames.held[k]:
+        if factors.first_estimates and frames.held[k]:
             R, at = frames.R_first[k], frames.p_first[k]
         R0[k], A[1, k], p[1, k] = R, mul(R, c.R), at + rotate(R, c.p)
         views.C[k] = A[1, k].T
     for j in range(1, n):
         back = np.ascontiguousarray(A[0, j].T)
         for i in range(j):
-            views.turn[i, j] = mul(back, A[0, i])
-            views.shift[i, j] = rotate(back, p[0, i] - p[0, j])
-            views.turn_first[i, j] = mul(views.C[j], A[1, i])
-            views.shift_first[i, j] = rotate(views.C[j], p[1, i] - p[1, j])
+            views.rotation[i, j] = mul(back, A[0, i])
+            views.translation[i, j] = rotate(back, p[0, i] - p[0, j])
+            views.rotation_first[i, j] = mul(views.C[j], A[1, i])
+            views.translation_first[i, j] = rotate(views.C[j], p[1, i] - p[1, j])
             views.CR[i, j] = mul(views.C[j], R0[i])
 
 
 @njit(error_model="numpy", **INSIDE)
 def ray(calibration: Calibration, at: Array) -> tuple[float, float]:
     """An observation (2,) on the plane at depth 1, by the current estimate of the focal lengths."""
-    return at[0] * (1.0 + calibration.lens[0]), at[1] * (1.0 + calibration.lens[1])
+    return at[0] * (1.0 + calibration.focal[0]), at[1] * (1.0 + calibration.focal[1])
 
 
 @njit(error_model="numpy", **INSIDE)
-def seen_at(
-    views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float
+def project(
+    views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float
 ) -> tuple[float, float, float, bool]:
-    """Projection of a landmark, as (8), with the division by the depth that (1) has.
+    """Observation by one frame of a landmark along (x, y, 1) in the camera of its host. See docs/dvio.md (6).
 
-    See docs/dvio.md (6).
-
-    Args:
-        views: Of the frames.
-        host: Slot of the frame in whose camera the landmark lies along (x, y, 1).
-        seer: Slot of the observing frame.
-        x: On the plane at depth 1.
-        y: On it.
-        inverse_depth: In the host's camera, 1/m.
-
-    Returns:
-        x and y on the plane at depth 1 and inverse depth in the seer's camera, and whether it is in front of it.
+    Returns x and y on the plane at depth 1, the inverse depth, and whether it is in front of the observer's camera.
     """
-    A, s = views.turn[host, seer], views.shift[host, seer]
+    A, s = views.rotation[host, observer], views.translation[host, observer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
     q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
@@ -130,43 +117,33 @@ def seen_at(
 
 
 @njit(error_model="numpy", **INSIDE)
-def sight(
-    window: Window, views: Views, host: int, seer: int, x: float, y: float, inverse_depth: float, J: Array, Jl: Array
-) -> bool:
-    """Jacobians of `seen_at`. Written out: it runs a thousand times per image, and allocation is slow.
+def observation_jacobian(
+    window: Window, views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float, J: Array,
+    Jl: Array,
+) -> bool:  # fmt: skip
+    """Jacobians of `project`. Written out: it runs a thousand times per image, and allocation is slow.
 
-    Args:
-        window: Frames and calibration.
-        views: Of the frames.
-        host: Slot.
-        seer: Slot, another one.
-        x: As of `seen_at`.
-        y: As of `seen_at`.
-        inverse_depth: As of `seen_at`.
-        J: (3, ≥ 22) out: by calibration, host's pose and seer's pose.
-        Jl: (3,) out: by the inverse depth.
-
-    Returns:
-        False if the landmark is not in front of the camera; then nothing is written.
+    `J` (3, ≥ 22) is by calibration, host's pose and observer's pose, `Jl` (3,) by the inverse depth. False, and nothing
+    is written, if the landmark is not in front of the camera.
     """
     frames, c = window.frames, window.calibration
-    A, s = views.turn_first[host, seer], views.shift_first[host, seer]
+    A, s = views.rotation_first[host, observer], views.translation_first[host, observer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
     q2 = A[2, 0] * x + A[2, 1] * y + A[2, 2] + inverse_depth * s[2]
     if q2 < _LEAST_DEPTH:
         return False
-    C, CR, R, p, xi = views.C[seer], views.CR[host, seer], c.R, c.p, inverse_depth
+    C, CR, R, p, xi = views.C[observer], views.CR[host, observer], c.R, c.p, inverse_depth
     # h: the point times its inverse depth, in the host's IMU axes
     h0 = R[0, 0] * x + R[0, 1] * y + R[0, 2] + xi * p[0]
     h1 = R[1, 0] * x + R[1, 1] * y + R[1, 2] + xi * p[1]
     h2 = R[2, 0] * x + R[2, 1] * y + R[2, 2] + xi * p[2]
-    # In the seer's IMU: z = Rc q + ξ p; Rcᵀ [z]x = [u]x Rcᵀ with u = q + ξ Rcᵀ p
+    # In the observer's IMU: z = Rc q + ξ p; Rcᵀ [z]x = [u]x Rcᵀ with u = q + ξ Rcᵀ p
     u0 = q0 + xi * (R[0, 0] * p[0] + R[1, 0] * p[1] + R[2, 0] * p[2])
     u1 = q1 + xi * (R[0, 1] * p[0] + R[1, 1] * p[1] + R[2, 1] * p[2])
     u2 = q2 + xi * (R[0, 2] * p[0] + R[1, 2] * p[1] + R[2, 2] * p[2])
-    a, b = HOST, SEER
-    for i in range(3):  # of the point times its inverse depth, in the seer's camera
+    a, b = HOST, OBSERVER
+    for i in range(3):  # of the point times its inverse depth, in the observer's camera
         for j in range(3):
             J[i, j] = xi * (CR[i, j] - R[j, i])
             J[i, a + j] = xi * C[i, j]
@@ -178,8 +155,8 @@ def sight(
         J[i, a + 3] = CR[i, 2] * h1 - CR[i, 1] * h2
         J[i, a + 4] = CR[i, 0] * h2 - CR[i, 2] * h0
         J[i, a + 5] = CR[i, 1] * h0 - CR[i, 0] * h1
-        J[i, D_LENS] = A[i, 0] * x / (1.0 + c.lens[0])
-        J[i, D_LENS + 1] = A[i, 1] * y / (1.0 + c.lens[1])
+        J[i, D_FOCAL] = A[i, 0] * x / (1.0 + c.focal[0])
+        J[i, D_FOCAL + 1] = A[i, 1] * y / (1.0 + c.focal[1])
     J[0, 4] -= q2
     J[0, 5] += q1
     J[1, 3] += q2
@@ -194,11 +171,11 @@ def sight(
         late = 0.0
         for j in range(3):
             late += J[i, a + j] * frames.v[host, j] + J[i, a + 3 + j] * frames.rate[host, j]
-            late += J[i, b + j] * frames.v[seer, j] + J[i, b + 3 + j] * frames.rate[seer, j]
+            late += J[i, b + j] * frames.v[observer, j] + J[i, b + 3 + j] * frames.rate[observer, j]
         J[i, D_OFFSET], J[i, D_SCALE] = late, 0.0
     w = 1.0 / q2
     px, py, pz = q0 * w, q1 * w, xi * w
-    for j in range(SIGHT):
+    for j in range(OBSERVATION):
         g = J[2, j] * w
         J[0, j] = J[0, j] * w - px * g
         J[1, j] = J[1, j] * w - py * g

@@ -13,11 +13,18 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.dvio.algebra import REORDERED, mul
-from stridetwin.estimators.dvio.imu_factors import add_motion, add_prior, add_standing, errors
-from stridetwin.estimators.dvio.landmarks import POSE, Sightings, add_sightings, blank_sightings, state, usable
+from stridetwin.estimators.dvio.imu_factors import add_motion, add_prior, add_zero_velocity, errors
+from stridetwin.estimators.dvio.landmarks import (
+    POSE,
+    CameraEquations,
+    add_camera_factors,
+    blank_camera_equations,
+    state,
+    usable,
+)
 from stridetwin.estimators.dvio.planes import add_planes, hold_planes, move_planes
-from stridetwin.estimators.dvio.projection import Views, blank_views, ray, seen_at, view
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, NO_HOST, PLANE, Terms, Window
+from stridetwin.estimators.dvio.projection import Views, blank_views, project, ray, view
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, NO_HOST, PLANE, FactorParameters, Window
 from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 
@@ -33,7 +40,7 @@ class Work(NamedTuple):
         b: (N,).
         factor: (N, N) its Cholesky factor.
         step: (N,).
-        sightings: Camera factors.
+        camera: Camera factors.
         views: Of the frames.
         saved: (F, 21 + 15) states before a step, and their deviations from the first estimates.
         saved_calibration: (26,).
@@ -45,7 +52,7 @@ class Work(NamedTuple):
     b: Array
     factor: Array
     step: Array
-    sightings: Sightings
+    camera: CameraEquations
     views: Views
     saved: Array
     saved_calibration: Array
@@ -57,34 +64,29 @@ def blank_work(frames: int, landmarks: int, planes: int = 0) -> Work:
     """Buffers for F frames, L landmarks and K planes."""
     n = CALIBRATION + PLANE * planes + FRAME * frames
     return Work(
-        H=np.zeros((n, n)),
-        b=np.zeros(n),
-        factor=np.zeros((n, n)),
-        step=np.zeros(n),
-        sightings=blank_sightings(frames, landmarks),
-        views=blank_views(frames),
-        saved=np.zeros((frames, 36)),
-        saved_calibration=np.zeros(26),
-        saved_depth=np.zeros(landmarks),
-        saved_planes=np.zeros((planes, 7)),
-    )
+        H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n),
+        camera=blank_camera_equations(frames, landmarks), views=blank_views(frames), saved=np.zeros((frames, 36)),
+        saved_calibration=np.zeros(26), saved_depth=np.zeros(landmarks), saved_planes=np.zeros((planes, 7)),
+    )  # fmt: skip
 
 
 @njit(error_model="numpy", **INSIDE)
-def linearise(window: Window, terms: Terms, work: Work) -> float:
+def linearise(window: Window, factors: FactorParameters, work: Work) -> float:
     """Normal equations of all factors, landmarks eliminated; returns the cost."""
     n = window.frames.count[0]
     size = window.shared + FRAME * n
     work.H[:size, :size] = 0.0
     work.b[:size] = 0.0
-    view(window, terms, work.views)
+    view(window, factors, work.views)
     cost = add_prior(window, size, work.H, work.b)
     for k in range(n):
-        cost += add_standing(window, k, work.H, work.b)
+        cost += add_zero_velocity(window, k, work.H, work.b)
         if k + 1 < n:
-            cost += add_motion(window, k, terms, work.H, work.b)
-    cost += add_planes(window, terms, n - 1, work.H, work.b)
-    return cost + add_sightings(window, terms, work.views, work.sightings, n, n - 1, terms.host_depth, work.H, work.b)
+            cost += add_motion(window, k, factors, work.H, work.b)
+    cost += add_planes(window, factors, n - 1, work.H, work.b)
+    return cost + add_camera_factors(
+        window, factors, work.views, work.camera, n, n - 1, factors.host_depth, work.H, work.b
+    )
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
@@ -153,7 +155,7 @@ def move(window: Window, work: Work) -> None:
     c.R[:] = mul(c.R, exp(d[3:6]))
     c.offset[0] += d[6]
     c.scale[0] += d[7]
-    c.lens[:] += d[8:10]
+    c.focal[:] += d[8:10]
     c.moved[:] += d[:CALIBRATION]
     move_planes(window, d)
     for k in range(frames.count[0]):
@@ -171,7 +173,7 @@ def move(window: Window, work: Work) -> None:
             frames.R[k] = mul(frames.R[k], exp(e[3:6]))
             frames.v[k] += e[6:9]
             frames.bias[k] += e[9:15]
-    seen, marks = work.sightings, window.landmarks
+    seen, marks = work.camera, window.landmarks
     by_pose = np.empty(CALIBRATION + POSE * frames.count[0])
     for i in range(len(by_pose)):
         by_pose[i] = d[state(i, window.shared)]
@@ -200,7 +202,7 @@ def _save(window: Window, work: Work, back: bool) -> None:
     """Saves the states, or restores them."""
     frames, planes, c, row = window.frames, window.planes, window.calibration, work.saved_calibration
     at = _copy(row, 0, c.R.reshape(9), back)
-    for values in (c.p, c.offset, c.scale, c.lens, c.moved):
+    for values in (c.p, c.offset, c.scale, c.focal, c.moved):
         at = _copy(row, at, values, back)
     _copy(work.saved_depth, 0, window.landmarks.inverse_depth, back)
     for k in range(len(planes.used)):
@@ -214,23 +216,13 @@ def _save(window: Window, work: Work, back: bool) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float) -> float:
-    """Moves the states towards the minimum of (15).
+def minimise(window: Window, factors: FactorParameters, work: Work, steps: int, enough: float) -> float:
+    """Moves the states towards the minimum of docs/dvio.md (10), in at most `steps`; returns a recent cost.
 
-    See docs/dvio.md (10).
-
-    Args:
-        window: Changed in place.
-        terms: Noise model of the factors.
-        work: Workspace; its factor is that of the last normal equations.
-        steps: Largest number of steps.
-        enough: The iteration stops if a step lowers the cost by less than this share.
-
-    Returns:
-        The cost before the last accepted step.
+    Stops if a step lowers the cost by less than the share `enough`. The factor in `work` is that of the last equations.
     """
     size = window.shared + FRAME * window.frames.count[0]
-    damping, cost = _FIRST_DAMPING, linearise(window, terms, work)
+    damping, cost = _FIRST_DAMPING, linearise(window, factors, work)
     for i in range(steps):
         if not solve(work, size, damping):
             damping = max(10 * damping, 1e-4)
@@ -239,7 +231,7 @@ def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float
         move(window, work)
         if i == steps - 1:
             break
-        new = linearise(window, terms, work)
+        new = linearise(window, factors, work)
         if new <= cost * (1.0 + 1e-9) + 1e-9:
             done = cost - new < enough * abs(cost)
             cost, damping = new, max(0.1 * damping, 1e-12)
@@ -248,7 +240,7 @@ def minimise(window: Window, terms: Terms, work: Work, steps: int, enough: float
         else:
             _save(window, work, True)
             damping = max(10 * damping, 1e-4)
-            linearise(window, terms, work)
+            linearise(window, factors, work)
             if damping > _MOST_DAMPING:
                 break
     return cost
@@ -268,15 +260,9 @@ def hold(window: Window, H: Array, last: int) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
-    """Eliminates the oldest frame from H d = b, of which the lower triangle counts; its rows become free.
+    """Eliminates the oldest frame from H d = b of `size` states; its rows become free. See docs/dvio.md (11).
 
-    See docs/dvio.md (11).
-
-    Args:
-        H: (N, N), symmetric on return.
-        b: (N,).
-        shared: Number of states that belong to no frame.
-        size: Number of states.
+    The lower triangle of H counts; on return H is symmetric. The first `shared` states belong to no frame.
     """
     o, m = shared, shared + FRAME
     for i in range(size):
@@ -319,14 +305,10 @@ def without_oldest(H: Array, b: Array, shared: int, size: int) -> None:
 
 
 @njit(error_model="numpy", **INSIDE)
-def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> None:
+def rehost_landmarks(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> None:
     """Moves the landmarks of the oldest frame to the newest one if it observes them, else drops them.
 
-    Args:
-        window: Its landmarks are changed in place.
-        work: Views of the frames.
-        alive: (L,) 1 where the landmark is followed.
-        newest: Slot of the newest frame, whose observations of these landmarks are not used for the prior.
+    Their observations by the newest frame are not used for the prior.
     """
     marks, c = window.landmarks, window.calibration
     for l in range(len(marks.host)):
@@ -336,9 +318,9 @@ def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> 
                 marks.seen[l] = 0
                 continue
             x, y = ray(c, marks.at[l, 0])
-            _, _, depth, before = seen_at(work.views, 0, newest, x, y, marks.inverse_depth[l])
-            if marks.told[l, newest] > 0.0:
-                marks.inverse_depth[l], marks.measured[l] = marks.told[l, newest] / c.scale[0], 1
+            _, _, depth, before = project(work.views, 0, newest, x, y, marks.inverse_depth[l])
+            if marks.rho[l, newest] > 0.0:
+                marks.inverse_depth[l], marks.measured[l] = marks.rho[l, newest] / c.scale[0], 1
             elif before:
                 marks.inverse_depth[l] = max(depth, LEAST_INVERSE_DEPTH)
             marks.seen[l] = 0
@@ -347,29 +329,24 @@ def leave(window: Window, work: Work, alive: NDArray[np.uint8], newest: int) -> 
 
 
 @njit(error_model="numpy", **INSIDE)
-def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.uint8]) -> None:
-    """Marginalises the oldest frame with the landmarks that it hosts; `shift` then takes it out of the window.
+def marginalize_oldest(window: Window, factors: FactorParameters, work: Work, alive: NDArray[np.uint8]) -> None:
+    """Marginalises the oldest frame with the landmarks that it hosts; `drop_oldest` then takes it out of the window.
 
     Each observation is used once: those of these landmarks by the newest frame stay with it, which becomes their host.
-
-    Args:
-        window: Of three frames or more; changed in place.
-        terms: Noise model of the factors.
-        work: Workspace.
-        alive: (L,) 1 where a landmark is followed.
+    The window holds three frames or more.
     """
     n = window.frames.count[0]
     shared = window.shared
     size = shared + FRAME * n
     work.H[:size, :size] = 0.0
     work.b[:size] = 0.0
-    view(window, terms, work.views)
+    view(window, factors, work.views)
     add_prior(window, size, work.H, work.b)
-    add_standing(window, 0, work.H, work.b)
-    add_motion(window, 0, terms, work.H, work.b)
-    add_planes(window, terms, 0, work.H, work.b)
-    host_depth = terms.host_depth and terms.host_depth_in_prior
-    add_sightings(window, terms, work.views, work.sightings, 1, n - 2, host_depth, work.H, work.b)
+    add_zero_velocity(window, 0, work.H, work.b)
+    add_motion(window, 0, factors, work.H, work.b)
+    add_planes(window, factors, 0, work.H, work.b)
+    host_depth = factors.host_depth and factors.host_depth_in_prior
+    add_camera_factors(window, factors, work.views, work.camera, 1, n - 2, host_depth, work.H, work.b)
     without_oldest(work.H, work.b, shared, size)
     hold(window, work.H, n - 2)
     hold_planes(window, work.H)
@@ -386,17 +363,17 @@ def forget_oldest(window: Window, terms: Terms, work: Work, alive: NDArray[np.ui
             prior.H[i, j] = work.H[a, c]
             s += work.H[a, c] * d[c]
         prior.b[i] = s
-    leave(window, work, alive, n - 1)
+    rehost_landmarks(window, work, alive, n - 1)
 
 
-def shift(window: Window) -> None:
+def drop_oldest(window: Window) -> None:
     """Moves every slot one to the front, over the oldest frame."""
     frames, marks = window.frames, window.landmarks
     n = int(frames.count[0])
-    for a in (*frames[1:], *window.increments):
+    for a in (*frames[1:], *window.preintegrations):
         a[: n - 1] = a[1:n]
     planes = window.planes
-    for a in (marks.seen, marks.at, marks.told, planes.seen, planes.told, planes.weight):
+    for a in (marks.seen, marks.at, marks.rho, planes.seen, planes.measured, planes.weight):
         a[:, : n - 1] = a[:, 1:n]
     marks.seen[:, n - 1] = 0
     planes.seen[:, n - 1] = 0

@@ -10,17 +10,53 @@ from numpy.typing import NDArray
 from stridetwin.streams.samples import Array
 
 
-class Terms(NamedTuple):
+class PlaneParameters(NamedTuple):
+    """Planes of depth images: cells of samples that are merged, and matched to known planes.
+
+    Values without another origin were chosen by hand on twin walks of tuning seeds.
+
+    Attributes:
+        depth_max_m: Farthest depth used, m: below the sensor's range, near whose end measured depths are too small.
+        step_px: Between samples, pixels: a stereo camera's noise is correlated within its matching window.
+        side: Of a cell, samples.
+        measured_share: Least share of a cell's samples that are measured.
+        roughness_sd: Largest scatter of a cell's samples about its plane, standard deviations.
+        cell_gate: Largest squared Mahalanobis distance of a cell from its plane: 0.3 % of its own cells exceed it.
+        cells_min: Least number of cells of a plane.
+        error: Of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative.
+        huber_sd: Observations beyond this many standard deviations are down-weighted.
+        gate: Largest squared Mahalanobis distance of an observation: 0.1 % of a plane's own exceed it.
+        match_rad: A plane in another direction never matches, however uncertain, rad.
+        match_m: Nor one at another distance, m.
+        distance_min_m: Least distance of a camera from a plane that it observes, m.
+    """
+
+    depth_max_m: float = 5.0
+    step_px: int = 4
+    side: int = 10
+    measured_share: float = 0.9
+    roughness_sd: float = 1.6
+    cell_gate: float = 14.0
+    cells_min: int = 8
+    error: float = 3e-3
+    huber_sd: float = 2.5
+    gate: float = 16.3
+    match_rad: float = 0.1
+    match_m: float = 0.15
+    distance_min_m: float = 0.05
+
+
+class FactorParameters(NamedTuple):
     """Noise model of the factors, and which factors are used.
 
     Attributes:
         gravity: m/s².
-        sight_weight: 1 / variance of an observation on the plane at depth 1.
-        sight_limit: Observations beyond this many standard deviations are down-weighted (Huber).
+        pixel_weight: 1 / variance of an observation on the plane at depth 1.
+        pixel_limit: Observations beyond this many standard deviations are down-weighted (Huber).
         depth_weight: 1 / variance of the host's measured inverse depth, m².
-        again_weight: The same for another frame's.
-        depth_limit: As `sight_limit`.
-        plane_limit: As `sight_limit`, of planes.
+        later_depth_weight: The same for another frame's.
+        depth_limit: As `pixel_limit`.
+        planes: Of planes.
         host_depth: (11) is used.
         depth_fixed: A landmark keeps the host's measured depth.
         projection_depth: (12) is used.
@@ -31,12 +67,12 @@ class Terms(NamedTuple):
     """
 
     gravity: float
-    sight_weight: float
-    sight_limit: float
+    pixel_weight: float
+    pixel_limit: float
     depth_weight: float
-    again_weight: float
+    later_depth_weight: float
     depth_limit: float
-    plane_limit: float
+    planes: PlaneParameters
     host_depth: bool
     depth_fixed: bool
     projection_depth: bool
@@ -48,7 +84,7 @@ class Terms(NamedTuple):
 
 # Error state: that of the calibration first, then of the planes, then of each frame from the oldest to the newest.
 # Rotations have their error on the right, R_true = R Exp(e).
-D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_LENS = 0, 3, 6, 7, 8
+D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_FOCAL = 0, 3, 6, 7, 8
 CALIBRATION = 10
 D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
 FRAME = 15
@@ -65,8 +101,8 @@ class ImuNoise(NamedTuple):
         rate_share: Noise proportional to the rate, for errors of scale and axes that last about a second, √s.
         rate_walk: Density of the bias's random walk, rad/s²/√Hz.
         force_walk: m/s³/√Hz.
-        doubtful_rate: Standard deviation of a value that is saturated or replaces missing ones, rad/s.
-        doubtful_force: m/s².
+        invalid_rate: Standard deviation of a value that is saturated or replaces missing ones, rad/s.
+        invalid_force: m/s².
     """
 
     rate: float
@@ -74,18 +110,32 @@ class ImuNoise(NamedTuple):
     rate_share: float
     rate_walk: float
     force_walk: float
-    doubtful_rate: float
-    doubtful_force: float
+    invalid_rate: float
+    invalid_force: float
 
 
-class Increment(NamedTuple):
+class ImuSamples(NamedTuple):
+    """Samples of the IMU in time order.
+
+    Attributes:
+        t_ns: (N,) end of the interval that each is the mean of.
+        values: (N, 6) rate (rad/s) and specific force (m/s²).
+        invalid: (N,) 1 where a sample is saturated or replaces missing ones.
+    """
+
+    t_ns: NDArray[np.int64]
+    values: Array
+    invalid: NDArray[np.uint8]
+
+
+class Preintegration(NamedTuple):
     """Preintegrated IMU measurement between two frames, in the first one's axes, without gravity.
 
     Attributes:
         dt: (1,) s.
-        alpha: (3,) position, m.
-        gamma: (3, 3) rotation, second to first frame.
-        beta: (3,) velocity, m/s.
+        delta_p: (3,) position, m.
+        delta_R: (3, 3) rotation, second to first frame.
+        delta_v: (3,) velocity, m/s.
         by_bias: (9, 6) derivative of position, rotation and velocity by the biases of gyroscope and accelerometer.
         covariance: (9, 9) of position, rotation and velocity.
         weight: (9, 9) its inverse, where the increment is a factor of the window.
@@ -93,9 +143,9 @@ class Increment(NamedTuple):
     """
 
     dt: Array
-    alpha: Array
-    gamma: Array
-    beta: Array
+    delta_p: Array
+    delta_R: Array
+    delta_v: Array
     by_bias: Array
     covariance: Array
     weight: Array
@@ -120,7 +170,7 @@ class Frames(NamedTuple):
         moved: (F, 15) deviation of the state from its first estimate.
         rate: (F, 3) angular rate at the frame, rad/s.
         offset: (F,) time offset by which `t_ns` was computed, s.
-        still_sd: (F,) standard deviation of the velocity about 0, m/s; inf if not known to be stationary.
+        zero_velocity_sd: (F,) standard deviation of the velocity about 0, m/s; inf if not known to be stationary.
     """
 
     count: NDArray[np.int64]  # type: ignore[assignment]
@@ -137,7 +187,7 @@ class Frames(NamedTuple):
     moved: Array
     rate: Array
     offset: Array
-    still_sd: Array
+    zero_velocity_sd: Array
 
 
 class Landmarks(NamedTuple):
@@ -150,7 +200,7 @@ class Landmarks(NamedTuple):
         measured: (L,) 1 if a depth camera or parallax has measured it.
         seen: (L, F) 1 where the frame saw it.
         at: (L, F, 2) where, on the plane at depth 1.
-        told: (L, F) measured 1 / depth there, 1/m; 0 where none.
+        rho: (L, F) measured 1 / depth there, 1/m; 0 where none.
     """
 
     host: NDArray[np.int64]
@@ -159,7 +209,7 @@ class Landmarks(NamedTuple):
     measured: NDArray[np.uint8]
     seen: NDArray[np.uint8]
     at: Array
-    told: Array
+    rho: Array
 
 
 class Planes(NamedTuple):
@@ -174,7 +224,7 @@ class Planes(NamedTuple):
         distance_first: (K,).
         moved: (K, 3) deviation from its first estimate: along the normal's two tangents, and the distance.
         seen: (K, F) 1 where the frame saw it.
-        told: (K, F, 3) measured plane, 1/m: the inverse depth at (x, y) is its product with (x, y, 1).
+        measured: (K, F, 3) measured plane, 1/m: the inverse depth at (x, y) is its product with (x, y, 1).
         weight: (K, F, 3, 3) inverse of the covariance of that.
         seen_ns: (K,) when it was seen last.
     """
@@ -187,7 +237,7 @@ class Planes(NamedTuple):
     distance_first: Array
     moved: Array
     seen: NDArray[np.uint8]
-    told: Array
+    measured: Array
     weight: Array
     seen_ns: NDArray[np.int64]
 
@@ -200,7 +250,7 @@ class Calibration(NamedTuple):
         p: (3,) camera in the IMU's frame, m.
         offset: (1,) t_imu = t_cam + offset, s.
         scale: (1,) true over measured depth.
-        lens: (2,) relative corrections of x and y of an observation by the nominal focal lengths.
+        focal: (2,) relative corrections of x and y of an observation by the nominal focal lengths.
         moved: (10,) deviation from the prior's linearisation point.
     """
 
@@ -208,7 +258,7 @@ class Calibration(NamedTuple):
     p: Array
     offset: Array
     scale: Array
-    lens: Array
+    focal: Array
     moved: Array
 
 
@@ -229,7 +279,7 @@ class Window(NamedTuple):
 
     Attributes:
         frames: States.
-        increments: Of the IMU from each frame to the next, each array with a leading axis F.
+        preintegrations: Of the IMU from each frame to the next, each array with a leading axis F.
         landmarks: Points.
         planes: Floors and walls.
         calibration: Of the sensors.
@@ -238,7 +288,7 @@ class Window(NamedTuple):
     """
 
     frames: Frames
-    increments: Increment
+    preintegrations: Preintegration
     landmarks: Landmarks
     planes: Planes
     calibration: Calibration
@@ -246,86 +296,47 @@ class Window(NamedTuple):
     shared: int
 
 
-def blank_increment(slots: int | None = None) -> Increment:
+def blank_preintegration(slots: int | None = None) -> Preintegration:
     """An increment of zero duration, or an array of them."""
     lead = () if slots is None else (slots,)
     gamma = np.zeros((*lead, 3, 3))
     gamma[...] = np.eye(3)
-    return Increment(
-        dt=np.zeros((*lead, 1)),
-        alpha=np.zeros((*lead, 3)),
-        gamma=gamma,
-        beta=np.zeros((*lead, 3)),
-        by_bias=np.zeros((*lead, 9, 6)),
-        covariance=np.zeros((*lead, 9, 9)),
-        weight=np.zeros((*lead, 9, 9)),
+    return Preintegration(
+        dt=np.zeros((*lead, 1)), delta_p=np.zeros((*lead, 3)), delta_R=gamma, delta_v=np.zeros((*lead, 3)),
+        by_bias=np.zeros((*lead, 9, 6)), covariance=np.zeros((*lead, 9, 9)), weight=np.zeros((*lead, 9, 9)),
         bias=np.zeros((*lead, 6)),
-    )
+    )  # fmt: skip
 
 
 def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float, planes: int = 0) -> Window:
-    """An empty window.
-
-    Args:
-        frames: Slots of frames.
-        landmarks: Slots of landmarks.
-        T_imu_camera: (4, 4) camera to IMU.
-        offset_s: t_imu = t_cam + offset.
-        planes: Slots of planes; each has states, known or not.
-    """
+    """An empty window with slots for frames, landmarks and planes; t_imu = t_cam + offset."""
     F, L, K = frames, landmarks, planes
     shared = CALIBRATION + PLANE * K
-    eyes = np.zeros((F, 3, 3))
-    eyes[:] = np.eye(3)
+    identities = np.zeros((F, 3, 3))
+    identities[:] = np.eye(3)
     return Window(
         frames=Frames(
-            count=np.zeros(1, np.int64),
-            t_ns=np.zeros(F, np.int64),
-            R=eyes.copy(),
-            p=np.zeros((F, 3)),
-            v=np.zeros((F, 3)),
-            bias=np.zeros((F, 6)),
-            held=np.zeros(F, np.uint8),
-            R_first=eyes.copy(),
-            p_first=np.zeros((F, 3)),
-            v_first=np.zeros((F, 3)),
-            bias_first=np.zeros((F, 6)),
-            moved=np.zeros((F, FRAME)),
-            rate=np.zeros((F, 3)),
-            offset=np.zeros(F),
-            still_sd=np.full(F, np.inf),
+            count=np.zeros(1, np.int64), t_ns=np.zeros(F, np.int64), R=identities.copy(), p=np.zeros((F, 3)),
+            v=np.zeros((F, 3)), bias=np.zeros((F, 6)), held=np.zeros(F, np.uint8), R_first=identities.copy(),
+            p_first=np.zeros((F, 3)), v_first=np.zeros((F, 3)), bias_first=np.zeros((F, 6)),
+            moved=np.zeros((F, FRAME)), rate=np.zeros((F, 3)), offset=np.zeros(F), zero_velocity_sd=np.full(F, np.inf),
         ),
-        increments=blank_increment(F),
+        preintegrations=blank_preintegration(F),
         landmarks=Landmarks(
-            host=np.full(L, NO_HOST, np.int64),
-            inverse_depth=np.zeros(L),
-            slope=np.zeros((L, 2)),
-            measured=np.zeros(L, np.uint8),
-            seen=np.zeros((L, F), np.uint8),
-            at=np.zeros((L, F, 2)),
-            told=np.zeros((L, F)),
+            host=np.full(L, NO_HOST, np.int64), inverse_depth=np.zeros(L), slope=np.zeros((L, 2)),
+            measured=np.zeros(L, np.uint8), seen=np.zeros((L, F), np.uint8), at=np.zeros((L, F, 2)),
+            rho=np.zeros((L, F)),
         ),
         planes=Planes(
-            used=np.zeros(K, np.uint8),
-            normal=np.zeros((K, 3)),
-            distance=np.zeros(K),
-            held=np.zeros(K, np.uint8),
-            normal_first=np.zeros((K, 3)),
-            distance_first=np.zeros(K),
-            moved=np.zeros((K, PLANE)),
-            seen=np.zeros((K, F), np.uint8),
-            told=np.zeros((K, F, 3)),
-            weight=np.zeros((K, F, 3, 3)),
+            used=np.zeros(K, np.uint8), normal=np.zeros((K, 3)), distance=np.zeros(K), held=np.zeros(K, np.uint8),
+            normal_first=np.zeros((K, 3)), distance_first=np.zeros(K), moved=np.zeros((K, PLANE)),
+            seen=np.zeros((K, F), np.uint8), measured=np.zeros((K, F, 3)), weight=np.zeros((K, F, 3, 3)),
             seen_ns=np.zeros(K, np.int64),
         ),
         calibration=Calibration(
-            R=np.ascontiguousarray(T_imu_camera[:3, :3], dtype=float).copy(),
-            p=np.ascontiguousarray(T_imu_camera[:3, 3], dtype=float).copy(),
-            offset=np.array([float(offset_s)]),
-            scale=np.ones(1),
-            lens=np.zeros(2),
-            moved=np.zeros(CALIBRATION),
+            R=np.array(T_imu_camera[:3, :3], dtype=float, order="C"), p=np.array(T_imu_camera[:3, 3], dtype=float),
+            offset=np.array([float(offset_s)]), scale=np.ones(1), focal=np.zeros(2), moved=np.zeros(CALIBRATION),
         ),
         prior=Prior(H=np.zeros((shared + FRAME * F,) * 2), b=np.zeros(shared + FRAME * F)),
         shared=shared,
-    )
+    )  # fmt: skip

@@ -13,43 +13,71 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.algebra import turned
+from stridetwin.estimators.dvio.algebra import matvec
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import exp
 
-FEW = 12  # least number of points shared by two images
-_LIMIT = 1.5  # standard deviations beyond which an observation is down-weighted
-_CULL = 4.0  # beyond which it is removed
-_PARALLAX = 0.02  # rad; points with less have no usable depth, unless it is measured
-_SHARED_PARALLAX = 0.05  # rad; median over the points of the first two images, without measured depth
-_NEAR = 0.02  # least depth of a point in front of the camera
-_PINNED = 1e8  # information on the unit of length
-_SURE = 0.999
-_FAR = 1e3  # times the distance between two cameras; points beyond it do not count for their pose
-_ENOUGH = 1e-2  # relative decrease of the cost below which the iteration stops
+_DEPTH_MIN = 0.02  # guards divisions by the depth of a point; in units of the structure
+_SCALE_INFORMATION = 1e8  # fixes the unit of length
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureParameters:
+    """Structure from motion at the start; hand-chosen."""
+
+    points_min: int = 12
+    """Least number of points shared by two images."""
+    huber_sd: float = 1.5
+    """An observation farther off is down-weighted, standard deviations."""
+    cull_sd: float = 4.0
+    """One farther off is removed, standard deviations."""
+    parallax_rad: float = 0.02
+    """Points with less have no usable depth, unless it is measured, rad."""
+    pair_parallax_rad: float = 0.05
+    """Least median parallax of the first two images, without measured depth, rad."""
+    pair_error_sd: float = 3.0
+    """Largest error of an inlier of the essential matrix, standard deviations."""
+    pair_share: float = 0.6
+    """Least share of the shared points that are its inliers."""
+    pair_confidence: float = 0.999
+    """Of the search for it."""
+    far_baselines: float = 1e3
+    """Points farther than so many distances of two cameras do not count for their pose."""
+    pose_error_sd: float = 8.0
+    """Largest error of an inlier of P3P, standard deviations."""
+    pose_share: float = 0.5
+    """Least share of the points that are its inliers."""
+    kept_share: float = 0.7
+    """Least share of the observations that remain at the end."""
+    damping: float = 1e-4
+    """Initial, relative, of Levenberg-Marquardt."""
+    cost_tolerance: float = 1e-2
+    """Relative decrease of the cost below which its iteration stops."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sightings:
+class Observations:
     """Observations of N points in K images.
 
     Attributes:
         seen: (K, N) whether.
         at: (K, N, 2) where, on the plane at depth 1.
-        told: (K, N) measured inverse depth there, 1/m; 0 where none.
+        rho: (K, N) measured inverse depth there, 1/m; 0 where none.
         sd: Of `at`.
-        told_sd: Of `told`, 1/m.
+        rho_sd: Of `rho`, 1/m.
+        parameters: Of the structure.
     """
 
     seen: NDArray[np.bool_]
     at: Array
-    told: Array
+    rho: Array
     sd: float
-    told_sd: float
+    rho_sd: float
+    parameters: StructureParameters = StructureParameters()
 
-    def since(self, k: int) -> Sightings:
+    def since(self, k: int) -> Observations:
         """Observations of the images from the k-th on."""
-        return replace(self, seen=self.seen[k:], at=self.at[k:], told=self.told[k:])
+        return replace(self, seen=self.seen[k:], at=self.at[k:], rho=self.rho[k:])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +101,7 @@ class Structure:
     scaled: bool
 
 
-def structure_with_depth(s: Sightings) -> Structure | None:
+def structure_with_depth(s: Observations) -> Structure | None:
     """Cameras by the points of known depth: P3P from each image to the next, then all of (5) at once.
 
     None if the images share too few points; `first` > 0 if only the newer ones are connected.
@@ -82,8 +110,8 @@ def structure_with_depth(s: Sightings) -> Structure | None:
     R, p = [np.eye(3)], [np.zeros(3)]
     agree = s.seen.copy()
     while k > 0:
-        shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.told[k - 1] > 0))
-        step = _step(_rays(s.at[k - 1, shared]) / s.told[k - 1, shared, None], s.at[k, shared], s.sd)
+        shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.rho[k - 1] > 0))
+        step = _step(s, _rays(s.at[k - 1, shared]) / s.rho[k - 1, shared, None], s.at[k, shared])
         if step is None:
             break
         M, t, fits = step  # camera k <- camera k - 1
@@ -95,161 +123,167 @@ def structure_with_depth(s: Sightings) -> Structure | None:
         return None
     s = s.since(k)
     # The newest image's depths are left to the window that begins with it.
-    told = s.told.copy()
-    told[-1] = 0.0
-    seen = agree[k:] & ((agree[k:].sum(axis=0) > 1) & (told > 0).any(axis=0))
+    rho = s.rho.copy()
+    rho[-1] = 0.0
+    seen = agree[k:] & ((agree[k:].sum(axis=0) > 1) & (rho > 0).any(axis=0))
     R_all, p_all = np.array(R[::-1]), np.array(p[::-1])
-    points = _placed(R_all, p_all, s.at, told)
-    return _bundled(replace(s, seen=seen, told=told), R_all, p_all, points, k, scaled=True)
+    points = _placed(R_all, p_all, s.at, rho)
+    return _bundled(replace(s, seen=seen, rho=rho), R_all, p_all, points, k, scaled=True)
 
 
-def structure_of_bearings(s: Sightings) -> Structure | None:
+def structure_of_bearings(s: Observations) -> Structure | None:
     """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then (2) of all.
 
     None if no image shares enough points with the newest at enough parallax.
     """
-    last = len(s.seen) - 1
+    last, p = len(s.seen) - 1, s.parameters
     for k in range(last - 1):
         shared = np.flatnonzero(s.seen[k] & s.seen[last])
-        if len(shared) < 2 * FEW:
+        if len(shared) < 2 * p.points_min:
             continue
         a, b = s.at[k, shared], s.at[last, shared]
-        E, _ = cv2.findEssentialMat(a, b, np.eye(3), method=cv2.RANSAC, prob=_SURE, threshold=3.0 * s.sd)
+        E, _ = cv2.findEssentialMat(
+            a, b, np.eye(3), method=cv2.RANSAC, prob=p.pair_confidence, threshold=p.pair_error_sd * s.sd
+        )
         if E is None or E.shape != (3, 3):
             continue
-        found, turn, shift, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=_FAR)[:4]
+        found, rotation, translation, mask = cv2.recoverPose(E, a, b, np.eye(3), distanceThresh=p.far_baselines)[:4]
         fits = np.asarray(mask)[:, 0] > 0
-        if found < FEW or found < 0.6 * len(shared):
+        if found < p.points_min or found < p.pair_share * len(shared):
             continue
-        M, t = np.asarray(turn, float), np.asarray(shift, float)[:, 0]
-        if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < _SHARED_PARALLAX:
+        M, t = np.asarray(rotation, float), np.asarray(translation, float)[:, 0]
+        if np.median(_angles(_rays(a[fits]) @ M.T, _rays(b[fits]))) < p.pair_parallax_rad:
             return None  # older ones are missing, and newer ones have less parallax
         return _around(s.since(k), shared[fits], M, t, k)
     return None
 
 
-def _around(s: Sightings, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
+def _around(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
     """The images between the oldest and the newest, whose relative pose is known."""
-    K, N = s.seen.shape
+    (K, N), parallax_rad = s.seen.shape, s.parameters.parallax_rad
     ends = np.zeros((K, N), bool)
     ends[0, shared] = ends[-1, shared] = True
-    points, sure = _crossing(np.array([M, np.eye(3)]), np.array([t, np.zeros(3)]), s.at[[0, -1]], ends[[0, -1]])
+    points, sure = _crossing(
+        np.array([M, np.eye(3)]), np.array([t, np.zeros(3)]), s.at[[0, -1]], ends[[0, -1]], parallax_rad
+    )
     R, p = [M], [t]
     for k in range(1, K - 1):
         use = np.flatnonzero(sure & s.seen[k])
-        step = _step(points[use], s.at[k, use], s.sd)
+        step = _step(s, points[use], s.at[k, use])
         if step is None:
             return None
         R.append(step[0].T)
         p.append(-step[0].T @ step[1])
     R_all, p_all = np.array([*R, np.eye(3)]), np.array([*p, np.zeros(3)])
     seen = s.seen & (s.seen.sum(axis=0) > 1)
-    points, sure = _crossing(R_all, p_all, s.at, seen)
-    return _bundled(replace(s, seen=seen & sure, told=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
+    points, sure = _crossing(R_all, p_all, s.at, seen, parallax_rad)
+    return _bundled(replace(s, seen=seen & sure, rho=np.zeros((K, N))), R_all, p_all, points, first, scaled=False)
 
 
 def perspective(points: Array, at: Array, error: float, fewest: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """(3, 3) and (3,) camera <- points' axes by P3P, and which points agree; None where too few do.
+    """(3, 3) and (3,) camera <- axes of points (N, 3) by P3P of observations (N, 2), and which points agree.
 
-    Args:
-        points: (N, 3) m.
-        at: (N, 2) their observations on the plane at depth 1.
-        error: Largest error of an inlier's observation, on that plane.
-        fewest: Least number of points, and of inliers.
+    None where fewer than `fewest` agree within `error`, on the plane at depth 1.
     """
     if len(points) < fewest:
         return None
-    found, turn, shift, inliers = cv2.solvePnPRansac(
+    found, rotation, translation, inliers = cv2.solvePnPRansac(
         points, at, np.eye(3), None, iterationsCount=60, reprojectionError=error, flags=cv2.SOLVEPNP_AP3P
     )
     if not found or inliers is None or len(inliers) < fewest:
         return None
     fits = np.zeros(len(points), bool)
     fits[inliers[:, 0]] = True
-    return np.asarray(cv2.Rodrigues(turn)[0], float), np.asarray(shift, float)[:, 0], fits
+    return np.asarray(cv2.Rodrigues(rotation)[0], float), np.asarray(translation, float)[:, 0], fits
 
 
-def _step(points: Array, at: Array, sd: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """`perspective` with at least half of the points as inliers."""
-    return perspective(points, at, 8.0 * sd, max(FEW, 0.5 * len(points)))
+def _step(s: Observations, points: Array, at: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """`perspective` with a least share of the points as inliers."""
+    p = s.parameters
+    return perspective(points, at, p.pose_error_sd * s.sd, max(p.points_min, p.pose_share * len(points)))
 
 
-def _placed(R: Array, p: Array, at: Array, told: Array) -> Array:
+def _placed(R: Array, p: Array, at: Array, rho: Array) -> Array:
     """(N, 3) points by the first measured depth of each."""
     n = np.arange(at.shape[1])
-    k = (told > 0).argmax(axis=0)
-    depth = 1.0 / np.where(told[k, n] > 0, told[k, n], 1.0)
-    return turned(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
+    k = (rho > 0).argmax(axis=0)
+    depth = 1.0 / np.where(rho[k, n] > 0, rho[k, n], 1.0)
+    return matvec(R[k], _rays(at[k, n]) * depth[:, None]) + p[k]
 
 
-def _crossing(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def _crossing(
+    R: Array, p: Array, at: Array, seen: NDArray[np.bool_], parallax_rad: float
+) -> tuple[Array, NDArray[np.bool_]]:
     """(N, 3) points nearest to all their rays, and whether they are in front of all cameras."""
     ray = np.matmul(_rays(at), np.swapaxes(R, 1, 2))
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     across = (np.eye(3) - ray[..., :, None] * ray[..., None, :]) * seen[..., None, None]
     # The least eigenvalue is about that of two rays, ½ angle², times their number.
     A = across.sum(axis=0)
-    sure = np.linalg.eigvalsh(A)[:, 0] > 0.5 * _PARALLAX**2
+    sure = np.linalg.eigvalsh(A)[:, 0] > 0.5 * parallax_rad**2
     b = np.einsum("knij,kj->ni", across, p)
     points = np.linalg.solve(A + 1e-9 * np.eye(3), b[..., None])[..., 0]
-    before = np.matmul(points[None] - p[:, None], R)[..., 2] > _NEAR
+    before = np.matmul(points[None] - p[:, None], R)[..., 2] > _DEPTH_MIN
     return points, sure & (before | ~seen).all(axis=0)
 
 
-def _bundled(s: Sightings, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
+def _bundled(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
     """Least squares of (1) and (3) over cameras and points, twice: the second time without outliers."""
-    use = s.seen.sum(axis=0) > 1
-    s = replace(s, seen=s.seen[:, use], at=s.at[:, use], told=s.told[:, use])
+    use, limits = s.seen.sum(axis=0) > 1, s.parameters
+    s = replace(s, seen=s.seen[:, use], at=s.at[:, use], rho=s.rho[:, use])
     points = points[use]
     for steps in (3, 2):
-        if (s.seen.sum(axis=1) < FEW).any() or not np.isfinite(points).all():
+        if (s.seen.sum(axis=1) < limits.points_min).any() or not np.isfinite(points).all():
             return None
         R, p, points = _descended(s, R, p, points, scaled, steps)
         r, _ = _residuals(s, R, p, points)
         off = np.linalg.norm(r[..., :2], axis=-1)
-        seen = s.seen & (off < _CULL)
-        told = np.where(np.abs(r[..., 2]) < _CULL, s.told, 0.0)
-        seen &= (seen.sum(axis=0) > 1) & ((told > 0).any(axis=0) | (not scaled))
+        seen = s.seen & (off < limits.cull_sd)
+        rho = np.where(np.abs(r[..., 2]) < limits.cull_sd, s.rho, 0.0)
+        seen &= (seen.sum(axis=0) > 1) & ((rho > 0).any(axis=0) | (not scaled))
         fits = float(seen.sum() / max(s.seen.sum(), 1))
-        s = replace(s, seen=seen, told=told)
-    if (s.seen.sum(axis=1) < FEW).any() or fits < 0.7:
+        s = replace(s, seen=seen, rho=rho)
+    if (s.seen.sum(axis=1) < limits.points_min).any() or fits < limits.kept_share:
         return None
     r, _ = _residuals(s, R, p, points)
     H = _equations(s, R, p, points, scaled).H
     if not np.isfinite(H).all():
         return None
-    freedom = 2 * s.seen.sum() + (s.told > 0)[s.seen].sum() - 6 * len(R) - 3 * s.seen.any(axis=0).sum()
+    freedom = 2 * s.seen.sum() + (s.rho > 0)[s.seen].sum() - 6 * len(R) - 3 * s.seen.any(axis=0).sum()
     return Structure(first=first, R=R, p=p, information=H, misfit=float((r**2).sum() / max(freedom, 1)), scaled=scaled)
 
 
-def _descended(s: Sightings, R: Array, p: Array, points: Array, scaled: bool, steps: int) -> tuple[Array, Array, Array]:
+def _descended(
+    s: Observations, R: Array, p: Array, points: Array, scaled: bool, steps: int
+) -> tuple[Array, Array, Array]:
     """Levenberg–Marquardt."""
-    damping, cost = 1e-4, _cost(_residuals(s, R, p, points)[0])
+    limit = s.parameters.huber_sd
+    damping, cost = s.parameters.damping, _cost(_residuals(s, R, p, points)[0], limit)
     for _ in range(steps):
         m = _equations(s, R, p, points, scaled)
         n = len(m.b) - 6  # the newest camera is fixed
         e = np.zeros((len(R), 6))
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
-        e_points = turned(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
+        e_points = matvec(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
         R_new, p_new = R @ exp(e[:, 3:]), p + e[:, :3]
-        new = _cost(_residuals(s, R_new, p_new, points + e_points)[0])
+        new = _cost(_residuals(s, R_new, p_new, points + e_points)[0], limit)
         if not new < cost:
             damping *= 100.0
             continue
-        R, p, points, enough = R_new, p_new, points + e_points, cost - new < _ENOUGH * cost
+        R, p, points, enough = R_new, p_new, points + e_points, cost - new < s.parameters.cost_tolerance * cost
         cost, damping = new, 0.1 * damping
         if enough:
             break
     return R, p, points
 
 
-def _residuals(s: Sightings, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
+def _residuals(s: Observations, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
     """(K, N, 3) of (1) and, as inverse depths, of (3), in standard deviations, and (K, N, 3) m points in cameras."""
     q = np.matmul(points[None] - p[:, None], R)
-    inverse = 1.0 / np.maximum(q[..., 2], _NEAR)
+    inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
     r = np.empty(q.shape)
     r[..., :2] = (q[..., :2] * inverse[..., None] - s.at) / s.sd * s.seen[..., None]
-    r[..., 2] = (inverse - s.told) / s.told_sd * (s.seen & (s.told > 0))
+    r[..., 2] = (inverse - s.rho) / s.rho_sd * (s.seen & (s.rho > 0))
     return r, q
 
 
@@ -257,9 +291,9 @@ def _sizes(r: Array) -> Array:
     return np.stack([np.linalg.norm(r[..., :2], axis=-1), np.abs(r[..., 2])], axis=-1)
 
 
-def _cost(r: Array) -> float:
+def _cost(r: Array, limit: float) -> float:
     size = _sizes(r)
-    return float(np.where(size < _LIMIT, size**2, 2 * _LIMIT * size - _LIMIT**2).sum())
+    return float(np.where(size < limit, size**2, 2 * limit * size - limit**2).sum())
 
 
 class _Normal(NamedTuple):
@@ -280,16 +314,16 @@ class _Normal(NamedTuple):
     b_points: Array
 
 
-def _equations(s: Sightings, R: Array, p: Array, points: Array, scaled: bool) -> _Normal:
+def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool) -> _Normal:
     r, q = _residuals(s, R, p, points)
     K, N = s.seen.shape
-    inverse = 1.0 / np.maximum(q[..., 2], _NEAR)
-    w = np.sqrt(np.minimum(1.0, _LIMIT / np.maximum(_sizes(r), 1e-9)))[..., [0, 0, 1]]
+    inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
+    w = np.sqrt(np.minimum(1.0, s.parameters.huber_sd / np.maximum(_sizes(r), 1e-9)))[..., [0, 0, 1]]
     A = np.zeros((K, N, 3, 3))  # by the point in the camera
     A[..., 0, 0] = A[..., 1, 1] = inverse / s.sd
     A[..., :2, 2] = -q[..., :2] * (inverse**2)[..., None] / s.sd
-    A[..., 2, 2] = -(inverse**2) / s.told_sd
-    w *= np.stack([s.seen, s.seen, s.seen & (s.told > 0)], axis=-1)
+    A[..., 2, 2] = -(inverse**2) / s.rho_sd
+    w *= np.stack([s.seen, s.seen, s.seen & (s.rho > 0)], axis=-1)
     A *= w[..., None]
     r = r * w
     by_point = np.matmul(A.reshape(K, 3 * N, 3), np.swapaxes(R, 1, 2)).reshape(K, N, 3, 3)
@@ -308,7 +342,7 @@ def _equations(s: Sightings, R: Array, p: Array, points: Array, scaled: bool) ->
         b[at] -= J.T @ r[k].reshape(-1)
     if not scaled:
         n = p[0] / np.linalg.norm(p[0])
-        H[:3, :3] += _PINNED * np.outer(n, n)
+        H[:3, :3] += _SCALE_INFORMATION * np.outer(n, n)
     return _Normal(H, b, cross, solved, b_points)
 
 

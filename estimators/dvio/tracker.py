@@ -6,7 +6,7 @@ Stereo pairs are matched by semi-global matching (Hirschmüller 2008), for rigs 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -74,14 +74,13 @@ class Tracker:
     def __init__(self, shape: tuple[int, int], parameters: DvioParameters) -> None:
         self._shape, self._parameters = shape, parameters.tracking
         self._patches = [blank_patches(parameters.landmark_slots) for _ in range(_SCALES)]
-        self._most_px, self._least = parameters.forward_backward_px, parameters.corner_least
         self._grey: NDArray[np.uint8] | None = None
         self._before: NDArray[np.uint8] | None = None
         self._scales: list[NDArray[np.uint8]] = []
         thresholds = (self._parameters.fast_threshold, self._parameters.fast_threshold_low)
         self._detectors = [cv2.FastFeatureDetector.create(t, True) for t in thresholds]
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Restarts: no point is tracked into the next image."""
         self._grey, self._scales = None, []
 
@@ -90,14 +89,9 @@ class Tracker:
         self._before, self._grey, self._scales = self._grey, grey, []
 
     def follow(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """Tracks points of the previous image into the last one, by their appearance there.
+        """Tracks points (N, 2) px of the previous image into the last one, from where they are expected there (N, 2).
 
-        Args:
-            points: (N, 2) px there.
-            start: (N, 2) px where they are expected in the last one.
-
-        Returns:
-            (N, 2) px in the last image, and (N,) whether forward and backward tracking succeeded.
+        Returns their pixels and whether forward and backward tracking succeeded, (N,).
         """
         before, grey = self._before, self._grey
         if before is None or grey is None or not len(points):
@@ -112,7 +106,7 @@ class Tracker:
             grey, before, there, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
         )
         good = (found[:, 0] > 0) & (returned[:, 0] > 0)
-        good &= np.abs(back - points).max(axis=1) < self._most_px
+        good &= np.abs(back - points).max(axis=1) < p.forward_backward_px
         height, width = self._shape
         good &= (there > 2).all(axis=1) & (there[:, 0] < width - 3) & (there[:, 1] < height - 3)
         return np.asarray(there, np.float32), good
@@ -122,38 +116,22 @@ class Tracker:
         for scale, (grey, patches) in enumerate(zip(self._smoothed(), self._patches)):
             kernel.cut(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
 
-    def align(
-        self, slots: NDArray[np.int64], points: Points, warps: Array, far: float, alike: float
-    ) -> tuple[Points, NDArray[np.bool_]]:
-        """Aligns points of the last image with their slots' patches: at half the resolution, then whole.
+    def align(self, slots: NDArray[np.int64], points: Points, warps: Array) -> tuple[Points, NDArray[np.bool_]]:
+        """Aligns points (N, 2) px with the patches in their slots (N,): at half the resolution, then whole.
 
-        Args:
-            slots: (N,) of their patches.
-            points: (N, 2) px.
-            warps: (N, 2, 2) from the patch's pixels to the image's.
-            far: Largest move at the whole resolution, px.
-            alike: Least correlation with the patch.
-
-        Returns:
-            (N, 2) px, and (N,) which of them were aligned.
+        `warps` (N, 2, 2) map a patch's pixels to the image's. Returns pixels, and which were aligned, (N,).
         """
         half, found = points / np.float32(2.0), np.ones(len(points), bool)
-        p = self._parameters
-        kernel.align(
-            self._smoothed()[1], self._patches[1], slots, warps, p.coarse_reach_px / 2.0, p.coarse_likeness,
-            p.coarse_settled_px, half, found,
-        )  # fmt: skip
+        kernel.align(self._smoothed()[1], self._patches[1], slots, warps, self._parameters.coarse, half, found)
         points = np.where(found[:, None], np.float32(2.0) * half, points)
-        return self.settle(slots, points, warps, np.ones(len(points), bool), far, alike)
+        return self.settle(slots, points, warps, np.ones(len(points), bool))
 
     def settle(
-        self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_], far: float, alike: float
+        self, slots: NDArray[np.int64], points: Points, warps: Array, good: NDArray[np.bool_]
     ) -> tuple[Points, NDArray[np.bool_]]:
         """As `align`, but only at the whole resolution and for points that are `good`, (N,)."""
         points, good = points.copy(), good.copy()
-        kernel.align(
-            self._smoothed()[0], self._patches[0], slots, warps, far, alike, self._parameters.settled_px, points, good
-        )
+        kernel.align(self._smoothed()[0], self._patches[0], slots, warps, self._parameters.fine, points, good)
         return points, good
 
     def _smoothed(self) -> list[NDArray[np.uint8]]:
@@ -172,27 +150,39 @@ class Tracker:
         for detector in self._detectors:
             corners = detector.detect(self._grey)
             candidates = np.array([c.pt for c in corners], np.float32).reshape(-1, 2)
-            count = kernel.pick(
-                self._grey,
-                candidates,
-                np.ascontiguousarray(taken),
-                p.cells_x,
-                p.cells_y,
-                p.apart_px,
-                p.margin_px,
-                self._least,
-                wanted,
-                out,
-            )
+            count = kernel.pick(self._grey, candidates, np.ascontiguousarray(taken), p.corners, wanted, out)
             if count >= p.found_share * wanted:
                 break
         return out[:count]
 
 
-_SHRINK = 2  # matching takes an eighth of the time on a quarter of the pixels
-_DISPARITIES, _BLOCK = 48, 5
+@dataclass(frozen=True, kw_only=True)
+class StereoParameters:
+    """Semi-global matching of stereo pairs; the penalties are those that OpenCV recommends."""
+
+    shrink: int = 2
+    """Matching takes an eighth of the time on a quarter of the pixels."""
+    disparities: int = 48
+    """Number of disparities searched, pixels; a multiple of 16."""
+    block_px: int = 5
+    """Edge of the window that is compared."""
+    small_step_penalty: int = 8
+    """Of a disparity step of one pixel, times the window's area."""
+    large_step_penalty: int = 32
+    """Of a larger one."""
+    left_right_px: int = 1
+    """Largest difference of the disparities from left to right and back."""
+    uniqueness_percent: int = 10
+    """By which the best cost is below the second."""
+    speckle_size: int = 60
+    """Smaller regions are dropped, pixels."""
+    speckle_range: int = 2
+    """Largest step of the disparity within a region."""
+    disparity_min_px: float = 1.0
+    """A smaller one is nearly uninformative."""
+
+
 _FIXED_POINT = 16.0  # OpenCV's disparities are in sixteenths of a pixel
-_LEAST_PX = 1.0  # a smaller disparity is nearly uninformative
 
 
 class Stereo:
@@ -202,24 +192,28 @@ class Stereo:
         left: Calibration of the camera that the odometry follows.
         right: Of the other one, on the same body.
         topic: Of the depth.
+        parameters: Of the matching.
 
     Raises:
         ConfigError: The two do not view the same scene side by side, or an unknown model of distortion.
     """
 
-    def __init__(self, left: CameraCalibration, right: CameraCalibration, topic: str) -> None:
+    def __init__(
+        self, left: CameraCalibration, right: CameraCalibration, topic: str, parameters: StereoParameters | None = None
+    ) -> None:
+        p = self._parameters = parameters or StereoParameters()
         self.topic, self._lens = topic, Lens(left)
         T = np.linalg.inv(right.mount.T_body_sensor) @ left.mount.T_body_sensor
         if T[0, 3] >= 0 or abs(T[0, 3]) < np.abs(T[1:3, 3]).max():
             raise ConfigError(right.topic, "mount", T[:3, 3].tolist(), f"a camera to the right of {left.topic}")
         size = (left.width, left.height)
-        small = (left.width // _SHRINK, left.height // _SHRINK)
+        small = (left.width // p.shrink, left.height // p.shrink)
         fisheye = left.distortion_model == "equidistant"
         D = [np.array(c.distortion, dtype=float) for c in (left, right)]
         # The rectifying rotation of each camera depends only on the rotation between them.
         none = np.zeros(4)
-        R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], alpha=0)[:4]
-        P1, P2 = (np.diag([1 / _SHRINK, 1 / _SHRINK, 1.0]) @ P for P in (P1, P2))
+        R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], delta_p=0)[:4]
+        P1, P2 = (np.diag([1 / p.shrink, 1 / p.shrink, 1.0]) @ P for P in (P1, P2))
         maps = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
         self._maps = [
             maps(c.K, d, R, P[:, :3], small, cv2.CV_16SC2) for c, d, R, P in zip((left, right), D, (R1, R2), (P1, P2))
@@ -233,33 +227,23 @@ class Stereo:
         self._column, self._row = (np.ascontiguousarray(a.astype(np.float32).reshape(shape)) for a in at.T)
         self._along = rays[:, 2].astype(np.float32).reshape(shape)
         self._matcher = cv2.StereoSGBM.create(
-            minDisparity=0, numDisparities=_DISPARITIES, blockSize=_BLOCK, P1=8 * _BLOCK**2, P2=32 * _BLOCK**2,
-            disp12MaxDiff=1, uniquenessRatio=10, speckleWindowSize=60, speckleRange=2,
+            minDisparity=0, numDisparities=p.disparities, blockSize=p.block_px, disp12MaxDiff=p.left_right_px,
+            P1=p.small_step_penalty * p.block_px**2, P2=p.large_step_penalty * p.block_px**2,
+            uniquenessRatio=p.uniqueness_percent, speckleWindowSize=p.speckle_size, speckleRange=p.speckle_range,
         )  # fmt: skip
 
     def depth(self, left: Image, right: Image) -> Depth:
-        """Depth registered to the left image, of its time; 0 where there is no match.
-
-        Args:
-            left: Grey or colour.
-            right: Of the same time.
-        """
+        """Depth registered to the left of two images of the same time; 0 where there is no match."""
         pair = [cv2.remap(_grey(p.pixels), *m, cv2.INTER_LINEAR) for p, m in zip((left, right), self._maps)]
         disparity = self._matcher.compute(*pair).astype(np.float32) / _FIXED_POINT
         seen = cv2.remap(disparity, self._column, self._row, cv2.INTER_NEAREST, borderValue=-1.0)
         with np.errstate(divide="ignore"):
-            depth = np.where(seen >= _LEAST_PX, self._times_depth / (seen * self._along), 0.0)
+            depth = np.where(seen >= self._parameters.disparity_min_px, self._times_depth / (seen * self._along), 0.0)
         return Depth(topic=self.topic, t_ns=left.t_ns, depth=depth.astype(np.float32))
 
 
 def with_stereo(rig: Rig, left: str, depth: str) -> Rig:
-    """The rig with depth for its left camera.
-
-    Args:
-        rig: Of two cameras.
-        left: Topic of the one that the odometry follows.
-        depth: Topic of its new depth stream.
-    """
+    """The rig with a depth stream for its camera `left`."""
     return replace(rig, cameras={**rig.cameras, left: replace(rig.cameras[left], depth_topic=depth)})
 
 

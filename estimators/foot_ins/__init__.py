@@ -1,6 +1,7 @@
-"""Inertial navigation of one foot."""
+"""Path of one foot from its IMU alone (zero-velocity updates)."""
 
-from stridetwin.estimators.foot_ins.filter import FootIns, FootInsEstimate, FootInsPath, StartPose
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
+from stridetwin.estimators.foot_ins.filter import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 

@@ -9,6 +9,7 @@ from numba import njit
 
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import across_sole
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     ATTITUDE,
@@ -28,13 +29,12 @@ from stridetwin.estimators.foot_ins.state import (
     T_ALIGN,
     T_KNOWN,
     T_LAST,
-    T_STILL,
+    T_STATIONARY,
     T_STOOD,
     TRACKING,
     VELOCITY,
     Memory,
 )
-from stridetwin.estimators.foot_ins.zero_velocity import across_sole
 from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
@@ -44,7 +44,7 @@ def begin(memory: Memory, t_ns: int) -> None:
     """Starts the search for a stationary window at the sample of time `t_ns`; clears what came before."""
     memory.clock[PHASE] = ALIGNING
     memory.clock[T_ALIGN] = t_ns
-    memory.clock[T_STILL] = t_ns
+    memory.clock[T_STATIONARY] = t_ns
     memory.clock[FILL] = 0
     memory.clock[LANDED] = NEVER_LANDED
     memory.clock[T_STOOD] = t_ns
@@ -57,19 +57,19 @@ def begin(memory: Memory, t_ns: int) -> None:
 def align(memory: Memory, parameters: KernelParameters, t_ns: int, force: Array, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot was stationary for `align_s`, or late."""
     clock, force_sum = memory.clock, memory.force_sum
-    if statistic > parameters.still_level:
-        clock[T_STILL] = t_ns
+    if statistic > parameters.stationary_level:
+        clock[T_STATIONARY] = t_ns
         force_sum[0] = 0.0
     for i in range(2):
         force_sum[i, :3] += force
         force_sum[i, 3] += 1.0
-    still = (t_ns - clock[T_STILL]) * 1e-9 >= parameters.align_s
+    stationary = (t_ns - clock[T_STATIONARY]) * 1e-9 >= parameters.align_s
     late = (t_ns - clock[T_ALIGN]) * 1e-9 >= parameters.align_timeout_s
-    level(memory, force_sum[0] if still or not late else force_sum[1])
-    tilt_sd = parameters.tilt_sd_rad if still else parameters.moving_tilt_sd_rad
-    speed_sd = 0.01 if still else parameters.moving_speed_mps
+    level(memory, force_sum[0] if stationary or not late else force_sum[1])
+    tilt_sd = parameters.tilt_sd_rad if stationary else parameters.moving_tilt_sd_rad
+    speed_sd = parameters.aligned_speed_mps if stationary else parameters.moving_speed_mps
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
-    if still or late:
+    if stationary or late:
         clock[PHASE] = TRACKING
         clock[HEADED] = 1
         if clock[LEVERED] == 0:

@@ -11,21 +11,16 @@ from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
     GYRO_BIAS,
-    HEAD,
     POSITION,
     RESTORED,
     RING,
     VELOCITY,
     Memory,
+    ring_row,
 )
-from stridetwin.estimators.foot_ins.strapdown import carry, shift
+from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift
 from stridetwin.estimators.so3 import product, rotation_matrix
 from stridetwin.streams.samples import Array
-
-AT_LIMIT = 0.99  # share of the range above which a sample counts as clipped
-LONGEST_S = 0.15  # a longer peak is not determined by its two ends
-LEAST_RATES, LEAST_FORCES = 1, 3  # clipped samples; a shorter impact on an accelerometer rings, and has no such shape
-UPWARD = 0.7  # least cosine between a channel that senses the floor and the vertical
 
 
 @njit(**INSIDE)
@@ -38,35 +33,31 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
     accelerometer's: always in the same direction, by some tenths of a radian or a metre per second. A linear filter
     corrects that only in part. The signal enters and leaves the range with a slope; the cubic between (Hermite) is the
     peak. A channel is processed once two samples are back within the range. The remaining error is the filter's noise
-    at the limit.
+    at the limit. Unknown ranges disable the reconstruction.
 
     A landing impact is too short for a shape. It is known to push upwards, so on average it hides `impact_excess` per
     sample. Without this, the foot sinks a little at every landing, up stairs and down.
-
-    Args:
-        memory: Nominal state and ring change if a peak has ended; the correction is recorded.
-        parameters: With the ranges; unknown ranges disable the reconstruction.
     """
     first = 0
     hidden = np.zeros((RING, 6))
     for channel in range(6):
-        known = parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
-        least = LEAST_RATES if channel < 3 else LEAST_FORCES
-        first = max(first, _peak(memory, channel, known, least, parameters.impact_excess, hidden))
+        first = max(first, _peak(memory, parameters, channel, hidden))
     memory.clock[RESTORED] = first
     if first == 0:
         return
-    head, x = memory.clock[HEAD], memory.nominal
+    x = memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
     moved = memory.restored
     for back in range(first + 1):
-        i = (head - back) % RING
+        i = ring_row(memory, back)
         moved[back] = x[:GYRO_BIAS]
-        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2)
+        propagate_state(
+            memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], -_dt(memory, i), parameters.gravity_mps2
+        )
     for back in range(first, -1, -1):
-        i = (head - back) % RING
+        i = ring_row(memory, back)
         memory.ring[i] += hidden[back]  # later reads of the ring include the peak
-        carry(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
+        propagate_state(memory.nominal, memory.ring[i, :3], memory.ring[i, 3:], _dt(memory, i), parameters.gravity_mps2)
         moved[back, :ATTITUDE] = x[:ATTITUDE] - moved[back, :ATTITUDE]
         moved[back, ATTITUDE + 1 :] *= -1.0
         moved[back, ATTITUDE:] = product(x[ATTITUDE:GYRO_BIAS], moved[back, ATTITUDE:])
@@ -74,15 +65,15 @@ def restore(memory: Memory, parameters: KernelParameters) -> None:
 
 
 @njit(**INSIDE)
-def hides(memory: Memory, parameters: KernelParameters) -> bool:
+def is_clipped(memory: Memory, parameters: KernelParameters) -> bool:
     """Whether a channel is clipped, or too recently so for `restore` to have reconstructed its peak.
 
     An update meanwhile would blame the state for the error, and the same peak would be added a second time.
     """
     for back in range(2):
         for channel in range(6):
-            known = parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
-            if known > 0.0 and abs(memory.ring[(memory.clock[HEAD] - back) % RING, channel]) >= AT_LIMIT * known:
+            known, size = _range(parameters, channel), abs(memory.ring[ring_row(memory, back), channel])
+            if known > 0.0 and size >= parameters.clipped_share * known:
                 return True
     return False
 
@@ -94,44 +85,43 @@ def _dt(memory: Memory, i: int) -> float:
 
 
 @njit(**INSIDE)
-def _peak(memory: Memory, channel: int, known: float, least: int, excess: float, hidden: Array) -> int:
-    """Writes the hidden part of one channel into `hidden` (RING, 6), the newest sample first.
+def _range(parameters: KernelParameters, channel: int) -> float:
+    """Range of a channel of the ring, rad/s or m/s²; 0 if unknown."""
+    return parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
 
-    Args:
-        memory: Not changed.
-        channel: Of the ring.
-        known: Its range, 0 if unknown.
-        least: Least number of clipped samples of a peak.
-        excess: Mean hidden by a landing in each such sample, as a share of the range.
-        hidden: Changed in place.
 
-    Returns:
-        Number of samples since the peak began; 0 if none has just ended.
+@njit(**INSIDE)
+def _peak(memory: Memory, parameters: KernelParameters, channel: int, hidden: Array) -> int:
+    """Writes the hidden part of one channel's peak into `hidden` (RING, 6), the newest sample first.
+
+    Returns the number of samples since the peak began; 0 if none has just ended.
     """
-    head, fill = memory.clock[HEAD], memory.clock[FILL]
-    limit = AT_LIMIT * known
-    last = memory.ring[(head - 2) % RING, channel]
+    known = _range(parameters, channel)
+    least = parameters.peak_rates_min if channel < 3 else parameters.peak_forces_min
+    fill = memory.clock[FILL]
+    limit = parameters.clipped_share * known
+    last = memory.ring[ring_row(memory, 2), channel]
     if known <= 0.0 or fill < 6 or abs(last) < limit:
         return 0
     sign = 1.0 if last > 0.0 else -1.0
     end = 2
-    while end < fill - 3 and sign * memory.ring[(head - end) % RING, channel] >= limit:
+    while end < fill - 3 and sign * memory.ring[ring_row(memory, end), channel] >= limit:
         end += 1
     x = np.empty(end + 2)
     for back in range(end + 2):
-        x[back] = sign * memory.ring[(head - back) % RING, channel]
-    span = (memory.ring_t_ns[head] - memory.ring_t_ns[(head - end - 1) % RING]) * 1e-9
+        x[back] = sign * memory.ring[ring_row(memory, back), channel]
+    span = (memory.ring_t_ns[ring_row(memory, 0)] - memory.ring_t_ns[ring_row(memory, end + 1)]) * 1e-9
     dt = span / (end + 1)
     rise, fall = (x[end] - x[end + 1]) / dt, (x[1] - x[0]) / dt
     if max(x[0], x[1], x[end]) >= limit:
         return 0
     if end - 2 < least:
         to_world = rotation_matrix(memory.nominal[ATTITUDE : ATTITUDE + 4])
-        if channel < 3 or sign * to_world[2, channel - 3] < UPWARD:
+        if channel < 3 or sign * to_world[2, channel - 3] < parameters.landing_cosine_min:
             return 0
-        hidden[2:end, channel] = sign * excess * known
+        hidden[2:end, channel] = sign * parameters.impact_excess * known
         return end
-    if min(rise, fall) <= 0.0 or span > LONGEST_S:
+    if min(rise, fall) <= 0.0 or span > parameters.peak_max_s:
         return 0
     top = x[2:end].mean()
     before, after = min((top - x[end]) / rise, dt), min((top - x[1]) / fall, dt)

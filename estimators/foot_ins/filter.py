@@ -3,188 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream, deprecated
 from stridetwin.estimators.foot_ins import kernel
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, standing_nis
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
-from stridetwin.estimators.foot_ins.state import (
-    ATTITUDE,
-    HEADED,
-    IGNORED,
-    POSITION,
-    START_HEADING_SD,
-    START_POSITION_SD,
-    T_LAST,
-    TOLD,
-    TRACKING,
-    VELOCITY,
-    Memory,
-    blank,
-)
-from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
+from stridetwin.estimators.foot_ins.state import IGNORED, blank
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Imu
-from stridetwin.streams.trajectory import Pose, Trajectory
-
-if TYPE_CHECKING:
-    from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StartPose:
-    """Pose of the sensor at its first sample; gravity corrects the tilt of `q_world_imu`.
-
-    Attributes:
-        p_imu_in_world: (3,) m.
-        q_world_imu: (4,) unit quaternion (w, x, y, z); its heading is used unchanged.
-        position_sd: Standard deviation of the position, m.
-        heading_sd: Standard deviation of the heading, rad.
-    """
-
-    p_imu_in_world: Array
-    q_world_imu: Array
-    position_sd: float = START_POSITION_SD
-    heading_sd: float = START_HEADING_SD
-
-    def __post_init__(self) -> None:
-        """Raises ConfigError where a value has another shape, is not finite or is no unit quaternion."""
-        for name, size in (("p_imu_in_world", 3), ("q_world_imu", 4)):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.shape != (size,) or not np.all(np.isfinite(value)):
-                raise ConfigError("StartPose", name, getattr(self, name), f"{size} finite numbers")
-        if abs(np.linalg.norm(self.q_world_imu) - 1.0) > 1e-3:
-            raise ConfigError("StartPose", "q_world_imu", self.q_world_imu, "a unit quaternion (w, x, y, z)")
-        for name in ("position_sd", "heading_sd"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise ConfigError("StartPose", name, getattr(self, name), "a finite number ≥ 0")
-
-    def place(self, memory: Memory) -> None:
-        """Places a foot without samples at this pose."""
-        q = np.asarray(self.q_world_imu, dtype=float)
-        memory.nominal[POSITION : POSITION + 3] = self.p_imu_in_world
-        memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
-        memory.start_sd[:] = self.position_sd, self.heading_sd
-        memory.clock[HEADED] = 1
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FootInsEstimate:
-    """Estimated state of the foot's sensor after one sample.
-
-    Attributes:
-        t_ns: Time of the sample.
-        pose: Of the sensor, without covariance; valid once the vertical is found.
-        v_imu_in_world: (3,) m/s.
-        covariance: (15, 15) of the errors of position (m), velocity (m/s), attitude (rad, world axes), gyro
-            bias (rad/s) and accelerometer bias (m/s², both sensor axes).
-        standing_speed_sd: Standard deviation of the speed of a foot detected as stationary, m/s; inf if it is moving.
-        aligned: False until the vertical is found.
-    """
-
-    t_ns: int
-    pose: Pose
-    v_imu_in_world: Array
-    covariance: Array
-    standing_speed_sd: float
-    aligned: bool
-
-    @classmethod
-    def of(cls, memory: Memory, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
-        """A copy of the memory after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
-        x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
-        p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
-        return cls(
-            t_ns=t_ns,
-            pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
-            v_imu_in_world=x[VELOCITY : VELOCITY + 3],
-            covariance=memory.covariance[o : o + TOLD, o : o + TOLD].copy(),
-            standing_speed_sd=standing_speed_sd,
-            aligned=phase == TRACKING,
-        )
-
-    @property
-    def p_imu_in_world(self) -> Array:
-        """(3,) m; deprecated, see `pose`."""
-        deprecated("FootInsEstimate.p_imu_in_world", "pose.p_frame_in_world")
-        return self.pose.p_frame_in_world
-
-    @property
-    def q_world_imu(self) -> Array:
-        """(4,) unit quaternion; deprecated, see `pose`."""
-        deprecated("FootInsEstimate.q_world_imu", "pose.q_world_frame")
-        return self.pose.q_world_frame
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FootInsPath:
-    """Estimates after each usable sample of a block.
-
-    Attributes:
-        trajectory: Poses of the sensor with covariance, one per usable sample.
-        v_imu_in_world: (N, 3) m/s.
-        standing_speed_sd: (N,) m/s, inf where the foot is not stationary.
-        aligned: (N,) bool.
-    """
-
-    trajectory: Trajectory
-    v_imu_in_world: Array
-    standing_speed_sd: Array
-    aligned: NDArray[np.bool_]
-
-    @classmethod
-    def of(
-        cls, t_ns: NDArray[np.int64], phase: NDArray[np.int8], standing_speed_sd: Array, state: Array, covariance: Array
-    ) -> FootInsPath:
-        """The kernel's output after each of N samples, without those that it ignored.
-
-        Args:
-            t_ns: (N,).
-            phase: (N,) IGNORED, ALIGNING or TRACKING.
-            standing_speed_sd: (N,) m/s.
-            state: (N, 20) nominal state, see `memory`.
-            covariance: (N, 6, 6) of position (m) and attitude (rad), world axes.
-        """
-        used = phase != IGNORED
-        return cls(
-            trajectory=Trajectory(
-                t_ns=t_ns[used],
-                p_frame_in_world=state[used, POSITION : POSITION + 3],
-                q_world_frame=state[used, ATTITUDE : ATTITUDE + 4],
-                covariance=covariance[used],
-            ),
-            v_imu_in_world=state[used, VELOCITY : VELOCITY + 3],
-            standing_speed_sd=standing_speed_sd[used],
-            aligned=phase[used] == TRACKING,
-        )
-
-    def estimate(
-        self, recording: Recording, name: str, foot: str, label: str, nis: Mapping[str, float], world: str = ""
-    ) -> PathEstimate:
-        """The path of the IMU on `foot` as the estimate `name`; see `PathEstimate`.
-
-        Raises:
-            RecordingError: The vertical was never found.
-        """
-        frame = f"foot_{foot}/imu"
-        if not self.aligned.any():
-            raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
-        ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])
-        return PathEstimate(
-            name=f"{name}_{foot}",
-            frame=frame,
-            path=self.trajectory,
-            ready_ns=ready_ns,
-            nis=nis,
-            world=world,
-            label=label,
-        )
+from stridetwin.streams.trajectory import Trajectory
 
 
 class FootIns:
@@ -194,7 +27,6 @@ class FootIns:
     is the sensor's x axis then (its z axis, if x is within about 25° of the vertical). A sample is ignored if it is not
     finite, physically impossible, or not later than the last used one. A gap is bridged up to `max_gap_s`; after a
     longer one the filter keeps its position, with a large covariance, and aligns again.
-
 
     Args:
         rig: Noise and turn-on biases of the IMU on the foot; None: any consumer sensor. The calibration of one IMU in
@@ -209,19 +41,14 @@ class FootIns:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="foot_ins", kind=PATH, order=1, per_foot=True, smooths=True, label="", budget_s=0.05,
-        description="path of one foot from its IMU alone (zero-velocity updates)",
         needs="/foot_l/imu or /foot_r/imu",
         summary="Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else.",
     )  # fmt: skip
 
     def __init__(
-        self,
-        rig: Rig | ImuCalibration | None = None,
-        parameters: FootInsParameters | None = None,
-        start: StartPose | None = None,
-        *,
-        options: Options | None = None,
-    ) -> None:
+        self, rig: Rig | ImuCalibration | None = None, parameters: FootInsParameters | None = None,
+        start: StartPose | None = None, *, options: Options | None = None,
+    ) -> None:  # fmt: skip
         calibration = rig.imu(_topic(options or Options())) if isinstance(rig, Rig) else rig
         if isinstance(rig, ImuCalibration):
             deprecated("FootIns(calibration)", 'FootIns(rig, options=Options(foot="l"))')
@@ -257,8 +84,6 @@ class FootIns:
     @classmethod
     def batch(cls, rig: Rig | None, options: Options) -> FootIns | FootInsSmoother:
         """The filter for whole blocks, or its smoother if the options have a lag."""
-        from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
-
         if options.lag_s is None:
             return cls(rig, options=options)
         return FootInsSmoother(options.lag_s, None if rig is None else rig.imu(_topic(options)))
@@ -291,24 +116,12 @@ class FootIns:
         phase, speed = np.empty(n, np.int8), np.empty(n)
         state, covariance = np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
         kernel.run(
-            self._memory,
-            self._parameters,
-            np.ascontiguousarray(t_ns, dtype=np.int64),
-            np.ascontiguousarray(rate, dtype=np.float64),
-            np.ascontiguousarray(force, dtype=np.float64),
-            phase,
-            speed,
-            state,
-            covariance,
-        )
+            self._memory, self._parameters, np.ascontiguousarray(t_ns, dtype=np.int64),
+            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), phase, speed,
+            state, covariance,
+        )  # fmt: skip
         return phase, speed, state, covariance
 
 
 def _topic(options: Options) -> str:
     return f"/foot_{options.foot}/imu"
-
-
-def standing_nis(memory: Memory) -> float:
-    """Mean normalised innovation squared of zero-velocity updates, per degree of freedom; NaN before the first."""
-    total, count = memory.nis
-    return float(total / count) if count else math.nan

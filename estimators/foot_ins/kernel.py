@@ -12,8 +12,16 @@ from numpy.typing import NDArray
 from stridetwin.estimators.compiled import INSIDE, cached
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore
-from stridetwin.estimators.foot_ins.level_floor import stand
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import (
+    append_sample,
+    level_floor_update,
+    motion_statistic,
+    move_contact_point,
+    stationary_speed_sd,
+    zero_rate_update,
+    zero_velocity_update,
+)
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
     D_ATTITUDE,
@@ -27,21 +35,18 @@ from stridetwin.estimators.foot_ins.state import (
     Memory,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
-from stridetwin.estimators.foot_ins.zero_velocity import motion, push, roll, standing_speed, zero_rate, zero_velocity
 from stridetwin.streams.samples import Array
 
 _called = cached(Path(__file__).parent)
 
-MAX_RATE = 100.0  # rad/s; beyond any foot-mounted gyro
-MAX_FORCE = 5000.0  # m/s²
-
 
 @njit(**INSIDE)
-def possible(rate: Array, force: Array) -> bool:
+def possible(parameters: KernelParameters, rate: Array, force: Array) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
     fine = True
     for i in range(3):
-        fine = fine and abs(rate[i]) <= MAX_RATE and abs(force[i]) <= MAX_FORCE
+        fine = fine and abs(rate[i]) <= parameters.rate_max_radps
+        fine = fine and abs(force[i]) <= parameters.force_max_mps2
     return fine
 
 
@@ -49,20 +54,13 @@ def possible(rate: Array, force: Array) -> bool:
 def take(
     memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array
 ) -> tuple[int, float, float]:
-    """Takes a usable sample into the ring and, until the filter is aligned, into the alignment.
-
-    Args:
-        memory: Changed in place if the sample is usable.
-        parameters: Of the filter.
-        t_ns: End of the interval that the sample is the mean of.
-        rate: (3,) rad/s.
-        force: (3,) m/s².
+    """Takes a sample (rad/s, m/s²) into the ring and, until the filter is aligned, into the alignment.
 
     Returns:
         Phase in which the sample is used (IGNORED, ALIGNING or TRACKING); time since the last one, s; motion statistic.
     """
     clock = memory.clock
-    if not possible(rate, force):
+    if not possible(parameters, rate, force):
         return IGNORED, 0.0, 0.0
     if clock[PHASE] == EMPTY:
         begin(memory, t_ns)
@@ -72,8 +70,8 @@ def take(
     dt = (t_ns - clock[T_LAST]) * 1e-9
     if dt > parameters.max_gap_s:
         begin(memory, t_ns)
-    push(memory, t_ns, rate, force)
-    statistic = motion(memory, parameters)
+    append_sample(memory, t_ns, rate, force)
+    statistic = motion_statistic(memory, parameters)
     phase = TRACKING
     if clock[PHASE] == ALIGNING:
         phase = ALIGNING
@@ -87,14 +85,7 @@ def take(
 
 @njit(**INSIDE)
 def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, force: Array) -> tuple[int, float]:
-    """Takes one sample into the memory.
-
-    Args:
-        memory: Changed in place if the sample is usable.
-        parameters: Of the filter.
-        t_ns: End of the interval that the sample is the mean of.
-        rate: (3,) rad/s.
-        force: (3,) m/s².
+    """Takes one sample (rad/s, m/s²), the mean over the interval that ends at `t_ns`, into the memory.
 
     Returns:
         Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the stationary
@@ -106,15 +97,15 @@ def step(memory: Memory, parameters: KernelParameters, t_ns: int, rate: Array, f
     memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / parameters.peak_decay_s))
     predict(memory, parameters, rate, force, dt)
     restore(memory, parameters)
-    roll(memory, parameters, dt)
-    speed = standing_speed(statistic, memory.peak[0], parameters)
+    move_contact_point(memory, parameters, dt)
+    speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
     if speed < parameters.max_velocity_sd_mps:
-        zero_velocity(memory, parameters, rate, dt, speed)
+        zero_velocity_update(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf
-    stand(memory, parameters, t_ns, speed)
+    level_floor_update(memory, parameters, t_ns, speed)
     if memory.peak[0] < parameters.rest_level:
-        zero_rate(memory, parameters, rate, dt)
+        zero_rate_update(memory, parameters, rate, dt)
     return TRACKING, speed
 
 
@@ -132,26 +123,19 @@ def note_pose_covariance(memory: Memory, covariance: Array) -> None:
 
 @_called
 def run(
-    memory: Memory,
-    parameters: KernelParameters,
-    t_ns: NDArray[np.int64],
-    rate: Array,
-    force: Array,
-    phase: NDArray[np.int8],
-    speed: Array,
-    state: Array,
-    covariance: Array,
-) -> None:
-    """Takes N samples and writes the estimates after each.
+    memory: Memory, parameters: KernelParameters, t_ns: NDArray[np.int64], rate: Array, force: Array,
+    phase: NDArray[np.int8], speed: Array, state: Array, covariance: Array,
+) -> None:  # fmt: skip
+    """Takes N samples, `rate` and `force` (N, 3), and writes the results of `step` and the estimate after each.
 
     Args:
         memory: Changed in place.
         parameters: Of the filter.
         t_ns: (N,) int64.
-        rate: (N, 3) rad/s.
-        force: (N, 3) m/s².
-        phase: (N,) int8, out: phase in which the sample was used.
-        speed: (N,) out: standard deviation of the stationary foot's speed, m/s.
+        rate: rad/s.
+        force: m/s².
+        phase: (N,) int8, out.
+        speed: (N,) out: standard deviation, m/s.
         state: (N, 20) out: nominal state.
         covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
     """

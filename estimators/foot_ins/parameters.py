@@ -65,6 +65,20 @@ class FootInsParameters:
     """Least limit of an accelerometer, m/s²."""
     limit_share: float = 0.94
     """Share of the range above which a sample counts as saturated. [real walks]"""
+    clipped_share: float = 0.99
+    """Share of a known range from which on a sample counts as clipped, so that its peak is restored."""
+    peak_max_s: float = 0.15
+    """A longer clipped peak is not determined by its two ends, s."""
+    peak_rates_min: float = 1.0
+    """Least number of clipped samples of a peak of the angular rate."""
+    peak_forces_min: float = 3.0
+    """The same of the force; shorter impacts on an accelerometer ring and have no such shape."""
+    landing_cosine_min: float = 0.7
+    """Least cosine between the vertical and a channel that senses a landing."""
+    rate_max_radps: float = 100.0
+    """A larger angular rate is ignored, rad/s: no foot moves so."""
+    force_max_mps2: float = 5000.0
+    """A larger specific force is ignored, m/s²."""
     window_s: float = 0.0243
     """Span of the motion statistic, s. [real walks]"""
     gyro_scale_radps: float = 0.0017
@@ -73,15 +87,15 @@ class FootInsParameters:
     """Specific force that counts 1 in the statistic, m/s². [real walks]"""
     peak_decay_s: float = 0.2
     """Decay time of the statistic's peak, s. [real walks]"""
-    still_level: float = 2890.0
+    stationary_level: float = 2890.0
     """Statistic above which the trust in zero velocity decreases for any foot. [real walks]"""
-    still_share: float = 0.008
+    stationary_share: float = 0.008
     """The same as a share of the recent peak, for less quiet stances of a fast gait. [real walks]"""
-    still_power: float = 4.63
+    stationary_power: float = 4.63
     """Steepness of the loss of trust above that level. [real walks]"""
-    still_velocity_mps: float = 0.01
+    stationary_speed_mps: float = 0.01
     """Speed of a stationary foot, m/s. [real walks]"""
-    still_correlation_s: float = 0.018
+    stationary_correlation_s: float = 0.018
     """Correlation time of that speed: updates within it share their error, s. [real walks]"""
     max_velocity_sd_mps: float = 2.0
     """Updates with a larger standard deviation are skipped, m/s."""
@@ -107,6 +121,8 @@ class FootInsParameters:
     """After this time the filter starts without a stationary window, s."""
     tilt_sd_rad: float = 0.0175
     """Error of an alignment at rest, rad."""
+    aligned_speed_mps: float = 0.01
+    """Speed of the foot after an alignment at rest, m/s."""
     moving_tilt_sd_rad: float = 0.2
     """Error of an alignment in motion, rad."""
     moving_speed_mps: float = 1.0
@@ -148,12 +164,7 @@ else:
 
 
 def for_sensor(parameters: FootInsParameters, calibration: ImuCalibration | None) -> KernelParameters:
-    """The kernel's parameters: these, with the sensor's own noise added if the calibration has it.
-
-    Args:
-        parameters: Parameters for any sensor.
-        calibration: Noise densities and turn-on biases of this one; None = unknown.
-    """
+    """The kernel's parameters: these, with the sensor's own noise and limits if its calibration has them."""
     values = {name: float(value) for name, value in asdict(parameters).items()}
     if calibration is not None:
         for name, density in (

@@ -17,7 +17,7 @@ When a clipped peak is restored (`clipping`), the filter's state jumps, and with
 began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
 and j are mapped through T_(k-1)⁻¹, where T is the effect of `shift` on an error.
 
-The filter computes Ψ, J and j as a by-product: `listen` extends its covariance by 19 rows, with covariance 0 of their
+The filter computes Ψ, J and j as a by-product: `augment` extends its covariance by 19 rows, with covariance 0 of their
 own and I with the error. Every linear operation on the error turns I into Ψᵀ; each correction subtracts g gᵀ / s from
 the zeros and adds g z / s to the error of these rows.
 """
@@ -33,30 +33,29 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE, cached
-from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose, standing_nis
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, standing_nis
 from stridetwin.estimators.foot_ins.kernel import note_pose_covariance, step
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
+from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     D_ATTITUDE,
     D_POSITION,
     D_VELOCITY,
     GYRO_BIAS,
-    HEAD,
     IGNORED,
     NOMINAL,
     POSITION,
     RESTORED,
-    RING,
     STATES,
     T_LAST,
     TRACKING,
     VELOCITY,
     Memory,
     blank,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import shift, shift_rows
-from stridetwin.estimators.foot_ins.zero_velocity import inject
 from stridetwin.estimators.so3 import product
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import ImuCalibration
@@ -104,26 +103,21 @@ def empty_window(capacity: int) -> Window:
     transition = np.zeros((capacity + 1, STATES, STATES))
     transition[capacity] = np.eye(STATES)
     return Window(
-        place=np.zeros(3, np.int64),
-        t_ns=np.zeros(capacity, np.int64),
-        phase=np.zeros(capacity, np.int8),
-        speed=np.zeros(capacity),
-        nominal=np.zeros((capacity, NOMINAL)),
-        covariance=np.zeros((capacity, STATES, STATES)),
-        transition=transition,
-        information=np.zeros((capacity + 1, STATES, STATES)),
-        evidence=np.zeros((capacity + 1, STATES)),
+        place=np.zeros(3, np.int64), t_ns=np.zeros(capacity, np.int64), phase=np.zeros(capacity, np.int8),
+        speed=np.zeros(capacity), nominal=np.zeros((capacity, NOMINAL)),
+        covariance=np.zeros((capacity, STATES, STATES)), transition=transition,
+        information=np.zeros((capacity + 1, STATES, STATES)), evidence=np.zeros((capacity + 1, STATES)),
         given=blank(),
-    )
+    )  # fmt: skip
 
 
-def listening() -> Memory:
-    """Memory of a foot whose covariance has the rows that `listen` needs."""
+def augmented_memory() -> Memory:
+    """Memory of a foot whose covariance has the rows that `augment` needs."""
     return blank(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
 
 
 @njit(**INSIDE)
-def listen(memory: Memory) -> None:
+def augment(memory: Memory) -> None:
     """Prepares the additional rows for the next sample, in place."""
     P = memory.covariance
     P[:, STATES:] = 0.0
@@ -134,21 +128,16 @@ def listen(memory: Memory) -> None:
 
 
 @njit(**INSIDE)
-def put_back(window: Window, memory: Memory) -> None:
+def apply_restored(window: Window, memory: Memory) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore`, in place.
 
-    Args:
-        window: Before `hold` takes the sample at which the peak was restored.
-        memory: After that sample; its passage now begins at the corrected state.
+    `memory` is that after the sample at which the peak was restored, which the window does not hold yet.
     """
     place, capacity = window.place, len(window.t_ns)
     held, summed, moved = place[HELD], place[SUMMED], memory.restored
     reach = 0  # samples back, from the newest held; older ones have left the window
     for back in range(1, min(memory.clock[RESTORED], held) + 1):
-        if (
-            window.t_ns[(place[OLDEST] + held - back) % capacity]
-            != memory.ring_t_ns[(memory.clock[HEAD] - back) % RING]
-        ):
+        if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[ring_row(memory, back)]:
             break
         reach = back
     if reach == 0:
@@ -187,7 +176,7 @@ def _move(window: Window, row: int, moved: Array, end: int, begin: int, reach: i
 
 @njit(**INSIDE)
 def _begin_at(M: Array, dp: Array, dv: Array) -> None:
-    """M <- M T⁻¹ in place, T as of `covariance.shift`."""
+    """M <- M T⁻¹ in place, T as of `strapdown.shift`."""
     p, v, a = D_POSITION, D_VELOCITY, D_ATTITUDE
     for i in range(M.shape[0]):
         for k in range(3):
@@ -196,7 +185,7 @@ def _begin_at(M: Array, dp: Array, dv: Array) -> None:
 
 
 @njit(**INSIDE)
-def hold(window: Window, memory: Memory, phase: int, speed: float) -> None:
+def append(window: Window, memory: Memory, phase: int, speed: float) -> None:
     """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
     capacity = len(window.t_ns)
     i = (window.place[OLDEST] + window.place[HELD]) % capacity
@@ -225,7 +214,7 @@ def _join(window: Window, earlier: int, later: int, into: int) -> None:
 
 
 @njit(**INSIDE)
-def give(window: Window) -> int:
+def release_oldest(window: Window) -> int:
     """Moves the oldest sample, smoothed with all later ones, into `given`; returns its row. One must be held.
 
     See docs/foot_ins.md (17).
@@ -260,7 +249,7 @@ def give(window: Window) -> int:
 @njit(**INSIDE)
 def _write(window: Window, out: Rows, k: int) -> None:
     """Gives the oldest sample and writes it into row `k`."""
-    i = give(window)
+    i = release_oldest(window)
     out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
     out[3][k] = window.given.nominal
     note_pose_covariance(window.given, out[4][k])
@@ -268,19 +257,13 @@ def _write(window: Window, out: Rows, k: int) -> None:
 
 @_called
 def run(
-    memory: Memory,
-    window: Window,
-    parameters: KernelParameters,
-    lag_ns: int,
-    t_ns: NDArray[np.int64],
-    rate: Array,
-    force: Array,
-    out: Rows,
-) -> int:
+    memory: Memory, window: Window, parameters: KernelParameters, lag_ns: int, t_ns: NDArray[np.int64], rate: Array,
+    force: Array, out: Rows,
+) -> int:  # fmt: skip
     """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
 
     Args:
-        memory: Of `listening`, changed in place.
+        memory: Of `augmented_memory`, changed in place.
         window: Changed in place.
         parameters: Of the filter.
         lag_ns: Age at which a sample leaves the window.
@@ -294,13 +277,13 @@ def run(
     """
     n = 0
     for k in range(len(t_ns)):
-        listen(memory)
+        augment(memory)
         phase, speed = step(memory, parameters, t_ns[k], rate[k], force[k])
         if phase == IGNORED:
             continue
         if phase == TRACKING and memory.clock[RESTORED] > 0:
-            put_back(window, memory)
-        hold(window, memory, phase, speed)
+            apply_restored(window, memory)
+        append(window, memory, phase, speed)
         full = window.place[HELD] == len(window.t_ns)
         if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
             _write(window, out, n)
@@ -344,17 +327,14 @@ class FootInsSmoother:
     """
 
     def __init__(
-        self,
-        lag_s: float = 1.0,
-        calibration: ImuCalibration | None = None,
-        parameters: FootInsParameters | None = None,
-        start: StartPose | None = None,
-    ) -> None:
+        self, lag_s: float = 1.0, calibration: ImuCalibration | None = None,
+        parameters: FootInsParameters | None = None, start: StartPose | None = None,
+    ) -> None:  # fmt: skip
         if not 0.0 <= lag_s <= MAX_LAG_S:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
-        self._memory = listening()
+        self._memory = augmented_memory()
         self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
         if start is not None:
             start.place(self._memory)
@@ -371,11 +351,11 @@ class FootInsSmoother:
         """The path over the usable samples of a block and those held before, the last ones smoothed with less."""
         out = _rows(len(block) + self.held)
         n = self._take(block.t_ns, block.columns["angular_rate"], block.columns["specific_force"], out)
-        return self._told(out, n)
+        return self._path(out, n)
 
     def finish(self) -> FootInsPath:
         """The samples not yet returned, smoothed with what is available."""
-        return self._told(_rows(self.held), 0)
+        return self._path(_rows(self.held), 0)
 
     @property
     def nis(self) -> float:
@@ -387,22 +367,16 @@ class FootInsSmoother:
         """Number of samples not yet returned."""
         return int(self._window.place[HELD])
 
-    def _told(self, out: Rows, n: int) -> FootInsPath:
+    def _path(self, out: Rows, n: int) -> FootInsPath:
         """The first `n` rows, and all that is still held."""
         n = drain(self._window, out, n)
         return FootInsPath.of(out[0][:n], out[1][:n], out[2][:n], out[3][:n], out[4][:n])
 
     def _take(self, t_ns: NDArray[np.int64], rate: Array, force: Array, out: Rows) -> int:
         return run(
-            self._memory,
-            self._window,
-            self._parameters,
-            self._lag_ns,
-            np.ascontiguousarray(t_ns, dtype=np.int64),
-            np.ascontiguousarray(rate, dtype=np.float64),
-            np.ascontiguousarray(force, dtype=np.float64),
-            out,
-        )
+            self._memory, self._window, self._parameters, self._lag_ns, np.ascontiguousarray(t_ns, dtype=np.int64),
+            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), out,
+        )  # fmt: skip
 
 
 def _rows(n: int) -> Rows:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.compiled import INSIDE
 from stridetwin.streams.samples import Array
 
 # Nominal state (20,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
@@ -17,12 +19,12 @@ NOMINAL = 20
 # R_true = exp([e]x) R.
 D_POSITION, D_VELOCITY, D_ATTITUDE, D_GYRO_BIAS, D_ACCEL_BIAS, D_CONTACT, D_FLOOR = 0, 3, 6, 9, 12, 15, 18
 STATES = 19
-TOLD = 15  # number of them in an estimate
+REPORTED = 15  # number of them in an estimate
 
 # Clock (12,): last sample, start of the stationary period, start of the alignment, last tracked sample, last sample
 # not surely stationary, all in ns; head and fill of the ring; phase; whether the heading is known; whether the lever
 # arm is; whether the foot has landed; samples since the beginning of the peak restored with the last sample.
-T_LAST, T_STILL, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED, RESTORED = range(12)
+T_LAST, T_STATIONARY, T_ALIGN, T_KNOWN, T_STOOD, HEAD, FILL, PHASE, HEADED, LEVERED, LANDED, RESTORED = range(12)
 CLOCKS = 12
 IGNORED, EMPTY, ALIGNING, TRACKING = -1, 0, 1, 2
 NEVER_LANDED, SWINGING, STANDING = 0, 1, 2
@@ -76,29 +78,19 @@ class Memory(NamedTuple):
 
 
 def blank(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> Memory:
-    """Memory of a foot at the origin without samples.
-
-    Args:
-        covariance: (n, n) of the larger filter; None: a filter of its own.
-        error: (n,) of that filter.
-        row: First of the foot's 19 rows in it.
-    """
+    """Memory of a foot at the origin without samples; its own filter, or `row` and following of a larger one (n, n)."""
     nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
     return Memory(
-        nominal=nominal,
-        covariance=np.zeros((STATES, STATES)) if covariance is None else covariance,
-        error=np.zeros(STATES) if error is None else error,
-        row=row,
-        tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
-        start_sd=np.array([START_POSITION_SD, START_HEADING_SD]),
-        clock=np.zeros(CLOCKS, np.int64),
-        ring_t_ns=np.zeros(RING, np.int64),
-        ring=np.zeros((RING, 6)),
-        restored=np.zeros((RING, 10)),
-        force_sum=np.zeros((2, 4)),
-        lever=np.zeros(3),
-        peak=np.zeros(1),
-        extreme=np.zeros(6),
-        nis=np.zeros(2),
-    )
+        nominal=nominal, covariance=np.zeros((STATES, STATES)) if covariance is None else covariance,
+        error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
+        start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
+        ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
+        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), extreme=np.zeros(6), nis=np.zeros(2),
+    )  # fmt: skip
+
+
+@njit(**INSIDE)
+def ring_row(memory: Memory, back: int) -> int:
+    """Row of the ring's sample that is `back` samples older than the newest."""
+    return (memory.clock[HEAD] - back) % RING

@@ -17,30 +17,21 @@ from stridetwin.estimators.foot_ins.state import (
     D_VELOCITY,
     FILL,
     GYRO_BIAS,
-    HEAD,
     POSITION,
-    RING,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
 
 @njit(**INSIDE)
-def propagate(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
+def propagate_covariance(P: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
     """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
 
-    See docs/foot_ins.md (4).
-
-    F is the strapdown error model of Titterton & Weston 2004, ch. 12, over one step, without Earth rotation.
-
-    Args:
-        P: (n, n) covariance.
-        o: First row of the foot.
-        R: (3, 3) attitude over the step, world <- sensor.
-        f_world: (3,) specific force in the world, m/s².
-        dt: s.
+    See docs/foot_ins.md (4). F is the strapdown error model of Titterton & Weston 2004, ch. 12, over `dt` (s), without
+    Earth rotation, at an attitude R (world <- sensor) and a specific force in the world, m/s².
     """
     _transition(P, o, R, f_world, dt)
     _transition(P.T, o, R, f_world, dt)
@@ -69,7 +60,7 @@ def _transition(M: Array, o: int, R: Array, f_world: Array, dt: float) -> None:
 
 @njit(**INSIDE)
 def shift(P: Array, o: int, dp: Array, dv: Array) -> None:
-    """Covariance of the error seen from a corrected state, in place.
+    """Covariance of the error seen from a state corrected by `dp` (m) and `dv` (m/s), in place.
 
     See docs/foot_ins.md (12).
 
@@ -77,12 +68,6 @@ def shift(P: Array, o: int, dp: Array, dv: Array) -> None:
     position, velocity and attitude. Where a correction moves p and v, this direction must move along; otherwise the
     filter takes the difference for a heading measurement, which adds up to false certainty. This is the invariant
     filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
-
-    Args:
-        P: (n, n) covariance.
-        o: First row of the foot.
-        dp: (3,) correction of the position, m.
-        dv: (3,) correction of the velocity, m/s.
     """
     shift_rows(P, o, dp, dv)
     shift_rows(P.T, o, dp, dv)
@@ -104,15 +89,10 @@ def shift_rows(M: Array, o: int, dp: Array, dv: Array) -> None:
 
 @njit(**INSIDE)
 def correct(P: Array, dx: Array, o: int, h: Array, z: float, r: float) -> None:
-    """Scalar Kalman update of `P` and of the accumulated error `dx`, in place.
+    """Scalar Kalman update of `P` (n, n) and of the accumulated error `dx` (n,), in place.
 
-    Args:
-        P: (n, n) covariance.
-        dx: (n,) error found so far.
-        o: First row of the states that the measurement depends on.
-        h: (m,) row of the measurement's Jacobian with respect to these m states.
-        z: Measurement minus its prediction from the nominal state.
-        r: Variance of the measurement.
+    `h` (m,) is the measurement's Jacobian by the m states from row `o` on, `z` the measurement minus its prediction
+    from the nominal state, and `r` its variance.
     """
     n = P.shape[0]
     Ph = np.zeros(n)
@@ -145,17 +125,10 @@ def force_at_middle(f: Array, x: float, y: float, z: float) -> Array:
 
 
 @njit(**INSIDE)
-def carry(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
-    """Propagates a nominal state over one interval, in place; a negative `dt` exactly reverses it.
+def propagate_state(x: Array, rate: Array, force: Array, dt: float, gravity: float) -> tuple[Array, Array]:
+    """Propagates a nominal state (20,) over one interval, in place; a negative `dt` exactly reverses it.
 
     See docs/foot_ins.md (2), (3).
-
-    Args:
-        x: (20,) see `memory`.
-        rate: (3,) rad/s, sensor frame.
-        force: (3,) m/s², sensor frame.
-        dt: s.
-        gravity: m/s².
 
     Returns:
         (3, 3) attitude at the interval's middle, world <- sensor, and (3,) specific force in the world, m/s².
@@ -180,25 +153,18 @@ def predict(memory: Memory, parameters: KernelParameters, rate: Array, force: Ar
     See docs/foot_ins.md (5).
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
-    sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess.
-
-
-    Args:
-        memory: Changed in place.
-        parameters: Noise.
-        rate: (3,) rad/s, sensor frame.
-        force: (3,) m/s², sensor frame.
-        dt: s; longer than `max_step_s` means that samples are missing.
+    sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess. In an
+    interval longer than `max_step_s` samples are missing.
     """
     x, P = memory.nominal, memory.covariance
-    R, force_in_world = carry(x, rate, force, dt, parameters.gravity_mps2)
+    R, force_in_world = propagate_state(x, rate, force, dt, parameters.gravity_mps2)
     acceleration2 = force_in_world[0] ** 2 + force_in_world[1] ** 2 + (force_in_world[2] - parameters.gravity_mps2) ** 2
     o = memory.row
-    propagate(P, o, R, force_in_world, dt)
+    propagate_covariance(P, o, R, force_in_world, dt)
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2 + parameters.accel_motion_noise_per_rthz**2 * acceleration2
     if memory.clock[FILL] > 1:
-        before = memory.ring[(memory.clock[HEAD] - 1) % RING]
+        before = memory.ring[ring_row(memory, 1)]
         jerk2 = 0.0
         for i in range(3):
             jerk2 += ((force[i] - before[3 + i]) / dt) ** 2

@@ -1,19 +1,19 @@
-"""Inertial navigation of two shoes that observe each other."""
+"""Paths of both feet, coupled by shoe cameras and sonars."""
 
-from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.base import deprecated
+from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_to_foot.events import RelativePosition
-from stridetwin.estimators.foot_to_foot.filter import METHODS, Aiding, FootToFoot, FootToFootEstimate
+from stridetwin.estimators.foot_to_foot.filter import METHODS, Aiding, FootToFoot, FootToFootEstimate, follow
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters
-from stridetwin.estimators.foot_to_foot.path import follow
 
 __all__ = [
-    "METHODS",
-    "Aiding",
-    "BoardSighting",
-    "FootToFoot",
-    "FootToFootEstimate",
-    "FootToFootParameters",
-    "PublishedParameters",
-    "RelativePosition",
-    "follow",
-]
+    "METHODS", "Aiding", "BoardObservation", "FootToFoot", "FootToFootEstimate", "FootToFootParameters",
+    "PublishedParameters", "RelativePosition", "follow",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> object:
+    if name != "BoardSighting":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    deprecated("foot_to_foot.BoardSighting", "foot_to_foot.BoardObservation")
+    return BoardObservation

@@ -9,21 +9,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.checkerboard.detector import BoardDetector
-from stridetwin.estimators.checkerboard.pose import BoardSighting
+from stridetwin.estimators.checkerboard.pose import BoardObservation
 from stridetwin.estimators.foot_to_foot.events import RelativePosition
+from stridetwin.estimators.foot_to_foot.parameters import TrackingParameters
 from stridetwin.estimators.foot_to_foot.shoe_rig import Shoes
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Image
 
 _HELD = 8  # images that may wait for the IMUs to reach their time; the oldest is dropped first
-_SD = 3.0  # search region, standard deviations
-_LEAST_ERROR_PX = 12.0  # an overconfident prediction misidentifies the corners of a partly visible board
-_LOST_PX = 60.0  # with a less certain prediction the whole image is searched ...
-_SEARCH_EVERY_NS = 100_000_000  # ... at most this often, because that takes longer
-# If no board is found at its prediction for so long, the prediction may be wrong; then whole images are searched now
-# and then. (A stride is no integer multiple of these times.)
-_MISSED_NS, _DOUBT_EVERY_NS = 2_000_000_000, 300_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,20 +45,22 @@ class Expected:
         return focal_px * float(np.sqrt(variance.max()))
 
 
-class Eyes:
+class BoardTracker:
     """The cameras of both shoes, each with a detector of the other shoe's board.
 
-    An image waits until both IMUs have reached its time. A board that faces away or is out of view is not searched for.
+    An image waits until both IMUs have reached its time. A board that faces away or is out of view is not searched.
     If the filter has lost the other shoe, the whole image is searched, at most ten times per second; and less often if
     no predicted board has been found for long, because the calibration may be wrong.
-
 
     Args:
         shoes: Cameras and boards.
         exposure_s: Of the cameras.
+        parameters: Of the search.
     """
 
-    def __init__(self, shoes: Shoes, exposure_s: float) -> None:
+    def __init__(self, shoes: Shoes, exposure_s: float, parameters: TrackingParameters | None = None) -> None:
+        self._parameters = p = parameters or TrackingParameters()
+        self._lost_every_ns, self._missed_every_ns = round(p.lost_every_s * 1e9), round(p.missed_every_s * 1e9)
         self._detectors: dict[str, BoardDetector] = {}
         self._cameras: dict[str, tuple[int, CameraCalibration]] = {}
         for i, foot in enumerate(FEET):
@@ -75,94 +71,86 @@ class Eyes:
                 self._detectors[camera.topic] = BoardDetector(board, camera)
         self.exposure_ns = round(exposure_s * 1e9)
         self._waiting: deque[Image] = deque(maxlen=_HELD)
-        self._searched_ns = dict.fromkeys(self._cameras, -_SEARCH_EVERY_NS)
+        self._searched_ns = dict.fromkeys(self._cameras, -self._lost_every_ns)
         self._newest_ns = dict.fromkeys(self._cameras, -(2**62))
-        self._found_ns: int | None = (
-            None  # when a board was last found at its prediction; at first, time of the first image
-        )
+        # when a board was last found at its prediction; at first, time of the first image
+        self._found_ns: int | None = None
 
-    def take(self, picture: Image) -> bool:
+    def take(self, image: Image) -> bool:
         """Queues an image; False if no board can be in it, or it is out of order."""
-        if picture.topic not in self._cameras or picture.t_ns <= self._newest_ns[picture.topic]:
+        if image.topic not in self._cameras or image.t_ns <= self._newest_ns[image.topic]:
             return False
-        self._newest_ns[picture.topic] = picture.t_ns
-        self._waiting.append(picture)
+        self._newest_ns[image.topic] = image.t_ns
+        self._waiting.append(image)
         return True
 
     def ready(self, reached_ns: int) -> list[tuple[Image, int, int]]:
         """Images whose time both IMUs have reached, with the camera's foot and the time on the IMUs' clock."""
         found = []
         for _ in range(len(self._waiting)):
-            picture = self._waiting.popleft()
-            foot, camera = self._cameras[picture.topic]
-            t_ns = picture.t_ns + round(camera.timeshift_cam_imu_s * 1e9)
+            image = self._waiting.popleft()
+            foot, camera = self._cameras[image.topic]
+            t_ns = image.t_ns + round(camera.timeshift_cam_imu_s * 1e9)
             if t_ns <= reached_ns:
-                found.append((picture, foot, t_ns))
+                found.append((image, foot, t_ns))
             else:
-                self._waiting.append(picture)
+                self._waiting.append(image)
         return sorted(found, key=lambda item: item[2])
 
-    def look(self, picture: Image, expected: Expected) -> BoardSighting | None:
+    def detect(self, image: Image, expected: Expected) -> BoardObservation | None:
         """The board in an image."""
         if self._found_ns is None:
-            self._found_ns = picture.t_ns
-        if picture.t_ns - self._found_ns > _MISSED_NS:
-            found = self._search(picture, self._detectors[picture.topic], _DOUBT_EVERY_NS)
+            self._found_ns = image.t_ns
+        if image.t_ns - self._found_ns > self._parameters.missed_s * 1e9:
+            found = self._search(image, self._detectors[image.topic], self._missed_every_ns)
             if found is not None:
                 return found
-        return self._look_where(picture, expected)
+        return self._search_prediction(image, expected)
 
-    def _look_where(self, picture: Image, expected: Expected) -> BoardSighting | None:
+    def _search_prediction(self, image: Image, expected: Expected) -> BoardObservation | None:
         """The board in an image at its prediction, or anywhere if the prediction is uncertain."""
-        detector, (_, camera) = self._detectors[picture.topic], self._cameras[picture.topic]
+        p = self._parameters
+        detector, (_, camera) = self._detectors[image.topic], self._cameras[image.topic]
         guess = detector.predict(expected.T_camera_board)
         error_px = np.inf
         if guess is not None:
-            error_px = _SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _LEAST_ERROR_PX
-        elif _SD**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and _near(expected):
+            error_px = p.region_sd * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + p.region_min_px
+        elif p.region_sd**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and self._is_near(expected):
             return None  # it certainly faces away, or is behind the camera
-        if guess is None or not error_px < _LOST_PX:
-            return self._search(picture, detector, _SEARCH_EVERY_NS)
+        if guess is None or not error_px < p.lost_px:
+            return self._search(image, detector, self._lost_every_ns)
         inside = np.all((guess > -error_px) & (guess < np.array([camera.width, camera.height]) + error_px), axis=1)
         if not inside.any():
             return None
         before = detector.predict(expected.T_before)
         motion_px = None if before is None else (guess - before).mean(axis=0)
-        sighting = detector.detect(picture, guess, error_px, motion_px)
-        if sighting is not None:
-            self._found_ns = picture.t_ns
-        return sighting
+        observation = detector.detect(image, guess, error_px, motion_px)
+        if observation is not None:
+            self._found_ns = image.t_ns
+        return observation
 
-    def _search(self, picture: Image, detector: BoardDetector, every_ns: int) -> BoardSighting | None:
-        if picture.t_ns - self._searched_ns[picture.topic] < every_ns:
+    def _search(self, image: Image, detector: BoardDetector, every_ns: int) -> BoardObservation | None:
+        if image.t_ns - self._searched_ns[image.topic] < every_ns:
             return None
-        self._searched_ns[picture.topic] = picture.t_ns
-        return detector.detect(picture)
+        self._searched_ns[image.topic] = image.t_ns
+        return detector.detect(image)
+
+    def _is_near(self, expected: Expected) -> bool:
+        """Whether the board's position is certain relative to its distance."""
+        distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
+        position_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1]))
+        return self._parameters.region_sd * position_sd < distance
 
 
-def _near(expected: Expected) -> bool:
-    """Whether the board's position is certain relative to its distance."""
-    distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
-    return _SD * float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1])) < distance
-
-
-def relative_position(sighting: BoardSighting, foot: int, mounts: Array, expected: Expected) -> RelativePosition | None:
-    """Measurement of the published filter from an observation; the feet's attitudes select one of a plane's two poses.
-
-    Args:
-        sighting: Of either camera.
-        foot: The foot with the camera.
-        mounts: (4, 7) as in `memory.Pair`.
-        expected: Predicted pose of the board.
-    """
+def relative_position(
+    observation: BoardObservation, foot: int, mounts: Array, expected: Expected
+) -> RelativePosition | None:
+    """Measurement of the published filter; the feet's attitudes select one of a plane's two poses."""
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
-    return RelativePosition.of_sighting(
-        sighting,
-        T_imu_camera=_matrix(mounts[CAMERA + foot]),
-        T_other_board=_matrix(mounts[BOARD + 1 - foot]),
-        R_camera_board=expected.T_camera_board[:3, :3],
-        rotation_sd=rotation_sd,
-    )
+    return RelativePosition.of_observation(
+        observation, T_imu_camera=_matrix(mounts[CAMERA + foot]), T_other_board=_matrix(mounts[BOARD + 1 - foot]),
+        R_camera_board=expected.T_camera_board[:3, :3], rotation_sd=rotation_sd,
+    )  # fmt: skip
 
 
 def _matrix(mount: Array) -> Array:

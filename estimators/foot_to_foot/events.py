@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stridetwin.estimators.checkerboard.pose import BoardSighting, admissible, board_poses
-from stridetwin.estimators.foot_to_foot.state import FEET, IMU, RANGE, RELATIVE, SIGHTING, Events
+from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
+from stridetwin.estimators.foot_to_foot.state import FEET, IMU, OBSERVATION, RANGE, RELATIVE, Events
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block, Imu, Range
 
@@ -38,15 +38,10 @@ class RelativePosition:
             raise ConfigError("RelativePosition", "sd", self.sd, "a finite number > 0")
 
     @classmethod
-    def of_sighting(
-        cls,
-        sighting: BoardSighting,
-        *,
-        T_imu_camera: ArrayLike,
-        T_other_board: ArrayLike,
-        R_camera_board: ArrayLike | None = None,
-        rotation_sd: float = np.inf,
-    ) -> RelativePosition | None:
+    def of_observation(
+        cls, observation: BoardObservation, *, T_imu_camera: ArrayLike, T_other_board: ArrayLike,
+        R_camera_board: ArrayLike | None = None, rotation_sd: float = np.inf,
+    ) -> RelativePosition | None:  # fmt: skip
         """From the pose of the other foot's board in the camera (Jao, Wang, Shkel 2020, Sec. II-D).
 
         p_a^b = p_a^C + C(q_a^C) [p_C^f - C(q_C^f) C(q_b^f)ᵀ p_b^f]
@@ -54,7 +49,7 @@ class RelativePosition:
         Of a plane's two poses, the more likely one is used.
 
         Args:
-            sighting: By foot a of the board f on foot b.
+            observation: By foot a of the board f on foot b.
             T_imu_camera: (4, 4) pose of the camera C in a's IMU.
             T_other_board: (4, 4) pose of the board in b's IMU.
             R_camera_board: (3, 3) prior of the board's orientation in the camera.
@@ -63,7 +58,7 @@ class RelativePosition:
         Returns:
             None if the corners are collinear.
         """
-        poses = admissible(board_poses(sighting), R_camera_board, rotation_sd)
+        poses = admissible(board_poses(observation), R_camera_board, rotation_sd)
         if not poses:
             return None
         T_camera_other = poses[0].T_camera_board @ np.linalg.inv(np.asarray(T_other_board, dtype=float))
@@ -71,22 +66,16 @@ class RelativePosition:
         J = np.hstack([np.eye(3), [[0, z, -y], [-z, 0, x], [y, -x, 0]]])
         sd = float(np.sqrt(np.trace(J @ poses[0].covariance @ J.T) / 3))
         p = (np.asarray(T_imu_camera) @ T_camera_other)[:3, 3]
-        return cls(topic=sighting.topic, t_ns=sighting.t_ns, p_other_in_imu=p, sd=sd)
+        return cls(topic=observation.topic, t_ns=observation.t_ns, p_other_in_imu=p, sd=sd)
 
 
-Aid = tuple[int, BoardSighting | RelativePosition | Range]  # with the foot that carries the camera or the sonar
+Aid = tuple[int, BoardObservation | RelativePosition | Range]  # with the foot that carries the camera or the sonar
 
 
 def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Sequence[int]) -> tuple[Events, list[Aid]]:
     """All samples in time order, each aid right after the IMU sample by which both feet have reached its time.
 
-    Args:
-        imus: Samples of each foot, by `l` and `r`.
-        aids: In any order.
-        newest_ns: Time that each foot had reached before.
-
-    Returns:
-        Events, and the aids whose time is still to come.
+    `newest_ns` are the times that the feet had reached before. Returns also the aids whose time is still to come.
     """
     feet = [f for f in range(2) if FEET[f] in imus]
     blocks = [imus[FEET[f]] for f in feet]
@@ -114,28 +103,21 @@ def in_order(imus: Mapping[str, Block[Imu]], aids: Sequence[Aid], newest_ns: Seq
     final = np.lexsort((np.r_[t_ns, aid_t], kind != IMU, np.r_[place, ready]))
     rate = _joined([b.columns["angular_rate"] for b in blocks], float, (0, 3))
     force = _joined([b.columns["specific_force"] for b in blocks], float, (0, 3))
-    seen = [a for _, a in used if isinstance(a, BoardSighting)]
+    seen = [a for _, a in used if isinstance(a, BoardObservation)]
     points, rays, ray_sd, numbers = _padded(seen)
     relative = [a for _, a in used if isinstance(a, RelativePosition)]
     events = Events(
-        kind=kind[final],
-        t_ns=np.r_[t_ns, aid_t][final],
-        foot=np.r_[foot, np.array([f for f, _ in used], np.int8)][final],
-        row=row[final],
-        rate=rate,
-        force=force,
-        points=points,
-        rays=rays,
-        ray_sd=ray_sd,
-        numbers=numbers,
+        kind=kind[final], t_ns=np.r_[t_ns, aid_t][final],
+        foot=np.r_[foot, np.array([f for f, _ in used], np.int8)][final], row=row[final], rate=rate, force=force,
+        points=points, rays=rays, ray_sd=ray_sd, numbers=numbers,
         relative=np.array([a.p_other_in_imu for a in relative], float).reshape(-1, 3),
         relative_sd=np.array([a.sd for a in relative], float),
         distance=np.array([a.distance for _, a in used if isinstance(a, Range)], float),
-    )
+    )  # fmt: skip
     return events, [a for a, later in zip(aids, coming) if later]
 
 
-_KIND = {BoardSighting: SIGHTING, RelativePosition: RELATIVE, Range: RANGE}
+_KIND = {BoardObservation: OBSERVATION, RelativePosition: RELATIVE, Range: RANGE}
 
 
 def _joined(arrays: Sequence[NDArray], dtype: type, empty: tuple[int, ...]) -> NDArray:
@@ -143,7 +125,7 @@ def _joined(arrays: Sequence[NDArray], dtype: type, empty: tuple[int, ...]) -> N
     return np.concatenate([np.zeros(empty, dtype), *arrays]).astype(dtype, copy=False)
 
 
-def _padded(seen: Sequence[BoardSighting]) -> tuple[NDArray, NDArray, NDArray, NDArray[np.int64]]:
+def _padded(seen: Sequence[BoardObservation]) -> tuple[NDArray, NDArray, NDArray, NDArray[np.int64]]:
     """Points (S, M, 3), rays (S, M, 2) and their sd (S, M), M the largest number of points, and (S,) numbers."""
     count = np.array([len(s.rays) for s in seen], np.int64)
     m = max(count, default=0)

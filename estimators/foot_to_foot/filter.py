@@ -11,33 +11,42 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import PATH, PROPOSED, Declaration, Options, PathEstimate, Progress, Stream, deprecated
-from stridetwin.estimators.checkerboard.pose import BoardSighting
-from stridetwin.estimators.foot_ins.filter import FootInsEstimate, FootInsPath, StartPose
+from stridetwin.estimators.base import (
+    PATH,
+    PROPOSED,
+    Declaration,
+    Options,
+    PathEstimate,
+    Progress,
+    Stream,
+    current_name,
+    deprecated,
+)
+from stridetwin.estimators.checkerboard.pose import BoardObservation
+from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose
 from stridetwin.estimators.foot_ins.parameters import for_sensor
-from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, STATES, TOLD
+from stridetwin.estimators.foot_ins.state import ATTITUDE, EMPTY, IGNORED, REPORTED, STATES
 from stridetwin.estimators.foot_to_foot import kernel
-from stridetwin.estimators.foot_to_foot.board_tracking import Expected, Eyes, relative_position
+from stridetwin.estimators.foot_to_foot.board_tracking import BoardTracker, Expected, relative_position
 from stridetwin.estimators.foot_to_foot.events import Aid, RelativePosition, in_order
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters, for_kernel
-from stridetwin.estimators.foot_to_foot.shoe_rig import Worn, shoes_of, side_by_side
-from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, SIGHTINGS, Events, blank_pair
-from stridetwin.estimators.methods import current_name
+from stridetwin.estimators.foot_to_foot.shoe_rig import LeftRightCheck, shoes_of, side_by_side
+from stridetwin.estimators.foot_to_foot.state import ECHOES, FEET, IMU, NEVER, OBSERVATIONS, Events, blank_pair
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Block, Image, Imu, Range
-from stridetwin.streams.trajectory import Pose
+from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
+from stridetwin.streams.trajectory import Pose, Trajectory
 
 # Aids of each method; `published` is the paper's name for its third one.
 METHODS: dict[str, tuple[type, ...]] = {
-    PROPOSED: (BoardSighting, Range),
+    PROPOSED: (BoardObservation, Range),
     "published": (RelativePosition,),
     "zupt_relative_position": (RelativePosition,),
     "zupt_relative_distance": (Range,),
     "zupt": (),
 }
-Aiding = BoardSighting | RelativePosition | Range
+Aiding = BoardObservation | RelativePosition | Range
 HELD = 16  # aids that may wait for the IMUs to reach their time; the oldest is dropped first
 
 
@@ -49,15 +58,21 @@ class FootToFootEstimate:
         t_ns: Time of the sample.
         feet: Of each foot with samples, by `l` and `r`, at that foot's newest sample.
         covariance: (30, 30) of the left foot's 15 errors, then the right's; see `FootInsEstimate`.
-        sightings: Boards observed in the images processed with this sample.
+        observations: Boards observed in the images processed with this sample.
         pose: Of the foot whose IMU gave the sample; None after a sample of another kind.
     """
 
     t_ns: int
     feet: Mapping[str, FootInsEstimate]
     covariance: Array
-    sightings: tuple[BoardSighting, ...] = ()
+    observations: tuple[BoardObservation, ...] = ()
     pose: Pose | None = None
+
+    @property
+    def sightings(self) -> tuple[BoardObservation, ...]:
+        """Deprecated, see `observations`."""
+        deprecated("FootToFootEstimate.sightings", "observations")
+        return self.observations
 
 
 class FootToFoot:
@@ -85,20 +100,14 @@ class FootToFoot:
     declaration: ClassVar[Declaration] = Declaration(
         name="foot_to_foot", kind=PATH, order=2, methods=tuple(METHODS), label="feet together", budget_s=0.05,
         parts={"foot_l/imu": "l", "foot_r/imu": "r"},
-        description="paths of both feet, tied together by what shoe cameras and sonars tell of each other",
-        summary="Feet together: both IMUs in one filter, with what shoe cameras and sonars tell of each other.",
+        summary="Feet together: both IMUs in one filter, coupled by the shoe cameras and sonars.",
     )  # fmt: skip
 
     def __init__(
-        self,
-        rig: Rig,
-        *,
-        options: Options | None = None,
-        method: str | None = None,
+        self, rig: Rig, *, options: Options | None = None, method: str | None = None,
         parameters: FootToFootParameters | PublishedParameters | None = None,
-        start: Mapping[str, StartPose] | None = None,
-        earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
-    ) -> None:
+        start: Mapping[str, StartPose] | None = None, earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:  # fmt: skip
         if method is None:
             method = (options or Options()).method
         else:
@@ -137,7 +146,8 @@ class FootToFoot:
         self._newest_ns = [NEVER, NEVER]
         self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
         self._held: deque[Aid] = deque(maxlen=HELD)
-        self._eyes, self._worn = Eyes(shoes, parameters.exposure_s), Worn(shoes.mounts)
+        self._boards = BoardTracker(shoes, parameters.exposure_s, parameters.tracking)
+        self._left_right = LeftRightCheck(shoes.mounts, parameters.exchange)
         self._camera_of = {camera.topic: FEET.index(f) for f, camera in shoes.cameras.items()}
         self._imu_of = {imu.topic: FEET.index(f) for f, imu in shoes.imus.items()}
         self._sonar_of = {topic: i for i, topic in enumerate(shoes.sonar_topics) if topic}
@@ -161,9 +171,22 @@ class FootToFoot:
         Raises:
             StrideTwinError: A topic or calibration is missing, or a foot is never stationary.
         """
-        from stridetwin.estimators.foot_to_foot.path import follow_recording
-
-        return follow_recording(cls(recording.rig, options=options), recording, options)
+        estimator, name = cls(recording.rig, options=options), cls.declaration.name
+        streams = [s for s in cls.streams(recording.rig, options) if s.required or s.topic in recording.topics]
+        if any(s.kind is Image for s in streams):
+            paths = follow(estimator, recording.samples([s.topic for s in streams]))
+        else:  # no image is searched at a prediction, so one block gives the same numbers
+            blocks = {foot: recording.block(f"/foot_{foot}/imu") for foot in FEET}
+            echoes = [echo for s in streams if s.kind is Range for echo in recording.block(s.topic)]
+            paths = estimator.run(blocks, echoes)
+        world = name if options.method == PROPOSED else f"{name}_{options.method}"
+        common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
+        found = []
+        for foot, path in paths.items():
+            standing = estimator.nis.get(f"standing_{foot}")
+            nis = common if standing is None else {"standing": standing, **common}
+            found.append(path.estimate(recording, world, foot, cls.declaration.label or "", nis, world))
+        return found
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
         """Takes one sample; returns the new estimate, or None if the sample is ignored or has to wait.
@@ -179,10 +202,10 @@ class FootToFoot:
             used = phase[events.kind == IMU][0] != IGNORED
         elif isinstance(sample, Image):
             self._foot(sample, self._camera_of)
-            used = bool({BoardSighting, RelativePosition} & set(self._listens_to)) and self._eyes.take(sample)
+            used = bool({BoardObservation, RelativePosition} & set(self._listens_to)) and self._boards.take(sample)
         else:
             used = len(self._take({}, [sample])[1]) > 0
-        if not used or ((seen := self._look()) is None and isinstance(sample, Image)):
+        if not used or ((seen := self._process_images()) is None and isinstance(sample, Image)):
             return None
         feet = {
             FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f], f"foot_{FEET[f]}/imu")
@@ -190,20 +213,20 @@ class FootToFoot:
             if self._phase[f] != EMPTY
         }
         pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
-        told = np.r_[:TOLD, STATES : STATES + TOLD]
-        covariance = self._pair.covariance[np.ix_(told, told)]
+        reported = np.r_[:REPORTED, STATES : STATES + REPORTED]
+        covariance = self._pair.covariance[np.ix_(reported, reported)]
         return FootToFootEstimate(
-            t_ns=sample.t_ns, feet=feet, covariance=covariance, sightings=tuple(seen or ()), pose=pose
+            t_ns=sample.t_ns, feet=feet, covariance=covariance, observations=tuple(seen or ()), pose=pose
         )
 
     @property
     def nis(self) -> dict[str, float]:
         """Mean normalised innovation squared per degree of freedom: 1 if consistent.
 
-        Of the updates used: `standing_l`, `standing_r`, `sightings`, `echoes`.
+        Of the updates used: `standing_l`, `standing_r`, `sightings` (boards), `echoes`.
         """
         sums = {f"standing_{f}": memory.nis for f, memory in zip(FEET, self._pair.feet)}
-        sums |= {"sightings": self._pair.nis[SIGHTINGS], "echoes": self._pair.nis[ECHOES]}
+        sums |= {"sightings": self._pair.nis[OBSERVATIONS], "echoes": self._pair.nis[ECHOES]}
         return {name: float(total / count) for name, (total, count) in sums.items() if count}
 
     def foot_of(self, sample: Imu) -> str:
@@ -260,20 +283,20 @@ class FootToFoot:
     def _foot_of(self, aid: Aiding) -> int:
         return self._foot(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
 
-    def _look(self) -> list[BoardSighting] | None:
+    def _process_images(self) -> list[BoardObservation] | None:
         """Processes the images whose time has come and uses their observations; None if there is no such image."""
-        ready = self._eyes.ready(min(self._newest_ns))
+        ready = self._boards.ready(min(self._newest_ns))
         seen = []
-        for picture, foot, t_ns in ready:
+        for image, foot, t_ns in ready:
             expected = self._expected(foot, t_ns)
-            if expected is None or (sighting := self._eyes.look(picture, expected)) is None:
+            if expected is None or (observation := self._boards.detect(image, expected)) is None:
                 continue
-            seen.append(sighting)
-            if not self._worn.agrees(sighting, foot, self._attitudes()):
+            seen.append(observation)
+            if not self._left_right.agrees(observation, foot, self._attitudes()):
                 continue
-            aid: Aiding | None = sighting
-            if BoardSighting not in self._listens_to:
-                aid = relative_position(sighting, foot, self._pair.mounts, expected)
+            aid: Aiding | None = observation
+            if BoardObservation not in self._listens_to:
+                aid = relative_position(observation, foot, self._pair.mounts, expected)
             if aid is not None:
                 self._take({}, [aid])
         return seen if ready else None
@@ -284,8 +307,8 @@ class FootToFoot:
         return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
     def _expected(self, foot: int, t_ns: int) -> Expected | None:
-        known, p, R, covariance, p_before, R_before = kernel.foresee(
-            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._eyes.exposure_ns
+        known, p, R, covariance, p_before, R_before = kernel.predict_board(
+            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._boards.exposure_ns
         )
         if not known:
             return None
@@ -302,3 +325,31 @@ class FootToFoot:
 def _block(sample: Imu) -> Block[Imu]:
     columns = {"angular_rate": sample.angular_rate[None], "specific_force": sample.specific_force[None]}
     return Block(topic=sample.topic, kind=Imu, t_ns=np.array([sample.t_ns]), columns=columns)
+
+
+def follow(estimator: FootToFoot, samples: Iterable[Sample]) -> dict[str, FootInsPath]:
+    """The path of each foot with samples, by `l` and `r`; samples of kinds that the filter does not use are skipped."""
+    rows: dict[str, list[FootInsEstimate]] = {}
+    for sample in samples:
+        if not isinstance(sample, Imu | Image | Range):
+            continue
+        estimate = estimator.update(sample)
+        if estimate is not None and isinstance(sample, Imu):
+            foot = estimator.foot_of(sample)
+            rows.setdefault(foot, []).append(estimate.feet[foot])
+    return {foot: _path(own) for foot, own in sorted(rows.items())}
+
+
+def _path(rows: list[FootInsEstimate]) -> FootInsPath:
+    pose = np.r_[0:3, 6:9]  # position and attitude among the 15 errors
+    return FootInsPath(
+        trajectory=Trajectory(
+            t_ns=np.array([e.t_ns for e in rows], np.int64),
+            p_frame_in_world=np.array([e.pose.p_frame_in_world for e in rows]),
+            q_world_frame=np.array([e.pose.q_world_frame for e in rows]),
+            covariance=np.array([e.covariance[np.ix_(pose, pose)] for e in rows]),
+        ),
+        v_imu_in_world=np.array([e.v_imu_in_world for e in rows]),
+        standing_speed_sd=np.array([e.standing_speed_sd for e in rows]),
+        aligned=np.array([e.aligned for e in rows]),
+    )

@@ -9,6 +9,52 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.streams.errors import check_numbers
 
+GROUPS = ("foot", "tracking", "exchange")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingParameters:
+    """Search for the other shoe's board; hand-chosen."""
+
+    region_sd: float = 3.0
+    """Half width of the search region, standard deviations of the prediction ..."""
+    region_min_px: float = 12.0
+    """... and pixels in addition: an overconfident prediction misidentifies the corners of a partly visible board."""
+    lost_px: float = 60.0
+    """With a less certain prediction the whole image is searched ..."""
+    lost_every_s: float = 0.1
+    """... at most once in this time, because that takes longer, s."""
+    missed_s: float = 2.0
+    """After this time without a board at its prediction, which may then be wrong, whole images are searched, s ..."""
+    missed_every_s: float = 0.3
+    """... once in this time, s. A stride is no integer multiple of it."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value is not a finite number > 0."""
+        check_numbers("TrackingParameters", asdict(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExchangeParameters:
+    """Evidence that left and right are exchanged, as log-likelihoods; hand-chosen."""
+
+    rotation_sd_rad: float = 0.3
+    """A plane's orientation in an image, and the feet's headings while unknown, rad."""
+    evidence_max_sd: float = 4.0
+    """Largest evidence of one image, standard deviations."""
+    apart_s: float = 0.05
+    """Closer images are not independent, s."""
+    uncertain: float = 4.0
+    """With this much evidence for an exchange no observation is used."""
+    certain: float = 20.0
+    """With this much the exchange, or that there is none, is certain ..."""
+    margin: float = 10.0
+    """... if the next assignment is this much less likely."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value is not a finite number > 0."""
+        check_numbers("ExchangeParameters", asdict(self))
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Common:
@@ -18,20 +64,30 @@ class _Common:
         foot: Parameters of each foot; the same as for one foot alone. The published method takes gravity,
             alignment and gaps from it; its noise is the calibration's alone.
         max_delay_s: A later board observation or echo is discarded, s.
+        max_lead_s: Longest extrapolation of the newest IMU sample, s, for a camera whose clock is late.
         exposure_s: Of the shoe cameras: relates a board's blur to its motion, s.
         start_position_sd_m: Position uncertainty of the second foot at a start without given poses, m.
         start_heading_sd_rad: Its heading uncertainty, rad.
+        start_separation_m: Distance between the feet there, m.
+        start_toe_out_rad: Rotation of each foot outwards there, rad.
+        tracking: Search for the boards in the images.
+        exchange: Detection of exchanged shoes, cameras or IMUs.
     """
 
     foot: FootInsParameters = field(default_factory=FootInsParameters)
     max_delay_s: float = 0.1
+    max_lead_s: float = 0.05
     exposure_s: float = 0.002
     start_position_sd_m: float = 0.15
     start_heading_sd_rad: float = 0.2
+    start_separation_m: float = 0.2
+    start_toe_out_rad: float = 0.1
+    tracking: TrackingParameters = TrackingParameters()
+    exchange: ExchangeParameters = ExchangeParameters()
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0, or 0 where only more makes sense."""
-        values = {name: value for name, value in asdict(self).items() if name != "foot"}
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in GROUPS}
         may_be_zero = ("camera_", "board_", "start_", "gyro_scale_", "scaled_")
         check_numbers(type(self).__name__, values, [name for name in values if name.startswith(may_be_zero)])
 
@@ -50,11 +106,14 @@ class FootToFootParameters(_Common):
         gyro_scale_sd: Scale error of a gyro's axis, relative; estimated only if a camera observes the other shoe,
             because nothing else makes it observable.
         scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz` there, which covers scale errors.
-        sighting_correlation_s: Correlation time of an observation's error: observations within it share their error, s.
+        observation_correlation_s: Correlation time of an observation's error, s: observations within it share it.
         max_frame_s: Largest time that one observation counts for, s.
-        sighting_gate: Innovation of an observation, in standard deviations, beyond which it is down-weighted.
+        observation_gate: Innovation of an observation, in standard deviations, beyond which it is down-weighted.
         range_sd_m: Of a sonar's echo, m: its resolution, and which part of the shoe reflects.
         range_gate: Echoes with a larger innovation, in standard deviations, are from something else.
+        board_depth_min_m: A board predicted nearer than this, or behind the camera, is invalid, m.
+        relinearizations: Largest number of linearisations per image.
+        settled_sd: Smaller changes of the board's pose, in standard deviations of the image, end the iteration.
         sonar_after_s: The sonar is used only if the other shoe has not been observed for so long, s.
     """
 
@@ -66,11 +125,14 @@ class FootToFootParameters(_Common):
     camera_clock_walk_s_rts: float = 1e-4
     gyro_scale_sd: float = 0.003
     scaled_gyro_noise_radps_rthz: float = 0.001
-    sighting_correlation_s: float = 1.0
+    observation_correlation_s: float = 1.0
     max_frame_s: float = 0.05
-    sighting_gate: float = 4.5
+    observation_gate: float = 4.5
     range_sd_m: float = 0.1
     range_gate: float = 3.0
+    board_depth_min_m: float = 0.02
+    relinearizations: float = 5.0
+    settled_sd: float = 0.1
     sonar_after_s: float = 1.0
 
 
@@ -102,17 +164,10 @@ class PublishedParameters(_Common):
     def noise_of_the_calibration_alone(self) -> FootInsParameters:
         """The one-foot parameters without their additions to a sensor's data sheet."""
         return replace(
-            self.foot,
-            gyro_noise_radps_rthz=0.0,
-            gyro_limit_noise_radps_rthz=0.0,
-            accel_noise_mps2_rthz=0.0,
-            accel_motion_noise_per_rthz=0.0,
-            accel_jerk_noise_s_rthz=0.0,
-            accel_limit_noise_mps2_rthz=0.0,
-            accel_extreme_noise_mps2_rthz=0.0,
-            gyro_bias_walk_radps2_rthz=0.0,
-            accel_bias_walk_mps3_rthz=0.0,
-        )
+            self.foot, gyro_noise_radps_rthz=0.0, gyro_limit_noise_radps_rthz=0.0, accel_noise_mps2_rthz=0.0,
+            accel_motion_noise_per_rthz=0.0, accel_jerk_noise_s_rthz=0.0, accel_limit_noise_mps2_rthz=0.0,
+            accel_extreme_noise_mps2_rthz=0.0, gyro_bias_walk_radps2_rthz=0.0, accel_bias_walk_mps3_rthz=0.0,
+        )  # fmt: skip
 
 
 if TYPE_CHECKING:
@@ -124,7 +179,9 @@ if TYPE_CHECKING:
         published: bool = False
         _fields: ClassVar[tuple[str, ...]] = ()
 else:
-    _NAMES = [f.name for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind) if f.name != "foot"]
+    _NAMES = [
+        f.name for kind in (FootToFootParameters, PublishedParameters) for f in fields(kind) if f.name not in GROUPS
+    ]
     PairParameters = namedtuple("PairParameters", ["published", *dict.fromkeys(_NAMES)])
     PairParameters.__doc__ = """Parameters of either method as the compiled kernel takes them; 0 those of the other."""
 
@@ -132,5 +189,5 @@ else:
 def for_kernel(parameters: FootToFootParameters | PublishedParameters) -> PairParameters:
     """Parameters for the kernel."""
     values: dict[str, Any] = dict.fromkeys(PairParameters._fields, 0.0)
-    values |= {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name != "foot"}
+    values |= {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name not in GROUPS}
     return PairParameters(**values | {"published": isinstance(parameters, PublishedParameters)})

@@ -15,23 +15,22 @@ from numba import njit
 from stridetwin.estimators.compiled import INSIDE
 from stridetwin.estimators.foot_ins.kernel import take
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
+from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
     D_VELOCITY,
     FILL,
-    HEAD,
-    RING,
     STATES,
     TRACKING,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import correct, predict
-from stridetwin.estimators.foot_ins.zero_velocity import inject
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
+from stridetwin.estimators.foot_to_foot.relative_updates import UNUSED
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import ALL_STATES, Pair, inject_all
-from stridetwin.estimators.foot_to_foot.vision import UNUSED
 from stridetwin.streams.samples import Array
 
 
@@ -41,10 +40,10 @@ def variances(memory: Memory, parameters: PairParameters) -> float:
 
     See docs/foot_to_foot.md (10).
     """
-    newest = memory.ring_t_ns[memory.clock[HEAD]]
+    newest = memory.ring_t_ns[ring_row(memory, 0)]
     n, total, squares = 0, np.zeros(6), np.zeros(6)
     for back in range(memory.clock[FILL]):
-        i = (memory.clock[HEAD] - back) % RING
+        i = ring_row(memory, back)
         if (newest - memory.ring_t_ns[i]) * 1e-9 >= parameters.window_s and back > 1:
             break
         total += memory.ring[i]
@@ -76,15 +75,10 @@ def published_step(
 
 
 @njit(**INSIDE)
-def relate(
-    pair: Pair,
-    foot: KernelParameters,
-    parameters: PairParameters,
-    camera: int,
-    t_ns: int,
-    p_other_in_imu: Array,
+def relative_position_update(
+    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, p_other_in_imu: Array,
     sd: float,
-) -> float:
+) -> float:  # fmt: skip
     """Update with z_feet: the vector between the feet, rotated into the world by the attitude of the camera's foot.
 
     See docs/foot_to_foot.md (10).
@@ -92,20 +86,11 @@ def relate(
     H_feet has ±I at the two positions and 0 at the attitudes: as printed, it omits the error of the attitude that
     rotated the vector, and the filter takes the heading of the camera's foot as free of error.
 
-    Args:
-        pair: Changed in place.
-        foot: Parameters of the foot with the camera.
-        parameters: Parameters of both feet.
-        camera: Foot that carries the camera.
-        t_ns: Middle of the exposure.
-        p_other_in_imu: (3,) position of the other foot's IMU in this foot's, m.
-        sd: Its standard deviation on each axis, m.
-
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.
     """
-    a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
-    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
+    b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s, parameters.max_lead_s)
     if not (a.known and b.known):
         return UNUSED
     z = a.R @ p_other_in_imu - (b.p - a.p)

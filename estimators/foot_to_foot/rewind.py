@@ -13,23 +13,20 @@ from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
     GYRO_BIAS,
-    HEAD,
     PHASE,
     POSITION,
-    RING,
     T_LAST,
     TRACKING,
     VELOCITY,
     Memory,
+    ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import force_at_middle
 from stridetwin.estimators.so3 import product, quat_exp, rotation_matrix
 from stridetwin.streams.samples import Array
 
-MAX_LEAD_S = 0.05  # s; longer extrapolation of the newest sample is too inaccurate
 
-
-class Then(NamedTuple):
+class PastState(NamedTuple):
     """State of a foot's IMU at a past time.
 
     Attributes:
@@ -39,7 +36,7 @@ class Then(NamedTuple):
         v: (3,) velocity in the world, m/s.
         rate: (3,) angular rate, world axes, rad/s.
         age: Time before the newest sample, s; negative after it.
-        led: (3,) displacement by the specific force since then, world, m.
+        displacement: (3,) displacement by the specific force since then, world, m.
     """
 
     known: bool
@@ -48,31 +45,25 @@ class Then(NamedTuple):
     v: Array
     rate: Array
     age: float
-    led: Array
+    displacement: Array
 
 
 @njit(**INSIDE)
-def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
+def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float, max_lead_s: float) -> PastState:
     """State of the foot's IMU at `t_ns`, from the newest state back through the samples since.
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
     after the newest sample (a camera's clock may be late) that sample is extrapolated.
-
-    Args:
-        memory: Not changed.
-        gravity: m/s².
-        t_ns: At most `MAX_LEAD_S` after the newest sample.
-        max_age_s: Largest age, s.
     """
     clock, x = memory.clock, memory.nominal
     p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
     q = x[ATTITUDE : ATTITUDE + 4].copy()
     age = (clock[T_LAST] - t_ns) * 1e-9
-    known = clock[PHASE] == TRACKING and -MAX_LEAD_S <= age <= max_age_s
-    w = memory.ring[clock[HEAD], :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
+    known = clock[PHASE] == TRACKING and -max_lead_s <= age <= max_age_s
+    w = memory.ring[ring_row(memory, 0), :3] - x[GYRO_BIAS : GYRO_BIAS + 3]
     back, left = 0, known
     while left:
-        i, before = (clock[HEAD] - back) % RING, (clock[HEAD] - back - 1) % RING
+        i, before = ring_row(memory, back), ring_row(memory, back + 1)
         if age > 0.0 and back + 1 >= clock[FILL]:
             known = False
             break
@@ -91,10 +82,10 @@ def rewind(memory: Memory, gravity: float, t_ns: int, max_age_s: float) -> Then:
         p -= dt * (v + 0.5 * dt * a)
         q = product(middle, half)
         back += 1
-    led = p - x[POSITION : POSITION + 3] + age * x[VELOCITY : VELOCITY + 3]
-    led[2] += 0.5 * gravity * age * age
+    displacement = p - x[POSITION : POSITION + 3] + age * x[VELOCITY : VELOCITY + 3]
+    displacement[2] += 0.5 * gravity * age * age
     R = rotation_matrix(q)
-    return Then(known, p, R, v, R @ w, age, led)
+    return PastState(known, p, R, v, R @ w, age, displacement)
 
 
 @njit(**INSIDE)

@@ -17,22 +17,13 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.checkerboard.pose import BoardSighting, admissible, board_poses
-from stridetwin.estimators.foot_ins.filter import StartPose
-from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters
+from stridetwin.estimators.checkerboard.pose import BoardObservation, admissible, board_poses
+from stridetwin.estimators.foot_ins.estimate import StartPose
+from stridetwin.estimators.foot_to_foot.parameters import ExchangeParameters, FootToFootParameters, PublishedParameters
 from stridetwin.estimators.foot_to_foot.state import BOARD, CAMERA, FEET, NEVER
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array
-
-_SD = 0.3  # rad: a plane's orientation in an image, and the feet's headings while unknown
-_MOST = 4.0  # standard deviations; limit of one image's evidence
-_APART_NS = 50_000_000  # closer images are not independent
-_DOUBT, _SURE, _CLEAR = (
-    4.0,
-    20.0,
-    10.0,
-)  # differences of log-likelihoods: observation unused, swap decided, and margin to the next assignment
 
 _WAYS = tuple(product((0, 1), (0, 1)))  # IMUs swapped, cameras swapped; the first is as the rig says
 _NAMES = {
@@ -42,57 +33,56 @@ _NAMES = {
 }
 
 
-class Worn:
+class LeftRightCheck:
     """Accumulates evidence from images about left and right, until it suffices.
 
     Args:
-        mounts: (4, 7) of cameras and boards in their feet's IMUs, as in `memory.Pair`.
+        mounts: (4, 7) of cameras and boards in their feet's IMUs, as in `state.Pair`.
+        parameters: Of the decision.
     """
 
-    def __init__(self, mounts: Array) -> None:
+    def __init__(self, mounts: Array, parameters: ExchangeParameters | None = None) -> None:
+        self._parameters = parameters or ExchangeParameters()
         self._R_imu_part = Rotation.from_quat(mounts[:, 3:], scalar_first=True).as_matrix()
         self._against = np.zeros(len(_WAYS))
         self._newest_ns = NEVER
         self._settled = False
 
-    def agrees(self, sighting: BoardSighting, camera: int, R_world_imu: Array) -> bool:
-        """Whether an observation may be used: False while left and right seem swapped.
+    def agrees(self, observation: BoardObservation, camera: int, R_world_imu: Array) -> bool:
+        """Whether an observation by a foot's camera may be used: False while left and right seem exchanged.
 
-        Args:
-            sighting: Of a foot's camera.
-            camera: That foot, according to the rig.
-            R_world_imu: (2, 3, 3) attitudes that the IMUs of the left and of the right foot give about that time.
+        `R_world_imu` (2, 3, 3) are the attitudes of the left and right IMU about that time.
 
         Raises:
-            StrideTwinError: Left and right are swapped; the message says for which sensors.
+            StrideTwinError: Left and right are exchanged; the message says for which sensors.
         """
         if self._settled:
             return True
-        if sighting.t_ns - self._newest_ns >= _APART_NS and (poses := admissible(board_poses(sighting))):
-            self._newest_ns = sighting.t_ns
+        p = self._parameters
+        if observation.t_ns - self._newest_ns >= round(p.apart_s * 1e9) and (
+            poses := admissible(board_poses(observation))
+        ):
+            self._newest_ns = observation.t_ns
             seen = np.array([pose.T_camera_board[:3, :3] for pose in poses])
             self._against += [self._misfit(seen, camera, R_world_imu, *way) for way in _WAYS]
         behind = self._against[0] - self._against[1:].min()
-        self._settled = behind < -_SURE
-        if behind > _SURE and np.diff(np.sort(self._against))[0] > _CLEAR:
+        self._settled = behind < -p.certain
+        if behind > p.certain and np.diff(np.sort(self._against))[0] > p.margin:
             what = _NAMES[_WAYS[int(np.argmin(self._against))]]
             raise StrideTwinError(
-                f"left and right are exchanged at {sighting.t_ns * 1e-9:.2f} s: {what}: "
+                f"left and right are exchanged at {observation.t_ns * 1e-9:.2f} s: {what}: "
                 "expected every part on the shoe that the rig says"
             )
-        return bool(behind < _DOUBT)
+        return bool(behind < p.uncertain)
 
     def _misfit(self, R_camera_board: Array, camera: int, R_world_imu: Array, imus: int, cameras: int) -> float:
         """Negative log-likelihood of one assignment, of the most likely of (N, 3, 3) poses."""
         foot = camera ^ cameras  # the foot that actually carries the camera
-        by_picture = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
+        by_image = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
         by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
-        cosine = (np.einsum("nij,ij->n", by_picture, by_imus).max() - 1.0) / 2.0
-        return 0.5 * min(math.acos(max(-1.0, min(1.0, cosine))) / _SD, _MOST) ** 2
-
-
-SEPARATION = 0.2  # m between the feet if not given
-TOE_OUT = 0.1  # rad, of each foot
+        cosine = (np.einsum("nij,ij->n", by_image, by_imus).max() - 1.0) / 2.0
+        off = math.acos(max(-1.0, min(1.0, cosine))) / self._parameters.rotation_sd_rad
+        return 0.5 * min(off, self._parameters.evidence_max_sd) ** 2
 
 
 class _Mounted(Protocol):
@@ -161,17 +151,13 @@ def side_by_side(shoes: Shoes, parameters: FootToFootParameters | PublishedParam
 
     The world's origin is on the ground between the heels, its x axis points forward. The left foot's position and
     heading are this by definition; the right foot's are a guess.
-
-    Args:
-        shoes: For the IMUs' mounts.
-        parameters: Uncertainty of the assumption.
     """
     start = {}
     for foot, imu in shoes.imus.items():
         side = 1.0 if foot == "l" else -1.0
         T_world_foot = np.eye(4)
-        T_world_foot[:3, :3] = Rotation.from_euler("z", side * TOE_OUT).as_matrix()
-        T_world_foot[1, 3] = side * SEPARATION / 2
+        T_world_foot[:3, :3] = Rotation.from_euler("z", side * parameters.start_toe_out_rad).as_matrix()
+        T_world_foot[1, 3] = side * parameters.start_separation_m / 2
         T = T_world_foot @ imu.mount.T_body_sensor
         q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
         guess = {} if foot == "l" else {

@@ -9,12 +9,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import STATES, Memory, blank
-from stridetwin.estimators.foot_ins.zero_velocity import inject
 from stridetwin.estimators.so3 import product, quat_exp
 from stridetwin.streams.samples import Array
 
-LEFT, RIGHT = 0, 1
 FEET = ("l", "r")
 
 # Error state (70,): 19 of the left foot, 19 of the right, then 6 of each mount: camera left, camera right, board left,
@@ -28,7 +27,7 @@ SCALES = CLOCKS + 2
 ALL_STATES = SCALES + 2 * 3
 
 NEVER = -(2**62)  # ns
-SIGHTINGS, ECHOES = 0, 1  # rows of what is known of their innovations
+OBSERVATIONS, ECHOES = 0, 1  # rows of what is known of their innovations
 
 
 class Pair(NamedTuple):
@@ -65,42 +64,19 @@ class Pair(NamedTuple):
 
 
 def blank_pair(
-    mounts: Array,
-    mount_variance: Array,
-    clock_variance: float,
-    scale_variance: float,
-    sonars: Array,
-    echoes: Array,
+    mounts: Array, mount_variance: Array, clock_variance: float, scale_variance: float, sonars: Array, echoes: Array,
     earth: Array,
-) -> Pair:
-    """Memory of two feet without samples.
-
-    Args:
-        mounts: (4, 7) as in `Pair`.
-        mount_variance: (4, 6) of the mounts' errors, m² and rad².
-        clock_variance: Of each camera's clock, s².
-        scale_variance: Of each axis of a gyro.
-        sonars: (2, 3) m.
-        echoes: (2, 3) m.
-        earth: (3,) rad/s.
-    """
+) -> Pair:  # fmt: skip
+    """Memory of two feet without samples; `mount_variance` (4, 6) is in m² and rad², `clock_variance` in s²."""
     covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
     i = np.arange(MOUNTS, ALL_STATES)
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
     return Pair(
-        feet=(blank(covariance, error, 0), blank(covariance, error, STATES)),
-        covariance=covariance,
-        error=error,
-        mounts=np.array(mounts, dtype=float),
-        late=np.zeros(2),
-        scales=np.zeros((2, 3)),
-        sonars=np.array(sonars, dtype=float),
-        echoes=np.array(echoes, dtype=float),
-        earth=np.array(earth, dtype=float),
-        seen=np.full(2, NEVER),
-        heard=np.full(2, NEVER),
-        nis=np.zeros((2, 2)),
-    )
+        feet=(blank(covariance, error, 0), blank(covariance, error, STATES)), covariance=covariance, error=error,
+        mounts=np.array(mounts, dtype=float), late=np.zeros(2), scales=np.zeros((2, 3)),
+        sonars=np.array(sonars, dtype=float), echoes=np.array(echoes, dtype=float),
+        earth=np.array(earth, dtype=float), seen=np.full(2, NEVER), heard=np.full(2, NEVER), nis=np.zeros((2, 2)),
+    )  # fmt: skip
 
 
 @njit(**INSIDE)
@@ -122,7 +98,7 @@ class Events(NamedTuple):
     """Samples of every kind in the order in which the filter takes them.
 
     Attributes:
-        kind: (N,) int8, IMU, SIGHTING, RELATIVE or RANGE.
+        kind: (N,) int8, IMU, OBSERVATION, RELATIVE or RANGE.
         t_ns: (N,) int64.
         foot: (N,) int8; of an aid, the foot that carries the camera or the sonar.
         row: (N,) int64 of the event in the arrays of its kind.
@@ -152,4 +128,4 @@ class Events(NamedTuple):
     distance: Array
 
 
-IMU, SIGHTING, RELATIVE, RANGE = range(4)
+IMU, OBSERVATION, RELATIVE, RANGE = range(4)

@@ -1,4 +1,4 @@
-"""Predicts the mode of the next steps, and where the ground changes, before the foot lands."""
+"""Mode, place and time of the coming steps from depth images, poses and insoles."""
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, NextChange, StepPrediction
 from stridetwin.estimators.locomotion_mode.filter import INSOLES, METHODS, LocomotionMode

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from stridetwin.estimators.base import MODES as MODES_KIND
-from stridetwin.estimators.base import POSE_STREAM, PROPOSED, Declaration, Options, Stream, deprecated
+from stridetwin.estimators.base import POSE_STREAM, PROPOSED, Declaration, Options, Stream, current_name, deprecated
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import next_change
@@ -30,7 +30,6 @@ from stridetwin.estimators.locomotion_mode.segments import (
     unseen,
     with_unseen,
 )
-from stridetwin.estimators.methods import current_name
 from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
 from stridetwin.streams.errors import ConfigError
@@ -69,7 +68,6 @@ class LocomotionMode:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="locomotion_mode", kind=MODES_KIND, order=1, methods=METHODS, budget_s=0.2, window_s=0.06,
-        description="mode, place and time of the coming steps from depth images, poses and insoles",
     )  # fmt: skip
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The ground around the walker from depth images and poses."""
+"""Planes, ramps and stairs around the walker from depth images and poses."""
 
 from stridetwin.estimators.terrain_map.estimate import (
     Change,

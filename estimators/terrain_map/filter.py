@@ -59,7 +59,6 @@ class TerrainMap:
 
     declaration: ClassVar[Declaration] = Declaration(
         name="terrain_map", kind=MAP, order=1, budget_s=0.2, window_s=0.06,
-        description="planes, ramps and stairs around the walker from depth images and poses",
     )  # fmt: skip
 
     def __init__(

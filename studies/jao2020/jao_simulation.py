@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
-from stridetwin.estimators.foot_to_foot import BoardSighting, FootToFoot, RelativePosition
+from stridetwin.estimators.foot_to_foot import BoardObservation, FootToFoot, RelativePosition
 from stridetwin.evaluation.norms import reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
@@ -227,10 +227,10 @@ class Simulation:
             blocks[foot] = Block(topic=imu.topic, kind=Imu, t_ns=self.t_ns[1:], columns=columns)
         return blocks, noises
 
-    def aids(self, rng: np.random.Generator) -> list[BoardSighting | RelativePosition | Range]:
+    def aids(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
         """Measurements of cameras and sonars in one run."""
         sd = self.setup.relative_position_sd
-        aids: list[BoardSighting | RelativePosition | Range] = []
+        aids: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:
             t_ns, relative, points, rays, depth = self._views[foot]
             relative = relative + rng.normal(0.0, sd, relative.shape)
@@ -239,7 +239,9 @@ class Simulation:
             topic = f"/foot_{foot}/camera"
             for i, t in enumerate(t_ns.tolist()):
                 aids.append(RelativePosition(topic=topic, t_ns=t, p_other_in_imu=relative[i], sd=sd))
-                aids.append(BoardSighting(topic=topic, t_ns=t, points_in_board=points, rays=rays[i], ray_sd=ray_sd[i]))
+                aids.append(
+                    BoardObservation(topic=topic, t_ns=t, points_in_board=points, rays=rays[i], ray_sd=ray_sd[i])
+                )
         t_sonar, distance = self._echoes
         for foot in FEET:
             heard = distance + rng.normal(0.0, self.setup.sonar_sd, len(distance))

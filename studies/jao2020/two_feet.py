@@ -40,29 +40,29 @@ class Witness(FootToFoot):
 
     Attributes:
         relative: Relative positions so far.
-        sightings: Number of board observations.
+        observations: Number of board observations.
     """
 
     def __init__(self, rig: Rig, start: Mapping[str, StartPose]) -> None:
         super().__init__(rig, start=start)
         self.relative: list[RelativePosition] = []
-        self.sightings = 0
+        self.observations = 0
         self._rig = rig
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
         """As `FootToFoot.update`."""
         estimate = super().update(sample)
-        for sighting in estimate.sightings if estimate else ():
+        for observation in estimate.observations if estimate else ():
             assert estimate is not None
-            self.sightings += 1
-            foot = self._rig.cameras[sighting.topic].mount.body[len("foot_")]
+            self.observations += 1
+            foot = self._rig.cameras[observation.topic].mount.body[len("foot_")]
             other = FEET[1 - FEET.index(foot)]
-            T_imu_camera = _in_imu(self._rig, foot, self._rig.cameras[sighting.topic].mount)
+            T_imu_camera = _in_imu(self._rig, foot, self._rig.cameras[observation.topic].mount)
             T_other_board = _in_imu(self._rig, other, self._rig.boards[f"foot_{other}"].mount)
             R_world = {f: Rotation.from_quat(e.pose.q_world_frame, scalar_first=True) for f, e in estimate.feet.items()}
             R_imu_other = (R_world[foot].inv() * R_world[other]).as_matrix()
-            relative = RelativePosition.of_sighting(
-                sighting,
+            relative = RelativePosition.of_observation(
+                observation,
                 T_imu_camera=T_imu_camera,
                 T_other_board=T_other_board,
                 R_camera_board=T_imu_camera[:3, :3].T @ R_imu_other @ T_other_board[:3, :3],
@@ -101,7 +101,7 @@ def every_method(
         method: FootToFoot(rig, options=Options(method=method), start=start).run(imus, [*witness.relative, *echoes])
         for method in PUBLISHED
     }
-    return found | {"proposed": ours}, witness.sightings
+    return found | {"proposed": ours}, witness.observations
 
 
 def _heard(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:

@@ -31,7 +31,7 @@ from stridetwin.studies.case import Case
 METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
 SENSORS = ("head_imu", "head_camera")
-HEALTHY = ("tracking", "coasting")
+HEALTHY = ("tracking", "imu_only")
 FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
 
 
@@ -41,7 +41,7 @@ class Estimate(Protocol):
     Attributes:
         t_ns: Its time.
         pose: Of the IMU in a world of its own, z up.
-        health: `tracking`, `coasting` (IMU-only propagation for a short time), or anything else if it is lost.
+        health: `tracking`, `imu_only` (dead reckoning for a short time), or anything else if it is lost.
     """
 
     @property

@@ -1,4 +1,4 @@
-"""The board detector on pictures of the twin: what the benchmark promises, for a seed outside of it."""
+"""The board detector on images of the twin, as the benchmark measures it, for a seed outside of it."""
 
 from benchmarks.board_detection import cases_of_walk, summary
 

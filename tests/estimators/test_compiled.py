@@ -105,7 +105,7 @@ def test_the_package_asks_for_the_versions_that_are_supported():
     ("version", "supported"),
     [("0.60.0", False), ("0.61.0rc1", True), ("0.68.1", True), ("0.69.0", False), ("1.0", False)],
 )
-def test_versions_are_told_apart(version, supported):
+def test_versions_are_distinguished(version, supported):
     assert is_supported(version) is supported
 
 

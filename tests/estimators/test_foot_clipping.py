@@ -30,15 +30,15 @@ def end_error(truth: Walk, path: Array) -> float:
 
 
 @pytest.mark.parametrize(
-    ("name", "told", "share"),
+    ("name", "range_name", "share"),
     [("angular_rate", "gyroscope_range", 0.75), ("specific_force", "accelerometer_range", 0.75)],
 )
-def test_a_hidden_peak_is_put_back(truth: Walk, name: str, told: str, share: float) -> None:
+def test_a_clipped_peak_is_restored(truth: Walk, name: str, range_name: str, share: float) -> None:
     limit = share * float(np.abs(truth.imu.columns[name]).max())
     cut = clipped(truth, name, limit)
     knows, blind = (
         FootIns(calibration).run(cut.imu).trajectory.p_frame_in_world
-        for calibration in (replace(EXACT, **{told: limit}), EXACT)
+        for calibration in (replace(EXACT, **{range_name: limit}), EXACT)
     )
     assert end_error(truth, knows) < 0.5 * end_error(truth, blind)
 
@@ -49,7 +49,7 @@ def test_a_range_that_is_not_reached_changes_nothing(truth: Walk) -> None:
     np.testing.assert_array_equal(a, b)
 
 
-def test_what_is_put_back_tells_nothing_of_the_heading(truth: Walk) -> None:
+def test_a_restored_peak_gives_no_information_on_the_heading(truth: Walk) -> None:
     """A turn of the world is seen by nothing: how well the heading was known at the start may not bend the path."""
     limit = 0.75 * float(np.abs(truth.imu.columns["angular_rate"]).max())
     calibration = replace(EXACT, gyroscope_range=limit)
@@ -77,7 +77,7 @@ def test_a_landing_hides_a_share_of_the_range_upwards_and_of_nothing_else(axis: 
     calibration = replace(EXACT, accelerometer_range=limit)
 
     def speed(excess: float) -> Array:
-        nothing_stands = FootInsParameters(still_velocity_mps=1e6, rest_level=0.0, impact_excess=excess)
+        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0, impact_excess=excess)
         return FootIns(calibration, parameters=nothing_stands).run(imu).v_imu_in_world[hit + 5]
 
     np.testing.assert_allclose(
@@ -93,7 +93,7 @@ def test_where_a_long_span_at_the_limit_has_no_shape_the_covariance_grows() -> N
     imu = replace(still.imu, t_ns=still.imu.t_ns[:250], columns=columns)
 
     def variance(noise: float) -> Array:
-        nothing_stands = FootInsParameters(still_velocity_mps=1e6, rest_level=0.0, accel_limit_noise_mps2_rthz=noise)
+        nothing_stands = FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0, accel_limit_noise_mps2_rthz=noise)
         ins = FootIns(replace(EXACT, accelerometer_range=limit), parameters=nothing_stands)
         last = [ins.update(sample) for sample in imu][begin + samples + 10]
         assert last is not None
@@ -111,19 +111,19 @@ def test_a_smoothed_pose_inside_a_hidden_peak_has_the_peak_and_is_honest(lag_s: 
     limit = 0.9 * float(np.abs(rate).max())
     calibration = replace(EXACT, gyroscope_range=limit)
     start = StartPose(p_imu_in_world=true.p_imu_in_world[0], q_world_imu=true.q_world_imu[0])
-    told = FootInsSmoother(lag_s, calibration, start=start).run(clipped(true, "angular_rate", limit).imu).trajectory
+    smoothed = FootInsSmoother(lag_s, calibration, start=start).run(clipped(true, "angular_rate", limit).imu).trajectory
     turn = Rotation.from_quat(true.q_world_imu, scalar_first=True)
-    error = (turn * Rotation.from_quat(told.q_world_frame, scalar_first=True).inv()).as_rotvec()
-    assert told.covariance is not None
-    nees = np.einsum("ni,ni->n", error, np.linalg.solve(told.covariance[:, 3:, 3:], error[..., None])[..., 0])
+    error = (turn * Rotation.from_quat(smoothed.q_world_frame, scalar_first=True).inv()).as_rotvec()
+    assert smoothed.covariance is not None
+    nees = np.einsum("ni,ni->n", error, np.linalg.solve(smoothed.covariance[:, 3:, 3:], error[..., None])[..., 0])
     hidden = np.abs(rate).max(axis=1) > limit
     assert hidden.sum() > 20
     assert nees[hidden].mean() < 3.0
     assert np.linalg.norm(np.diff(error, axis=0), axis=1).max() < np.radians(0.5)
-    assert np.linalg.eigvalsh(told.covariance).min() > 0.0
+    assert np.linalg.eigvalsh(smoothed.covariance).min() > 0.0
 
 
-def test_what_is_put_back_tells_the_smoother_nothing_of_the_heading(truth: Walk) -> None:
+def test_a_restored_peak_gives_the_smoother_no_information_on_the_heading(truth: Walk) -> None:
     limit = 0.9 * float(np.abs(truth.imu.columns["angular_rate"]).max())
     calibration = replace(EXACT, gyroscope_range=limit)
     start = StartPose(p_imu_in_world=np.zeros(3), q_world_imu=truth.q_world_imu[0])

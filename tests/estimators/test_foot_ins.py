@@ -119,7 +119,7 @@ def glide(strides: int = 8, speed: float = 3.0, rate_hz: float = 200.0) -> Block
     return Block(topic="/foot_l/imu", kind=Imu, t_ns=t_ns, columns=columns)
 
 
-def test_a_swing_that_looks_still_for_an_instant_is_not_stopped() -> None:
+def test_a_swing_that_seems_stationary_for_an_instant_is_not_stopped() -> None:
     imu = glide()
     ahead = imu.columns["specific_force"][:, 0]
     way = np.cumsum(np.cumsum(ahead) / 200.0)[-1] / 200.0
@@ -266,7 +266,7 @@ def test_after_a_long_gap_the_filter_says_that_it_is_lost_and_aligns_anew() -> N
     assert np.linalg.norm(way - true_way) < 0.1 * np.linalg.norm(true_way)
 
 
-def test_a_foot_that_never_stands_still_is_tracked_with_little_trust() -> None:
+def test_a_foot_that_is_never_stationary_is_tracked_with_little_trust() -> None:
     truth = walk(rest_s=0.0)
     t = truth.t_ns * 1e-9
     path = FootIns().run(block_like(truth, t > 0.5))
@@ -278,13 +278,13 @@ def test_a_foot_that_never_stands_still_is_tracked_with_little_trust() -> None:
 def test_a_limited_gyro_costs_certainty_and_less_accuracy_than_trusting_it() -> None:
     truth = walk()
     limited = block_like(truth, angular_rate=np.clip(truth.imu.columns["angular_rate"], -5.0, 5.0))
-    told, untold = (
+    limited, unlimited = (
         FootIns(parameters=p, start=start_of(truth)).run(limited).trajectory
         for p in (FootInsParameters(gyro_range_radps=5.0, level_step_m=0.0), FootInsParameters(level_step_m=0.0))
     )
     end = truth.p_imu_in_world[-1]
-    assert np.trace(told.covariance[-1, :3, :3]) > np.trace(untold.covariance[-1, :3, :3])
-    assert np.linalg.norm(told.p_frame_in_world[-1] - end) < np.linalg.norm(untold.p_frame_in_world[-1] - end)
+    assert np.trace(limited.covariance[-1, :3, :3]) > np.trace(unlimited.covariance[-1, :3, :3])
+    assert np.linalg.norm(limited.p_frame_in_world[-1] - end) < np.linalg.norm(unlimited.p_frame_in_world[-1] - end)
 
 
 @settings(max_examples=40, deadline=None)
@@ -316,7 +316,7 @@ def test_nothing_that_a_sensor_says_yields_a_nan(stream: list[tuple[int, list[fl
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("gravity_mps2", 0.0), ("window_s", -1.0), ("still_power", float("nan")), ("gyro_noise_radps_rthz", -1e-3)],
+    [("gravity_mps2", 0.0), ("window_s", -1.0), ("stationary_power", float("nan")), ("gyro_noise_radps_rthz", -1e-3)],
 )
 def test_a_bad_parameter_is_refused_by_name(field: str, value: float) -> None:
     with pytest.raises(ConfigError, match=field):

@@ -95,7 +95,7 @@ def test_what_follows_never_makes_it_less_sure(longer: Walk) -> None:
     P, S = plain.trajectory.covariance, smooth.trajectory.covariance
     sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     scale = sd[:, :, None] * sd[:, None, :]
-    assert np.linalg.eigvalsh((P - S) / scale)[:, 0].min() > -0.01  # the state that it is told of has moved a little
+    assert np.linalg.eigvalsh((P - S) / scale)[:, 0].min() > -0.01  # the state that it refers to has moved a little
     assert np.linalg.eigvalsh(S / scale)[:, 0].min() > 0.0
     ratio = np.sqrt(np.trace(S[:, :3, :3], axis1=1, axis2=2) / np.trace(P[:, :3, :3], axis1=1, axis2=2))
     assert ratio.max() < 1.0 + 1e-3
@@ -125,18 +125,20 @@ def test_the_middle_of_a_swing_is_better_known() -> None:
 def test_sample_by_sample_and_block_give_identical_numbers(longer: Walk) -> None:
     whole = FootInsSmoother(0.5, ADIS16485).run(longer.imu)
     stepwise = FootInsSmoother(0.5, ADIS16485)
-    told = [e for e in map(stepwise.update, longer.imu) if e is not None]
+    estimates = [e for e in map(stepwise.update, longer.imu) if e is not None]
     rest = stepwise.finish()
-    n = len(told)
+    n = len(estimates)
     assert 0 < len(rest.trajectory) == len(whole.trajectory) - n < 70
-    assert all(late.t_ns - e.t_ns >= 500_000_000 for e, late in zip(told, list(longer.imu)[-n:]))
+    assert all(late.t_ns - e.t_ns >= 500_000_000 for e, late in zip(estimates, list(longer.imu)[-n:]))
     p = whole.trajectory.p_frame_in_world
-    np.testing.assert_array_equal([e.p_imu_in_world for e in told], p[:n])
+    np.testing.assert_array_equal([e.p_imu_in_world for e in estimates], p[:n])
     np.testing.assert_array_equal(rest.trajectory.p_frame_in_world, p[n:])
-    np.testing.assert_array_equal([e.v_imu_in_world for e in told], whole.v_imu_in_world[:n])
-    np.testing.assert_array_equal([e.aligned for e in told], whole.aligned[:n])
+    np.testing.assert_array_equal([e.v_imu_in_world for e in estimates], whole.v_imu_in_world[:n])
+    np.testing.assert_array_equal([e.aligned for e in estimates], whole.aligned[:n])
     pose = np.r_[0:3, 6:9]
-    np.testing.assert_array_equal([e.covariance[np.ix_(pose, pose)] for e in told], whole.trajectory.covariance[:n])
+    np.testing.assert_array_equal(
+        [e.covariance[np.ix_(pose, pose)] for e in estimates], whole.trajectory.covariance[:n]
+    )
     assert stepwise.held == 0
 
 
@@ -147,7 +149,7 @@ def test_sample_by_sample_and_block_give_identical_numbers(longer: Walk) -> None
     ),
     st.floats(0.0, 1.0),
 )
-def test_every_usable_sample_is_told_once_in_order(stream: list[tuple[int, float]], lag_s: float) -> None:
+def test_every_usable_sample_is_estimated_once_in_order(stream: list[tuple[int, float]], lag_s: float) -> None:
     t_ns = np.cumsum([step for step, _ in stream])
     value = np.array([v for _, v in stream])
     columns = {
@@ -163,13 +165,13 @@ def test_every_usable_sample_is_told_once_in_order(stream: list[tuple[int, float
 
 def test_a_sensor_too_fast_for_the_window_has_a_shorter_lag() -> None:
     smoother = FootInsSmoother(0.02)
-    held, told = [], 0
+    held, returned = [], 0
     for k in range(300):
         still = Imu(topic="/f", t_ns=k * 100_000, angular_rate=np.zeros(3), specific_force=np.array([0.0, 0.0, 9.8]))
-        told += smoother.update(still) is not None
+        returned += smoother.update(still) is not None
         held.append(smoother.held)
     assert max(held) <= 21
-    assert told == 300 - held[-1]
+    assert returned == 300 - held[-1]
 
 
 @pytest.mark.parametrize("lag_s", [-0.1, 11.0, float("nan")])

@@ -16,7 +16,7 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.state import PHASE, STATES, TRACKING
 from stridetwin.estimators.foot_to_foot import (
-    BoardSighting,
+    BoardObservation,
     FootToFoot,
     FootToFootEstimate,
     FootToFootParameters,
@@ -37,8 +37,8 @@ from tests.estimators.one_foot import take
 
 inject_all = from_python(state.inject_all)
 rewind = from_python(compiled_rewind)
-see = from_python(vision.see)
-tied, board_in_camera = from_python(vision._tied), from_python(vision.board_in_camera)
+see = from_python(vision.board_update)
+tied, board_in_camera = from_python(vision._reduced_measurement), from_python(vision.board_in_camera)
 
 GRAVITY = FootInsParameters().gravity_mps2
 ONE_FOOT = Rig(imus={"/foot_l/imu": ADIS16485})
@@ -67,7 +67,7 @@ def moving_pair(seed: int) -> Pair:
     rng = np.random.default_rng(seed)
     mounts = np.column_stack([rng.normal(0, 0.1, (4, 3)), Rotation.random(4, rng=rng).as_quat(scalar_first=True)])
     pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(3))
-    parameters = for_sensor(FootInsParameters(still_velocity_mps=1e3), None)
+    parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e3), None)
     for foot in range(2):
         k = np.arange(80)
         moves = k[:, None] >= 40
@@ -80,7 +80,7 @@ def moving_pair(seed: int) -> Pair:
 
 def seen(pair: Pair, camera: int, t_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     then_ns = t_ns + round(1e9 * pair.late[camera])
-    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1) for f in (camera, 1 - camera))
+    a, b = (rewind(pair.feet[f], GRAVITY, then_ns, 0.1, 0.05) for f in (camera, 1 - camera))
     assert a.known
     assert b.known
     return board_in_camera(pair, camera, a, b)
@@ -119,7 +119,7 @@ def test_a_turn_of_the_whole_world_is_not_seen(seed: int, camera: int, age_ns: i
 @given(st.integers(1, 20))
 @settings(max_examples=10, deadline=None)
 def test_rewinding_meets_the_state_of_then(back: int) -> None:
-    parameters = for_sensor(FootInsParameters(still_velocity_mps=1e3), None)
+    parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e3), None)
     rng = np.random.default_rng(back)
     mounts, arms = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1)), np.zeros((2, 3))
     pair = blank_pair(mounts, np.zeros((4, 6)), 0.0, 0.0, arms, arms, np.zeros(3))
@@ -131,7 +131,7 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
         foot.covariance[:] = 0.0  # so that nothing is corrected
         if k == 79 - back:
             then = foot.nominal.copy()
-    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0)
+    found = rewind(foot, GRAVITY, (79 - back) * 8_000_000, 1.0, 0.05)
     assert found.known
     assert then is not None
     assert found.age == pytest.approx(back * 0.008)
@@ -140,17 +140,17 @@ def test_rewinding_meets_the_state_of_then(back: int) -> None:
     np.testing.assert_allclose(found.R, Rotation.from_quat(then[6:10], scalar_first=True).as_matrix(), atol=1e-12)
 
 
-def test_a_board_foretold_far_off_is_found_where_it_is() -> None:
+def test_a_board_predicted_far_off_is_found_where_it_is() -> None:
     """Perspective is no straight line: one step from a decimetre off misses by a centimetre, and would tell a speed."""
     points = np.array([[0.02 * i, 0.02 * j, 0.0] for i in range(6) for j in range(5)]) - [0.05, 0.04, 0.0]
     p, turn = np.array([0.02, -0.03, 0.45]), Rotation.from_euler("xyz", [0.3, 2.8, 0.2])
     seen = turn.apply(points) + p
-    foretold, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
+    predicted, about = p + [0.05, -0.04, 0.12], Rotation.from_rotvec([0.02, -0.03, 0.01]) * turn
     covariance, sd = np.diag([0.15] * 3 + [0.03] * 3) ** 2, np.full(len(points), 1e-4)
-    ahead, T, z, _ = tied(foretold, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
+    ahead, T, z, _ = tied(predicted, about.as_matrix(), covariance, points, seen[:, :2] / seen[:, 2:], sd, 8.0)
     found = covariance @ T.T @ np.linalg.solve(T @ covariance @ T.T + 64.0 * np.eye(6), z)
     assert ahead
-    np.testing.assert_allclose(foretold + found[:3], p, atol=2e-3)
+    np.testing.assert_allclose(predicted + found[:3], p, atol=2e-3)
 
 
 def test_one_foot_alone_is_the_one_foot_filter() -> None:
@@ -163,7 +163,7 @@ def test_one_foot_alone_is_the_one_foot_filter() -> None:
     np.testing.assert_array_equal(two.aligned, one.aligned)
 
 
-def test_two_feet_without_cameras_that_hear_nothing_are_two_one_foot_filters(short) -> None:
+def test_two_feet_without_cameras_and_echoes_are_two_one_foot_filters(short) -> None:
     simulation, imus, _ = short
     paths = FootToFoot(replace(simulation.rig, cameras={}), start=simulation.start()).run(imus)
     for foot, start in simulation.start().items():
@@ -222,7 +222,7 @@ def test_estimates_are_sane_after_every_kind_of_sample(short) -> None:
             assert_sane(estimate)
 
 
-def test_the_other_shoe_in_sight_holds_the_headings_together(short) -> None:
+def test_observing_the_other_shoe_holds_the_headings_together(short) -> None:
     simulation, imus, aids = short
     biased = {
         f: replace(b, columns=dict(b.columns) | {"angular_rate": b.columns["angular_rate"] + [0, 0, sign * 0.01]})
@@ -235,10 +235,10 @@ def test_the_other_shoe_in_sight_holds_the_headings_together(short) -> None:
 
 def test_a_camera_that_is_covered_leaves_the_feet_to_themselves_and_says_so(short) -> None:
     simulation, imus, aids = short
-    covered = [a for a in aids if not (isinstance(a, BoardSighting) and 2e9 < a.t_ns < 4e9)]
+    covered = [a for a in aids if not (isinstance(a, BoardObservation) and 2e9 < a.t_ns < 4e9)]
     spread = []
     for heard in (aids, covered):
-        paths = estimator_for(simulation).run(imus, [a for a in heard if isinstance(a, BoardSighting)])
+        paths = estimator_for(simulation).run(imus, [a for a in heard if isinstance(a, BoardObservation)])
         left, right = (paths[f].trajectory for f in FEET)
         k = int(np.searchsorted(left.t_ns, int(3.9e9)))
         spread.append(np.trace(left.covariance[k, :3, :3]))
@@ -246,13 +246,13 @@ def test_a_camera_that_is_covered_leaves_the_feet_to_themselves_and_says_so(shor
     assert spread[1] > spread[0]
 
 
-def test_the_sonar_is_heard_where_the_other_shoe_is_not_seen(short) -> None:
+def test_the_sonar_is_used_where_the_other_shoe_is_not_seen(short) -> None:
     simulation, imus, aids = short
     echoes = [a for a in aids if isinstance(a, Range)]
     alone, heard = (estimator_for(simulation).run(imus, a)["l"].trajectory for a in ([], echoes))
     assert not np.array_equal(alone.p_frame_in_world[-1], heard.p_frame_in_world[-1])
     both, seen_only = (estimator_for(simulation).run(imus, a)["l"].trajectory.p_frame_in_world[-1] for a in (
-        aids, [a for a in aids if isinstance(a, BoardSighting)]
+        aids, [a for a in aids if isinstance(a, BoardObservation)]
     ))  # fmt: skip
     assert np.linalg.norm(both - seen_only) < 0.005
 
@@ -283,22 +283,22 @@ def test_impossible_repeated_and_late_samples_are_ignored(short, value: float, m
     np.testing.assert_array_equal(got.feet["l"].p_imu_in_world, kept.feet["l"].p_imu_in_world)
 
 
-def test_a_sighting_that_fits_no_board_moves_nothing_far(short) -> None:
+def test_an_observation_that_fits_no_board_moves_nothing_far(short) -> None:
     simulation, imus, aids = short
     rng = np.random.default_rng(0)
     wild = [
-        replace(a, rays=rng.uniform(-0.7, 0.7, a.rays.shape)) if isinstance(a, BoardSighting) and i % 7 == 0 else a
+        replace(a, rays=rng.uniform(-0.7, 0.7, a.rays.shape)) if isinstance(a, BoardObservation) and i % 7 == 0 else a
         for i, a in enumerate(aids)
     ]
     assert np.all(np.linalg.norm(ends(simulation, imus, wild) - ends(simulation, imus, aids), axis=1) < 0.05)
 
 
-def test_a_sighting_too_late_is_left_out(short) -> None:
+def test_an_observation_too_late_is_left_out(short) -> None:
     simulation, imus, aids = short
     estimator = estimator_for(simulation)
     estimator.run(imus, [])
     before = estimator.update(replace(list(imus["l"])[-1], t_ns=int(imus["l"].t_ns[-1]) + 8_000_000))
-    old = next(a for a in aids if isinstance(a, BoardSighting))
+    old = next(a for a in aids if isinstance(a, BoardObservation))
     after = estimator.update(old)
     assert before is not None
     assert after is not None
@@ -320,7 +320,7 @@ def test_wrong_use_is_named(short) -> None:
     with pytest.raises(ConfigError, match="'r'"):
         FootToFoot(ONE_FOOT).run(imus)
     with pytest.raises(ConfigError, match="4 to 64"):
-        BoardSighting(
+        BoardObservation(
             topic="/foot_l/camera", t_ns=0, points_in_board=np.zeros((3, 3)), rays=np.zeros((3, 2)), ray_sd=np.ones(3)
         )
     with pytest.raises(ConfigError, match="three"):
@@ -352,15 +352,15 @@ def test_relative_position_of_a_board_pose_is_the_papers_equation() -> None:
     T_camera_board[:3, 3] = 0.01, 0.02, 0.25
     points = np.column_stack([*(m.ravel() for m in np.mgrid[-4:5, -3:4] * 0.005), np.zeros(63)])
     seen = points @ T_camera_board[:3, :3].T + T_camera_board[:3, 3]
-    sighting = BoardSighting(
+    observation = BoardObservation(
         topic="/foot_l/camera",
         t_ns=0,
         points_in_board=points,
         rays=seen[:, :2] / seen[:, 2:],
         ray_sd=np.full(len(points), 1e-4),
     )
-    got = RelativePosition.of_sighting(
-        sighting, T_imu_camera=T_imu_camera, T_other_board=T_other_board, R_camera_board=T_camera_board[:3, :3]
+    got = RelativePosition.of_observation(
+        observation, T_imu_camera=T_imu_camera, T_other_board=T_other_board, R_camera_board=T_camera_board[:3, :3]
     )
     assert got is not None
     C_bf, p_bf = T_other_board[:3, :3], T_other_board[:3, 3]
@@ -379,14 +379,14 @@ def test_mounts_are_refined_within_their_prior(short) -> None:
     assert np.any(after < 0.9 * before)
 
 
-def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is_told() -> None:
+def test_the_published_method_has_the_calibrations_noise_alone_where_no_range_is_given() -> None:
     parameters = for_sensor(PublishedParameters().noise_of_the_calibration_alone, ADIS16485)
     assert ADIS16485.accelerometer_range == 0.0
     assert parameters.accel_limit_noise_mps2_rthz == parameters.gyro_limit_noise_radps_rthz == 0.0
     assert parameters.accel_noise_mps2_rthz == ADIS16485.accelerometer_noise_density
 
 
-def test_sightings_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_was() -> None:
+def test_observations_that_cannot_be_used_leave_the_cameras_clock_as_sure_as_it_was() -> None:
     pair, parameters = moving_pair(4), for_kernel(FootToFootParameters(camera_clock_walk_s_rts=0.01))
     t_ns = 79 * 8_000_000
     pair.seen[0] = t_ns - 30_000_000_000

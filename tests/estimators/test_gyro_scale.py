@@ -1,4 +1,4 @@
-"""Scales of the gyros of two feet: how they turn a foot, and that the sight of the other shoe tells them."""
+"""Scales of the gyros of two feet: how they rotate a foot, and that observing the other shoe estimates them."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, STATES
-from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters
-from stridetwin.estimators.foot_to_foot import gyro_scale as scale_of_gyros
+from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters, kernel
 from stridetwin.estimators.foot_to_foot.state import SCALES, blank_pair
 from stridetwin.streams.samples import Array
 from stridetwin.studies.jao2020.jao_simulation import Setup, Simulation, SteadyWalk
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import take
 
-turn_by_scale = from_python(scale_of_gyros.turn_by_scale)
+apply_gyro_scale = from_python(kernel.apply_gyro_scale)
 
 
 @pytest.mark.parametrize("foot", [0, 1])
 def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(foot: int) -> None:
-    parameters = for_sensor(FootInsParameters(still_velocity_mps=1e6, rest_level=0.0), None)
+    parameters = for_sensor(FootInsParameters(stationary_speed_mps=1e6, rest_level=0.0), None)
     gravity = np.array([0.0, 0.0, parameters.gravity_mps2])
     rates = np.random.default_rng(1).normal(4.0, 3.0, (30, 3))
     arms, mounts = np.zeros((2, 3)), np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
@@ -34,7 +33,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
         pair.covariance[:, :SCALES] = 0.0
         for k, rate in enumerate(rates, 40):
             scaled = (1.0 - scale) * rate
-            turn_by_scale(pair, foot, scaled, k * 8_000_000, parameters.max_gap_s)
+            apply_gyro_scale(pair, foot, scaled, k * 8_000_000, parameters.max_gap_s)
             take(pair.feet[foot], parameters, k * 8_000_000, scaled, gravity)
         a, s = STATES * foot + D_ATTITUDE, SCALES + 3 * foot
         q = pair.feet[foot].nominal[ATTITUDE : ATTITUDE + 4]
@@ -49,7 +48,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
         assert np.linalg.norm(derivative) > 0.5
 
 
-def test_a_gyro_that_tells_too_much_is_found_where_the_other_shoe_is_seen() -> None:
+def test_a_gyro_scale_error_is_estimated_where_the_other_shoe_is_seen() -> None:
     simulation = Simulation(Setup(walk=SteadyWalk(strides=40)))
     rng = np.random.default_rng(5)
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)

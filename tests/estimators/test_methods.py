@@ -10,8 +10,8 @@ import pytest
 
 from stridetwin.cli.estimate import options_of
 from stridetwin.cli.main import parse
+from stridetwin.estimators.base import current_name
 from stridetwin.estimators.dvio.parameters import METHODS, named
-from stridetwin.estimators.methods import current_name
 from stridetwin.estimators.registry import estimator
 from stridetwin.studies.registry import read_row
 

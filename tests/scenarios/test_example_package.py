@@ -58,7 +58,7 @@ def test_without_the_package_there_is_no_such_estimator():
 
 
 def test_list_and_estimate_and_live(installed, seen, tmp_path, capsys):
-    assert printed(capsys, "list")["estimators"]["gravity_foot"] == "attitude of one foot from gravity alone"
+    assert printed(capsys, "list")["estimators"]["gravity_foot"] == "Attitude of one foot from gravity alone"
     path = tmp_path / "path.txt"
     printed(capsys, "estimate", "gravity_foot", seen, "--foot", "r", "-o", path)
     assert len(read_tum(path)) == Recording(seen).topics["/foot_r/imu"].count

@@ -1,4 +1,4 @@
-"""Small worlds for the tests of the odometry: a smooth motion, points, and a window that sees them."""
+"""Small worlds for the tests of the odometry: a smooth motion, points, and a window that observes them."""
 
 from __future__ import annotations
 
@@ -6,17 +6,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import planes
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, ImuNoise, Terms, Window, blank_window
+from stridetwin.estimators.dvio.state import (
+    CALIBRATION,
+    FRAME,
+    PLANE,
+    PLANES,
+    FactorParameters,
+    ImuNoise,
+    PlaneParameters,
+    Window,
+    blank_window,
+)
 from tests.estimators.from_python import from_python
 
-turned = from_python(planes.turned)
+rotate_normal = from_python(planes.rotate_normal)
 SHARED = CALIBRATION + PLANE * PLANES
 NOISE = ImuNoise(
-    rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, doubtful_rate=1.0, doubtful_force=5.0
+    rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, invalid_rate=1.0, invalid_force=5.0
 )  # fmt: skip
-TERMS = Terms(
-    gravity=9.81, sight_weight=400.0**2, sight_limit=3.0, depth_weight=200.0**2, again_weight=100.0**2,
-    depth_limit=3.0, plane_limit=3.0, host_depth=True, depth_fixed=False, projection_depth=True,
+FACTORS = FactorParameters(
+    gravity=9.81, pixel_weight=400.0**2, pixel_limit=3.0, depth_weight=200.0**2, later_depth_weight=100.0**2,
+    depth_limit=3.0, planes=PlaneParameters(huber_sd=3.0), host_depth=True, depth_fixed=False, projection_depth=True,
     host_depth_in_prior=True, first_estimates=False, rate_walk=1e-4, force_walk=1e-3,
 )  # fmt: skip
 T_IMU_CAMERA = np.eye(4)
@@ -25,7 +35,7 @@ T_IMU_CAMERA[:3, 3] = [0.03, -0.01, 0.02]
 
 
 def seen_window(rng: np.random.Generator, frames: int = 3, points: int = 6, slots: int = 4) -> Window:
-    """Frames a step apart that look at points, all at their true states, sightings without error."""
+    """Frames a step apart that look at points, all at their true states, observations without error."""
     w = blank_window(slots, points, T_IMU_CAMERA, 0.0, PLANES)
     f, marks = w.frames, w.landmarks
     f.count[0] = frames
@@ -44,7 +54,7 @@ def seen_window(rng: np.random.Generator, frames: int = 3, points: int = 6, slot
         marks.host[l], marks.inverse_depth[l], marks.measured[l] = 0, 1 / depth, 1
         for k in range(frames):
             q = R.T @ (f.R[k].T @ (world - f.p[k]) - p)
-            marks.seen[l, k], marks.at[l, k], marks.told[l, k] = 1, q[:2] / q[2], 1 / q[2]
+            marks.seen[l, k], marks.at[l, k], marks.rho[l, k] = 1, q[:2] / q[2], 1 / q[2]
     return w
 
 
@@ -53,7 +63,7 @@ def see_corner(window: Window, sd: float = 0.02) -> None:
 
     Args:
         window: Changed in place.
-        sd: That its planes are told to have, rad, and as a share of their distances.
+        sd: That its planes are measured to have, rad, and as a share of their distances.
     """
     planes, n = window.planes, int(window.frames.count[0])
     normals = Rotation.from_rotvec([0.02, -0.05, 0.1]).apply([[0.2, 1.0, -0.1], [0.7, -0.6, 0.4], [-0.5, 0.1, 1.0]])
@@ -68,9 +78,9 @@ def see_plane(window: Window, k: int, j: int, sd: float) -> None:
     """Lets frame `j` see plane `k` as it is."""
     planes, c, f = window.planes, window.calibration, window.frames
     n, p = planes.normal[k], f.R[j] @ c.p + f.p[j]
-    told = (f.R[j] @ c.R).T @ n / (planes.distance[k] - n @ p)
-    planes.seen[k, j], planes.told[k, j] = 1, told
-    planes.weight[k, j] = np.eye(3) / (sd**2 * (told @ told))
+    measured = (f.R[j] @ c.R).T @ n / (planes.distance[k] - n @ p)
+    planes.seen[k, j], planes.measured[k, j] = 1, measured
+    planes.weight[k, j] = np.eye(3) / (sd**2 * (measured @ measured))
 
 
 def moved(window: Window, error: np.ndarray) -> None:
@@ -80,10 +90,10 @@ def moved(window: Window, error: np.ndarray) -> None:
     c.R[:] = c.R @ Rotation.from_rotvec(error[3:6]).as_matrix()
     c.offset[:] += error[6]
     c.scale[:] += error[7]
-    c.lens[:] += error[8:10]
+    c.focal[:] += error[8:10]
     for k in np.flatnonzero(window.planes.used):
         e = error[CALIBRATION + PLANE * k :]
-        window.planes.normal[k] = turned(window.planes.normal[k], e[0], e[1])
+        window.planes.normal[k] = rotate_normal(window.planes.normal[k], e[0], e[1])
         window.planes.distance[k] += e[2]
     for k in range(f.count[0]):
         e = error[SHARED + FRAME * k :]

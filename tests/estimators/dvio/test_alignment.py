@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.initializer import Beliefs, aligned, gyro_bias
-from stridetwin.estimators.dvio.state import Increment, blank_increment
-from stridetwin.estimators.dvio.structure_from_motion import Sightings, structure_of_bearings, structure_with_depth
+from stridetwin.estimators.dvio.initializer import Priors, aligned, gyro_bias
+from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
+from stridetwin.estimators.dvio.structure_from_motion import Observations, structure_of_bearings, structure_with_depth
 from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -21,20 +21,20 @@ BIAS_SD, MOUNT_SD, OFFSET_SD, SCALE_SD = np.repeat([0.02, 0.1], 3), np.repeat([2
 
 
 class Walk(NamedTuple):
-    """What is told of some pictures of a walk, and the truth about the newest."""
+    """What is measured of some images of a walk, and the truth about the newest."""
 
-    sightings: Sightings
-    increments: Increment
+    observations: Observations
+    preintegrations: Preintegration
     rates: np.ndarray
-    beliefs: Beliefs
+    priors: Priors
     up: np.ndarray
     v: np.ndarray
     bias: np.ndarray
     way_m: float
 
     def aligned(self, structure):
-        later = Increment(*(a[structure.first :] for a in self.increments))
-        return aligned(structure, later, self.rates[structure.first :], self.beliefs)
+        later = Preintegration(*(a[structure.first :] for a in self.preintegrations))
+        return aligned(structure, later, self.rates[structure.first :], self.priors)
 
     def error(self, found):
         tilt = found.tilt_axes.T @ np.cross(self.up, found.up)
@@ -42,7 +42,7 @@ class Walk(NamedTuple):
 
 
 def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_SD) -> Walk:
-    """A head that bobs and turns as in walking; without noise also the calibration is as told."""
+    """A head that bobs and turns as in walking; without noise also the calibration is as measured."""
     rng = np.random.default_rng(seed)
     n = BETWEEN * (IMAGES - 1) + 1
     t_ns = PERIOD_NS * np.arange(n, dtype=np.int64)
@@ -54,20 +54,27 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
     for k in range(1, n):
         about.append(about[-1] * Rotation.from_rotvec(rate[k] * PERIOD_NS * 1e-9))
     force = np.array([about[max(k - 1, 0)].inv().apply(pushed[k] - GRAVITY) for k in range(n)])
-    true, doubt, v_first = np.hstack([rate, force]), np.zeros(n, np.uint8), rng.normal([0.0, 1.0, 0.0], [0.4, 0.2, 0.2])
-    at_picture, z, R_first = t_ns[::BETWEEN], blank_increment(), first.as_matrix()
+    true, invalid, v_first = (
+        np.hstack([rate, force]),
+        np.zeros(n, np.uint8),
+        rng.normal([0.0, 1.0, 0.0], [0.4, 0.2, 0.2]),
+    )
+    at_image, z, R_first = t_ns[::BETWEEN], blank_preintegration(), first.as_matrix()
     R, p, v = np.zeros((IMAGES, 3, 3)), np.zeros((IMAGES, 3)), np.zeros((IMAGES, 3))
-    for k, end in enumerate(at_picture):
-        kernel.integrate(z, t_ns, true, doubt, n, 0, int(end), np.zeros(6), NOISE)
+    for k, end in enumerate(at_image):
+        kernel.integrate(z, ImuSamples(t_ns, true, invalid), 0, int(end), np.zeros(6), NOISE)
         dt = z.dt[0]
-        R[k], v[k] = R_first @ z.gamma, v_first + GRAVITY * dt + R_first @ z.beta
-        p[k] = v_first * dt + 0.5 * GRAVITY * dt**2 + R_first @ z.alpha
+        R[k], v[k] = R_first @ z.delta_R, v_first + GRAVITY * dt + R_first @ z.delta_v
+        p[k] = v_first * dt + 0.5 * GRAVITY * dt**2 + R_first @ z.delta_p
     bias = BIAS_SD * rng.normal(size=6)
     white = np.repeat([NOISE.rate, NOISE.force], 3) / np.sqrt(PERIOD_NS * 1e-9)
-    told, increments = true + bias + noisy * white * rng.normal(size=true.shape), blank_increment(IMAGES - 1)
+    measured, preintegrations = (
+        true + bias + noisy * white * rng.normal(size=true.shape),
+        blank_preintegration(IMAGES - 1),
+    )
     for k in range(IMAGES - 1):
-        ends = int(at_picture[k]), int(at_picture[k + 1])
-        kernel.integrate_into(increments, k, t_ns, told, doubt, n, *ends, np.zeros(6), NOISE)
+        ends = int(at_image[k]), int(at_image[k + 1])
+        kernel.integrate_into(preintegrations, k, ImuSamples(t_ns, measured, invalid), *ends, np.zeros(6), NOISE)
     off = noisy * rng.normal(size=8)
     R_ic = T_IMU_CAMERA[:3, :3] @ Rotation.from_rotvec(off[3:6] * MOUNT_SD[3:]).as_matrix()
     R_seen = R @ Rotation.from_rotvec(rate[::BETWEEN] * off[6] * OFFSET_SD).as_matrix()
@@ -81,19 +88,19 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
     q = np.matmul(points[None] - places[:, None], cameras)
     at, inverse = q[..., :2] / q[..., 2:], np.exp(off[7] * SCALE_SD) / q[..., 2]
     seen = (q[..., 2] > 0.3) & (np.abs(at) < 0.75).all(axis=-1)
-    sightings = Sightings(
+    observations = Observations(
         seen=seen,
         at=at + noisy * SIGHT_SD * rng.normal(size=at.shape),
-        told=np.where(seen & depth, inverse + noisy * TOLD_SD * rng.normal(size=inverse.shape), 0.0),
+        rho=np.where(seen & depth, inverse + noisy * TOLD_SD * rng.normal(size=inverse.shape), 0.0),
         sd=SIGHT_SD,
-        told_sd=TOLD_SD,
+        rho_sd=TOLD_SD,
     )
-    beliefs = Beliefs(
+    priors = Priors(
         T_imu_camera=T_IMU_CAMERA, bias=np.zeros(6), bias_sd=believed_sd, mount_sd=noisy * MOUNT_SD,
         offset_sd=noisy * OFFSET_SD, scale_sd=noisy * SCALE_SD, gravity=9.81,
     )  # fmt: skip
     last, way_m = R[-1].T, float(np.linalg.norm(places[0] - places[-1]))
-    return Walk(sightings, increments, told[::BETWEEN, :3], beliefs, last[:, 2], last @ v[-1], bias, way_m)
+    return Walk(observations, preintegrations, measured[::BETWEEN, :3], priors, last[:, 2], last @ v[-1], bias, way_m)
 
 
 METHODS = {"depth": structure_with_depth, "bearings": structure_of_bearings}
@@ -104,10 +111,10 @@ METHODS = {"depth": structure_with_depth, "bearings": structure_of_bearings}
 def test_finds_all_where_nothing_is_uncertain(method, seed):
     # Nothing is believed of the biases beforehand: the turning tells that of the accelerometer from gravity.
     walk = walked(seed, noisy=False, depth=method == "depth", believed_sd=np.repeat([0.1, 10.0], 3))
-    structure = METHODS[method](walk.sightings)
+    structure = METHODS[method](walk.observations)
     assert structure.misfit < 1e-6
     found = walk.aligned(structure)
-    assert gyro_bias(structure, walk.increments, walk.beliefs) == pytest.approx(walk.bias[:3], abs=1e-3)
+    assert gyro_bias(structure, walk.preintegrations, walk.priors) == pytest.approx(walk.bias[:3], abs=1e-3)
     assert found.bias[:3] == pytest.approx(walk.bias[:3], abs=1e-3)
     assert found.up == pytest.approx(walk.up, abs=5e-3)
     assert found.v == pytest.approx(walk.v, abs=5e-3)
@@ -119,7 +126,7 @@ def test_covariance_is_that_of_the_errors(method):
     squares, tilts, speeds = [], [], []
     for seed in range(40):
         walk = walked(seed, noisy=True, depth=method == "depth")
-        structure = METHODS[method](walk.sightings)
+        structure = METHODS[method](walk.observations)
         if structure is None or (found := walk.aligned(structure)) is None:
             continue
         e, P = walk.error(found), found.covariance[:11, :11]
@@ -137,24 +144,24 @@ def test_what_passes_by_is_left_out():
     walk = walked(3, noisy=True, depth=True)
     by = np.zeros(POINTS, bool)
     by[:25] = True
-    at = walk.sightings.at.copy()
+    at = walk.observations.at.copy()
     at[:, by] += 0.05 * np.arange(IMAGES)[:, None, None]
-    found = walk.aligned(structure_with_depth(Sightings(**{**vars(walk.sightings), "at": at})))
+    found = walk.aligned(structure_with_depth(Observations(**{**vars(walk.observations), "at": at})))
     assert np.linalg.norm(found.v - walk.v) < 0.05
     assert np.linalg.norm(np.cross(found.up, walk.up)) < 0.04
 
 
 def test_says_nothing_of_too_few_points():
-    s = walked(0, noisy=True, depth=True).sightings
+    s = walked(0, noisy=True, depth=True).observations
     for many in (0, 1, 8):
-        few = Sightings(seen=s.seen[:, :many], at=s.at[:, :many], told=s.told[:, :many], sd=s.sd, told_sd=s.told_sd)
+        few = Observations(seen=s.seen[:, :many], at=s.at[:, :many], rho=s.measured[:, :many], sd=s.sd, rho_sd=s.rho_sd)
         assert structure_with_depth(few) is None
         assert structure_of_bearings(few) is None
 
 
 def test_state_covariance_turns_with_the_heading():
     walk = walked(1, noisy=True, depth=True)
-    found = walk.aligned(structure_with_depth(walk.sightings))
+    found = walk.aligned(structure_with_depth(walk.observations))
     x = np.cross(found.up, [0.0, 1.0, 0.0]) / np.linalg.norm(np.cross(found.up, [0.0, 1.0, 0.0]))
     R = np.stack([x, np.cross(found.up, x), found.up])
     P = found.state_covariance(R, 0.25 * np.eye(3), 0.3)

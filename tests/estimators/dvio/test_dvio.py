@@ -27,8 +27,8 @@ def errors(wall, made):
     R, p = wall.pose(made[0].t_ns * 1e-9)
     heading = R @ made[0].T_world_imu[:3, :3].T
     turn = Rotation.from_euler("z", np.arctan2(heading[1, 0], heading[0, 0])).as_matrix()
-    told = np.array([turn @ (e.T_world_imu[:3, 3] - made[0].T_world_imu[:3, 3]) + p for e in made])
-    return np.linalg.norm(told - np.array([wall.pose(e.t_ns * 1e-9)[1] for e in made]), axis=1)
+    measured = np.array([turn @ (e.T_world_imu[:3, 3] - made[0].T_world_imu[:3, 3]) + p for e in made])
+    return np.linalg.norm(measured - np.array([wall.pose(e.t_ns * 1e-9)[1] for e in made]), axis=1)
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +43,8 @@ def plain(sway):
     return followed(*sway)[1]
 
 
-def told_by(made, samples):
-    """Those of the estimates that were told by the last of some samples."""
+def estimates_of(made, samples):
+    """Those of the estimates that were measured by the last of some samples."""
     return [e for e in made if e.t_ns <= max(s.t_ns for s in samples if isinstance(s, Imu))]
 
 
@@ -58,7 +58,7 @@ def test_follows_a_swaying_head(sway, plain):
     assert {e.health for e in made} == {"tracking"}
 
 
-def test_tells_poses_at_the_rate_of_the_imu_with_covariances(plain):
+def test_estimates_poses_at_the_rate_of_the_imu_with_covariances(plain):
     steps = np.diff([e.t_ns for e in plain])
     assert np.all(steps == 5_000_000)
     assert plain[0].t_ns < 400_000_000
@@ -70,13 +70,13 @@ def test_tells_poses_at_the_rate_of_the_imu_with_covariances(plain):
 def test_is_deterministic(sway, plain):
     wall, samples = sway
     some = samples[:1200]
-    a, b = told_by(plain, some)[-1], followed(wall, some)[1][-1]
+    a, b = estimates_of(plain, some)[-1], followed(wall, some)[1][-1]
     assert a.t_ns == b.t_ns
     assert np.array_equal(a.T_world_imu, b.T_world_imu)
     assert np.array_equal(a.covariance, b.covariance)
 
 
-def test_stands_still():
+def test_stationary_sensor():
     wall = Wall(still, 30.0, seed=4)
     _, made = followed(wall)
     assert errors(wall, made).max() < 0.002
@@ -115,10 +115,10 @@ def tilt_and_speed_errors(wall, e):
     """rad and m/s, which no heading changes."""
     t, h = e.t_ns * 1e-9, 1e-4
     R, _ = wall.pose(t)
-    told = e.T_world_imu[:3, :3]
+    measured = e.T_world_imu[:3, :3]
     v = (wall.pose(t + h)[1] - wall.pose(t - h)[1]) / (2 * h)
-    tilt = np.arccos(np.clip(R[2] @ told[2], -1, 1))
-    return tilt, np.linalg.norm(R.T @ v - told.T @ e.v_imu_in_world)
+    tilt = np.arccos(np.clip(R[2] @ measured[2], -1, 1))
+    return tilt, np.linalg.norm(R.T @ v - measured.T @ e.v_imu_in_world)
 
 
 @pytest.mark.parametrize("method", ["proposed", "dvio", "vins_mono"])
@@ -145,16 +145,16 @@ def test_a_start_in_motion_is_deterministic():
     assert np.array_equal(a.covariance, b.covariance)
 
 
-def test_starts_in_motion_as_well_as_it_can_where_the_pictures_do_not_fit():
+def test_starts_in_motion_as_well_as_it_can_where_the_images_do_not_fit():
     wall, elsewhere = moving(4.0), Wall(lambda t: swaying(9.0 + 1.7 * t), 4.0, seed=8)
-    pictures = {(type(s), s.t_ns): s for s in elsewhere.samples() if not isinstance(s, Imu)}
-    _, made = followed(wall, [pictures.get((type(s), s.t_ns), s) for s in wall.samples()])
+    images = {(type(s), s.t_ns): s for s in elsewhere.samples() if not isinstance(s, Imu)}
+    _, made = followed(wall, [images.get((type(s), s.t_ns), s) for s in wall.samples()])
     assert 2_900_000_000 < made[0].t_ns < 3_400_000_000
     assert made[0].covariance[3:5, 3:5].max() > 0.1**2
     assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
 
 
-def spoiled(samples, change):
+def corrupted(samples, change):
     return [c for s in samples for c in ([change(s)] if change(s) is not None else [])]
 
 
@@ -187,7 +187,7 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_bears_faults(sway, name):
     wall, samples = sway
-    _, made = followed(wall, spoiled(samples, FAULTS[name]))
+    _, made = followed(wall, corrupted(samples, FAULTS[name]))
     assert all(np.isfinite(e.T_world_imu).all() and np.isfinite(e.covariance).all() for e in made)
     assert errors(wall, made).max() < 0.12
 
@@ -197,7 +197,7 @@ def test_ignores_what_is_late_or_repeated(sway, plain):
     some = samples[:1500]
     again = [c for i, s in enumerate(some) for c in ([s, s, some[max(i - 40, 0)]] if i % 7 == 0 else [s])]
     _, made = followed(wall, again)
-    assert np.array_equal(told_by(plain, some)[-1].T_world_imu, made[-1].T_world_imu)
+    assert np.array_equal(estimates_of(plain, some)[-1].T_world_imu, made[-1].T_world_imu)
 
 
 def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
@@ -220,38 +220,38 @@ def test_says_that_it_is_lost_and_starts_anew_in_the_same_frame(sway):
 
 def test_camera_covered_is_said(sway):
     wall, samples = sway
-    _, made = followed(wall, spoiled(samples, FAULTS["covered"]))
+    _, made = followed(wall, corrupted(samples, FAULTS["covered"]))
     dark = [e.health for e in made if 4.2e9 < e.t_ns < 5e9]
-    assert set(dark) == {"coasting"}
+    assert set(dark) == {"imu_only"}
     assert made[-1].health == "tracking"
 
 
 def unseen(samples, start_s, end_s=np.inf):
-    """The samples without the pictures of a time."""
+    """The samples without the images of a time."""
     return [s for s in samples if isinstance(s, Imu) or not start_s * 1e9 < s.t_ns < end_s * 1e9]
 
 
 def delayed(samples, seconds, first_s=0.0):
-    """The samples as they come where pictures from a time on take so long."""
+    """The samples as they come where images from a time on take so long."""
     return sorted(
         samples, key=lambda s: s.t_ns + (0 if isinstance(s, Imu) or s.t_ns < first_s * 1e9 else seconds * 1e9)
     )
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.02, 0.6])
-def test_begins_anew_after_blind_times_though_pictures_come_late(sway, late_s):
+def test_begins_anew_after_blind_times_though_images_come_late(sway, late_s):
     wall, samples = sway
     _, made = followed(wall, delayed(unseen(samples, 3.0, 6.3), late_s, 6.0))
     again = [e for e in made if e.t_ns * 1e-9 > 6.3 + 0.05 + late_s]
-    assert {e.health for e in made if 3.4e9 < e.t_ns < 6.3e9} == {"coasting"}
-    assert {e.health for e in again} == {"tracking" if late_s < 0.3 else "coasting"}
+    assert {e.health for e in made if 3.4e9 < e.t_ns < 6.3e9} == {"imu_only"}
+    assert {e.health for e in again} == {"tracking" if late_s < 0.3 else "imu_only"}
     blind = next(e for e in reversed(made) if e.t_ns < 6.3e9)
     assert again[-1].covariance[0, 0] < 0.5 * blind.covariance[0, 0]
     if late_s < 0.3:
         assert errors(wall, made)[-1] < 0.05
 
 
-def test_pictures_that_come_late_after_longer_than_samples_stay_are_used():
+def test_images_that_come_late_after_longer_than_samples_stay_are_used():
     wall = blindfolded(swaying, 2.0, 20.0, 21.0)
     odometry, made = followed(wall, delayed(wall.samples(), 0.02, 20.0))
     assert made[-1].health == "tracking"
@@ -260,19 +260,19 @@ def test_pictures_that_come_late_after_longer_than_samples_stay_are_used():
 
 
 def blindfolded(motion, start_s, end_s, seconds):
-    """A wall that nobody sees for a while; no picture of it is made meanwhile."""
+    """A wall that nobody sees for a while; no image of it is made meanwhile."""
     wall = Wall(motion, seconds, seed=2)
-    pictures = wall.pictures
-    wall.pictures = lambda t_ns: () if start_s * 1e9 < t_ns < end_s * 1e9 else pictures(t_ns)
+    images = wall.images
+    wall.images = lambda t_ns: () if start_s * 1e9 < t_ns < end_s * 1e9 else images(t_ns)
     return wall
 
 
-def test_says_that_the_imu_is_alone_where_pictures_stop(sway):
+def test_health_is_imu_only_where_images_stop(sway):
     wall, samples = sway
     some = [s for s in samples if s.t_ns < 4e9]
     _, made = followed(wall, unseen(some, 2.5))
     assert {e.health for e in made if e.t_ns < 2.75e9} == {"tracking"}
-    assert {e.health for e in made if e.t_ns > 2.85e9} == {"coasting"}
+    assert {e.health for e in made if e.t_ns > 2.85e9} == {"imu_only"}
 
 
 def test_what_was_unknown_before_a_loss_is_unknown_after_it():
@@ -281,7 +281,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
     gap = [s for s in gap if not (isinstance(s, Imu) and 13.0e9 < s.t_ns < 13.6e9)]
     _, made = followed(wall, gap)
     before, after = (next(e for e in made if e.t_ns > t_ns) for t_ns in (11.99e9, 12.5e9))
-    assert before.health == "coasting"
+    assert before.health == "imu_only"
     assert after.health == "lost"
     added = after.covariance - before.covariance
     assert np.linalg.eigvalsh(added[:3, :3]).min() > 0.5**2 + 0.6
@@ -293,7 +293,7 @@ def test_what_was_unknown_before_a_loss_is_unknown_after_it():
 
 def test_does_without_samples_of_the_imu_that_have_gone(sway):
     wall, samples = sway
-    # an IMU of ten times the told rate, whose samples stay for 0.6 s
+    # an IMU of ten times the measured rate, whose samples stay for 0.6 s
     fast = [
         c
         for s in unseen(samples, 3.0, 5.0)
@@ -312,7 +312,7 @@ def test_memory_is_constant(sway):
     for s in samples:
         odometry.update(s)
         w = odometry._core.window
-        sizes.append((int(w.frames.count[0]), len(odometry._pictures), odometry._core.inertial.count))
+        sizes.append((int(w.frames.count[0]), len(odometry._images), odometry._core.inertial.count))
     assert max(n for n, _, _ in sizes) <= DvioParameters().keyframes + 1
     assert max(n for _, n, _ in sizes) <= 4
 

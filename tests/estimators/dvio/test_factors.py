@@ -10,36 +10,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.dvio import imu_factors, projection
-from stridetwin.estimators.dvio.projection import SIGHT, blank_views
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Increment
-from tests.estimators.dvio.scenes import SHARED, TERMS, moved, seen_window
+from stridetwin.estimators.dvio.projection import OBSERVATION, blank_views
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Preintegration
+from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, seen_window
 from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
 view, ray = from_python(projection.view), from_python(projection.ray)
-sight, seen_at = from_python(projection.sight), from_python(projection.seen_at)
+observation_jacobian, project = from_python(projection.observation_jacobian), from_python(projection.project)
 motion = from_python(imu_factors.motion)
 
 
 @settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
-def test_the_jacobian_of_a_sighting_is_its_slope(seed):
+def test_the_jacobian_of_an_observation_is_its_slope(seed):
     window = seen_window(np.random.default_rng(seed))
     window.frames.offset[:] = 0.0
     now = blank_views(4)
-    view(window, TERMS, now)
+    view(window, FACTORS, now)
     at, xi = window.landmarks.at[1, 0], window.landmarks.inverse_depth[1]
     x, y = ray(window.calibration, at)
-    J, Jl = np.zeros((3, SIGHT)), np.zeros(3)
-    assert sight(window, now, 0, 2, x, y, xi, J, Jl)
+    J, Jl = np.zeros((3, OBSERVATION)), np.zeros(3)
+    assert observation_jacobian(window, now, 0, 2, x, y, xi, J, Jl)
 
     def seen(error, of_depth=0.0):
         other = copy.deepcopy(window)
         moved(other, error)
         v = blank_views(4)
-        view(other, TERMS, v)
-        return np.array(seen_at(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[:3])
+        view(other, FACTORS, v)
+        return np.array(project(v, 0, 2, *ray(other.calibration, at), xi + of_depth)[:3])
 
     size = SHARED + FRAME * 3
     columns = [
@@ -61,19 +61,19 @@ def test_the_jacobian_of_a_sighting_is_its_slope(seed):
 def test_the_jacobian_of_the_motion_is_its_slope(seed):
     rng = np.random.default_rng(seed)
     window = seen_window(rng)
-    z = Increment(
-        dt=np.array([0.2]), alpha=0.1 * rng.normal(size=3), gamma=np.eye(3), beta=rng.normal(size=3),
+    z = Preintegration(
+        dt=np.array([0.2]), delta_p=0.1 * rng.normal(size=3), delta_R=np.eye(3), delta_v=rng.normal(size=3),
         by_bias=0.1 * rng.normal(size=(9, 6)), covariance=np.eye(9), weight=np.eye(9),
         bias=0.01 * rng.normal(size=6),
     )  # fmt: skip
     r, J = np.zeros(9), np.zeros((9, 2 * FRAME))
-    motion(window.frames, z, 0, TERMS, r, J, False)
+    motion(window.frames, z, 0, FACTORS, r, J, False)
 
     def residual(error):
         other = copy.deepcopy(window)
         moved(other, np.concatenate([np.zeros(SHARED), error, np.zeros(FRAME)]))
-        out, room = np.zeros(9), np.zeros((9, 2 * FRAME))
-        motion(other.frames, z, 0, TERMS, out, room, False)
+        out, workspace = np.zeros(9), np.zeros((9, 2 * FRAME))
+        motion(other.frames, z, 0, FACTORS, out, workspace, False)
         return out
 
     for j in range(2 * FRAME):

@@ -74,7 +74,7 @@ def test_feet_need_an_exoskeleton():
         Dvio(rig(), parameters=DvioParameters(feet=True))
 
 
-def test_a_told_velocity_is_a_measurement_of_the_newest_frame_and_goes_with_it():
+def test_a_leg_velocity_is_a_measurement_of_the_newest_frame_and_goes_with_it():
     wall = Wall(swaying, 3.0, seed=3)
     odometry = Dvio(rig(), parameters=DvioParameters())
     for s in wall.samples():
@@ -82,17 +82,17 @@ def test_a_told_velocity_is_a_measurement_of_the_newest_frame_and_goes_with_it()
     core = odometry._core
     slot = int(core.window.frames.count[0]) - 1
     before = copy.deepcopy(core.window.prior)
-    core._tell_speed(slot, core.window.frames.v[slot] + [0.3, 0.0, 0.0])
+    core._set_leg_velocity(slot, core.window.frames.v[slot] + [0.3, 0.0, 0.0])
     at = core.window.shared + FRAME * slot + D_VELOCITY
-    assert core.window.prior.b[at] == pytest.approx(0.3 / core.parameters.feet_speed_sd_mps**2)
-    assert core.window.prior.H[at, at] == pytest.approx(core.parameters.feet_speed_sd_mps**-2)
-    core._tell_speed(slot, None)
+    assert core.window.prior.b[at] == pytest.approx(0.3 / core.parameters.legs.speed_sd_mps**2)
+    assert core.window.prior.H[at, at] == pytest.approx(core.parameters.legs.speed_sd_mps**-2)
+    core._set_leg_velocity(slot, None)
     assert np.array_equal(core.window.prior.H, before.H)
     assert np.array_equal(core.window.prior.b, before.b)
 
 
 def end_m(wall: Wall, dark_s: float, feet: bool, monkeypatch) -> float:
-    """How far the end is off where neither camera nor depth sees anything from a time on."""
+    """How far the end is off where neither camera nor depth measures anything from a time on."""
 
     def speed(t: float) -> np.ndarray:
         return (wall.pose(t + 1e-3)[1] - wall.pose(t - 1e-3)[1]) / 2e-3
@@ -110,7 +110,7 @@ def end_m(wall: Wall, dark_s: float, feet: bool, monkeypatch) -> float:
             s = replace(s, depth=np.zeros_like(s.depth))
         last = odometry.update(s) or last
     assert last is not None
-    assert last.health == "coasting"
+    assert last.health == "imu_only"
     return float(np.linalg.norm(last.T_world_imu[:3, 3] - wall.pose(last.t_ns * 1e-9)[1]))
 
 

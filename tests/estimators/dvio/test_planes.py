@@ -1,4 +1,4 @@
-"""Planes as states: what a depth picture shows of them, their residual, and what they are worth."""
+"""Planes as states: what a depth image shows of them, their residual, and what they are worth."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import Dvio, DvioParameters, kernel, planes
 from stridetwin.estimators.dvio.plane_cells import sample_pixels
-from stridetwin.estimators.dvio.planes import COLUMNS, Room, forget_plane, free_slot
+from stridetwin.estimators.dvio.planes import COLUMNS, PlaneWorkspace, free_slot, marginalize_plane
 from stridetwin.estimators.dvio.solver import blank_work
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, Window
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANE, PLANES, PlaneParameters, Window
 from stridetwin.streams.samples import Image
-from tests.estimators.dvio.scenes import SHARED, TERMS, moved, see_corner, see_plane, seen_window
+from tests.estimators.dvio.scenes import FACTORS, SHARED, moved, see_corner, see_plane, seen_window
 from tests.estimators.dvio.wall import Wall, rig, swaying
 from tests.estimators.from_python import from_python
 
 SEEDS = st.integers(0, 10_000)
 STEP = 1e-6
 SHAPE, FOCAL = (480, 640), 384.0
-plane_sight = from_python(planes.plane_sight)
+plane_residual = from_python(planes.plane_residual)
 SD = 0.007  # of an inverse depth, 1/m
 
 
@@ -38,10 +38,10 @@ def corner_window(rng: np.random.Generator, frames: int = 3, slots: int = 4) -> 
 
 
 def rays() -> np.ndarray:
-    return np.asarray((sample_pixels(SHAPE) - [319.5, 239.5]) / FOCAL)
+    return np.asarray((sample_pixels(SHAPE, PlaneParameters()) - [319.5, 239.5]) / FOCAL)
 
 
-def depth_picture(planes: list[np.ndarray], rng: np.random.Generator | None = None) -> np.ndarray:
+def depth_image(planes: list[np.ndarray], rng: np.random.Generator | None = None) -> np.ndarray:
     """(H, W) m, of the nearest of some planes; with noise where a generator is given."""
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
     m = np.stack([(u - 319.5) / FOCAL, (v - 239.5) / FOCAL, np.ones(SHAPE)], axis=-1)
@@ -51,56 +51,56 @@ def depth_picture(planes: list[np.ndarray], rng: np.random.Generator | None = No
     return np.where(xi > 0.05, 1 / np.maximum(xi, 0.05), 0.0).astype(np.float32)
 
 
-def told_planes(depth: np.ndarray, doubt: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    told, weights = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3))
-    n = kernel.read_planes(depth, rays(), 0.3, 5.0, SD, doubt, told, weights)
-    return told[:n], weights[:n]
+def measured_planes(depth: np.ndarray, plane_error: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    measured, weights = np.zeros((PLANES, 3)), np.zeros((PLANES, 3, 3))
+    n = kernel.read_planes(depth, rays(), PlaneParameters(error=plane_error), 0.3, SD, measured, weights)
+    return measured[:n], weights[:n]
 
 
 @settings(max_examples=20, deadline=None)
 @given(seed=SEEDS)
 def test_the_jacobian_of_a_plane_is_its_slope(seed):
     w = corner_window(np.random.default_rng(seed))
-    w.calibration.lens[:], w.calibration.scale[0] = [0.01, -0.02], 1.03
+    w.calibration.focal[:], w.calibration.scale[0] = [0.01, -0.02], 1.03
     k, j, zero = 1, 2, np.zeros(3)
-    room = Room(np.zeros(3), np.zeros((3, COLUMNS)))
-    assert plane_sight(w, TERMS, k, j, zero, room)
+    workspace = PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS)))
+    assert plane_residual(w, FACTORS, k, j, zero, workspace)
     states = [
         *range(CALIBRATION),
         *(CALIBRATION + PLANE * k + i for i in range(PLANE)),
         *(SHARED + FRAME * j + i for i in range(6)),
     ]
 
-    def told(error: np.ndarray) -> np.ndarray:
-        other, out = copy.deepcopy(w), Room(np.zeros(3), np.zeros((3, COLUMNS)))
+    def measured(error: np.ndarray) -> np.ndarray:
+        other, out = copy.deepcopy(w), PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS)))
         moved(other, error)
-        assert plane_sight(other, TERMS, k, j, zero, out)
+        assert plane_residual(other, FACTORS, k, j, zero, out)
         return out.r
 
     for column, state in enumerate(states):
         e = np.zeros(SHARED + FRAME * 3)
         e[state] = STEP
-        slope = (told(e) - told(-e)) / (2 * STEP)
-        assert room.J[:, column] == pytest.approx(slope, abs=2e-6)
+        slope = (measured(e) - measured(-e)) / (2 * STEP)
+        assert workspace.J[:, column] == pytest.approx(slope, abs=2e-6)
 
 
 def test_a_plane_of_the_prior_keeps_its_first_jacobian():
     w = corner_window(np.random.default_rng(1))
-    terms = TERMS._replace(first_estimates=True)
-    room, later = (Room(np.zeros(3), np.zeros((3, COLUMNS))) for _ in range(2))
-    plane_sight(w, terms, 0, 1, w.planes.told[0, 1], room)
+    factors = FACTORS._replace(first_estimates=True)
+    workspace, later = (PlaneWorkspace(np.zeros(3), np.zeros((3, COLUMNS))) for _ in range(2))
+    plane_residual(w, factors, 0, 1, w.planes.measured[0, 1], workspace)
     w.planes.held[0], w.frames.held[1] = 1, 1
     w.planes.normal_first[0], w.planes.distance_first[0] = w.planes.normal[0], w.planes.distance[0]
     w.frames.R_first[1], w.frames.p_first[1] = w.frames.R[1], w.frames.p[1]
     moved(w, 0.02 * np.random.default_rng(2).normal(size=SHARED + FRAME * 3) * (np.arange(SHARED + 45) >= CALIBRATION))
-    plane_sight(w, terms, 0, 1, w.planes.told[0, 1], later)
+    plane_residual(w, factors, 0, 1, w.planes.measured[0, 1], later)
     use = [i for i in range(COLUMNS) if i != 6]  # the time offset's column has the frame's speed as it is
-    assert later.J[:, use] == pytest.approx(room.J[:, use], abs=1e-12)
+    assert later.J[:, use] == pytest.approx(workspace.J[:, use], abs=1e-12)
     assert np.abs(later.r).max() > 1e-3
 
 
 def test_a_corner_of_bare_planes_fixes_the_pose():
-    """Nothing but three planes: a frame finds its place among them, as far off as their noise has it and told so."""
+    """Nothing but three planes: a frame finds its place among them, with errors that match its covariance."""
     sd, rng = 0.01, np.random.default_rng(5)
     errors, squares = [], []
     for _ in range(60):
@@ -116,20 +116,20 @@ def test_a_corner_of_bare_planes_fixes_the_pose():
         w.frames.held[:2] = 1
         for a, b in ((w.frames.R_first, w.frames.R), (w.frames.p_first, w.frames.p), (w.frames.v_first, w.frames.v)):
             a[:] = b
-        w.increments.dt[:] = 1.0  # no motion factor: it weighs nothing
+        w.preintegrations.dt[:] = 1.0  # no motion factor: it weighs nothing
         for k in range(3):
             for j in range(2):
                 see_plane(w, k, j, sd)
-                told = w.planes.told[k, j]
-                told += sd * np.linalg.norm(told) * rng.normal(size=3)
+                measured = w.planes.measured[k, j]
+                measured += sd * np.linalg.norm(measured) * rng.normal(size=3)
         error = np.zeros(n)
         error[SHARED + FRAME : SHARED + FRAME + 6] = 0.05 * rng.normal(size=6)
         error[CALIBRATION:SHARED] = 0.03 * rng.normal(size=SHARED - CALIBRATION)
         moved(w, error)
         w.frames.R_first[:], w.frames.p_first[:] = w.frames.R, w.frames.p
         work = blank_work(4, 4, PLANES)
-        terms = TERMS._replace(plane_limit=1e3, rate_walk=1e6, force_walk=1e6)
-        kernel.minimise(w, terms, work, 15, 0.0)
+        factors = FACTORS._replace(planes=FACTORS.planes._replace(huber_sd=1e3), rate_walk=1e6, force_walk=1e6)
+        kernel.minimise(w, factors, work, 15, 0.0)
         o = SHARED + FRAME
         L = np.tril(work.factor[:n, :n])
         P = np.linalg.inv(L @ L.T)[o : o + 6, o : o + 6]
@@ -144,16 +144,16 @@ def test_a_corner_of_bare_planes_fixes_the_pose():
 
 
 def test_planes_of_a_corner_are_no_worse_than_their_covariance_says():
-    """Cells across a crease bend them a little; the doubt covers that."""
+    """Cells across a crease bend them a little; the plane error covers that."""
     rng = np.random.default_rng(0)
     floor, left, right = np.array([0.02, 0.6, 0.25]), np.array([-0.35, 0.02, 0.2]), np.array([0.3, -0.05, 0.25])
     squares = []
     for _ in range(4):
-        told, weights = told_planes(depth_picture([floor, left, right], rng), 3e-3)
-        assert len(told) == 3
+        measured, weights = measured_planes(depth_image([floor, left, right], rng), 3e-3)
+        assert len(measured) == 3
         for plane in (floor, left, right):
-            i = int(np.argmin(np.linalg.norm(told - plane, axis=1)))
-            e = told[i] - plane
+            i = int(np.argmin(np.linalg.norm(measured - plane, axis=1)))
+            e = measured[i] - plane
             assert np.linalg.norm(e) < 0.02 * np.linalg.norm(plane)
             squares.append(e @ weights[i] @ e)
     assert np.mean(squares) < 3.0
@@ -162,42 +162,42 @@ def test_planes_of_a_corner_are_no_worse_than_their_covariance_says():
 def test_the_covariance_of_one_plane_is_that_of_its_noise():
     rng, plane, squares = np.random.default_rng(1), np.array([0.05, 0.5, 0.4]), []
     for _ in range(12):
-        told, weights = told_planes(depth_picture([plane], rng))
-        squares.append((told[0] - plane) @ weights[0] @ (told[0] - plane))
+        measured, weights = measured_planes(depth_image([plane], rng))
+        squares.append((measured[0] - plane) @ weights[0] @ (measured[0] - plane))
     assert 1.6 < np.mean(squares) < 4.8  # 3; its mean of 12 scatters by 0.7
 
 
 def test_steps_are_no_plane_and_neither_is_nothing():
     v = np.arange(SHAPE[0])[:, None] * np.ones((1, SHAPE[1]))
     steps = 1.5 + 0.25 * (v // 16 % 2)
-    assert not len(told_planes(steps.astype(np.float32))[0])
-    assert not len(told_planes(np.zeros(SHAPE, np.float32))[0])
-    assert not len(told_planes(np.full(SHAPE, np.nan, np.float32))[0])
+    assert not len(measured_planes(steps.astype(np.float32))[0])
+    assert not len(measured_planes(np.zeros(SHAPE, np.float32))[0])
+    assert not len(measured_planes(np.full(SHAPE, np.nan, np.float32))[0])
 
 
-def test_doubt_bounds_what_a_picture_tells():
-    (_, sure), (_, doubted) = (told_planes(depth_picture([np.array([0.0, 0.0, 0.5])]), d) for d in (0.0, 0.01))
+def test_the_plane_error_bounds_the_information_of_an_image():
+    (_, sure), (_, bounded) = (measured_planes(depth_image([np.array([0.0, 0.0, 0.5])]), d) for d in (0.0, 0.01))
     assert np.linalg.eigvalsh(sure[0]).max() > 1e7
-    assert np.linalg.eigvalsh(doubted[0]).max() == pytest.approx((0.01 * 0.5) ** -2, rel=0.01)
+    assert np.linalg.eigvalsh(bounded[0]).max() == pytest.approx((0.01 * 0.5) ** -2, rel=0.01)
 
 
-def matched(w: Window, told: np.ndarray, sd: float = 0.005) -> tuple[int, np.ndarray]:
+def matched(w: Window, measured: np.ndarray, sd: float = 0.005) -> tuple[int, np.ndarray]:
     """Lets the newest frame see planes, after the states are known to 1 mm and 1 mrad."""
     L = np.eye(w.prior.H.shape[0]) * 1e3
-    weights = np.array([np.eye(3) / (sd**2 * (t @ t)) for t in told])
+    weights = np.array([np.eye(3) / (sd**2 * (t @ t)) for t in measured])
     new = np.zeros(PLANES, np.int64)
-    return kernel.match_planes(w, TERMS, L, told, weights, len(told), new), new
+    return kernel.match_planes(w, FACTORS, L, measured, weights, len(measured), new), new
 
 
 def test_a_plane_is_known_again_and_its_neighbour_is_not():
     w = corner_window(np.random.default_rng(3))
-    told = w.planes.told[:3, 2].copy()
-    shelf = told[1] / (1 - 0.1 * np.linalg.norm(told[1]))  # 0.1 m before the wall
-    strangers, new = matched(w, np.array([told[2], shelf, told[0]]))
-    assert strangers == 1
+    measured = w.planes.measured[:3, 2].copy()
+    shelf = measured[1] / (1 - 0.1 * np.linalg.norm(measured[1]))  # 0.1 m before the wall
+    unmatched, new = matched(w, np.array([measured[2], shelf, measured[0]]))
+    assert unmatched == 1
     assert new[0] == 1
     assert w.planes.seen[:, 2].tolist()[:3] == [1, 0, 1]
-    kernel.found_plane(w, 4, shelf, np.eye(3))
+    kernel.add_plane(w, 4, shelf, np.eye(3))
     assert w.planes.normal[4] == pytest.approx(w.planes.normal[1], abs=1e-9)
     assert w.planes.distance[4] == pytest.approx(w.planes.distance[1] - 0.1, abs=1e-9)
 
@@ -212,14 +212,14 @@ def test_a_forgotten_plane_leaves_what_the_prior_knew_of_the_rest():
     own = np.arange(CALIBRATION + PLANE, CALIBRATION + 2 * PLANE)
     rest = np.setdiff1d(np.arange(n), own)
     best, cover = np.linalg.solve(w.prior.H, w.prior.b), np.linalg.inv(w.prior.H)
-    forget_plane(w, 1)
+    marginalize_plane(w, 1)
     assert np.linalg.solve(w.prior.H[np.ix_(rest, rest)], w.prior.b[rest]) == pytest.approx(best[rest])
     assert np.linalg.inv(w.prior.H[np.ix_(rest, rest)]) == pytest.approx(cover[np.ix_(rest, rest)])
     assert not w.prior.H[own].any()
     assert not w.planes.used[1]
 
 
-def test_the_plane_unseen_for_longest_makes_room_and_one_in_sight_does_not():
+def test_the_plane_unseen_for_longest_frees_its_slot_and_an_observed_one_does_not():
     w = corner_window(np.random.default_rng(7))
     w.planes.used[:], w.planes.held[:] = 1, 1
     w.prior.H[:] = np.eye(len(w.prior.b))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.state import Increment, blank_increment
+from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
 from tests.estimators.dvio.scenes import NOISE
 
 PERIOD_NS = 5_000_000
@@ -23,9 +23,9 @@ def stretch(rng: np.random.Generator, n: int = 30):
     return t_ns, np.hstack([rate, force])
 
 
-def integrated(t_ns, samples, start_ns, end_ns, bias, noise=NOISE) -> Increment:
-    z = blank_increment()
-    kernel.integrate(z, t_ns, samples, np.zeros(len(t_ns), np.uint8), len(t_ns), start_ns, end_ns, bias, noise)
+def integrated(t_ns, samples, start_ns, end_ns, bias, noise=NOISE) -> Preintegration:
+    z = blank_preintegration()
+    kernel.integrate(z, ImuSamples(t_ns, samples, np.zeros(len(t_ns), np.uint8)), start_ns, end_ns, bias, noise)
     return z
 
 
@@ -51,9 +51,9 @@ def test_agrees_with_numerical_integration(seed):
             R = R * Rotation.from_rotvec(h * w)
         at = until
     assert z.dt[0] == pytest.approx((end - start) * 1e-9, rel=1e-12)
-    assert z.alpha == pytest.approx(p, abs=1e-7)
-    assert z.beta == pytest.approx(v, abs=2e-6)
-    assert z.gamma == pytest.approx(R.as_matrix(), abs=1e-9)
+    assert z.delta_p == pytest.approx(p, abs=1e-7)
+    assert z.delta_v == pytest.approx(v, abs=2e-6)
+    assert z.delta_R == pytest.approx(R.as_matrix(), abs=1e-9)
 
 
 @settings(max_examples=15, deadline=None)
@@ -68,8 +68,8 @@ def test_derivatives_by_the_biases_are_its_slopes(seed):
         e = np.zeros(6)
         e[j] = step
         up, down = integrated(t_ns, samples, 0, end, e), integrated(t_ns, samples, 0, end, -e)
-        turn = Rotation.from_matrix(down.gamma.T @ up.gamma).as_rotvec()
-        slope = np.concatenate([up.alpha - down.alpha, turn, up.beta - down.beta]) / (2 * step)
+        turn = Rotation.from_matrix(down.delta_R.T @ up.delta_R).as_rotvec()
+        slope = np.concatenate([up.delta_p - down.delta_p, turn, up.delta_v - down.delta_v]) / (2 * step)
         assert at.by_bias[:, j] == pytest.approx(slope, abs=2e-5)
 
 
@@ -82,19 +82,19 @@ def test_covariance_is_that_of_many_noisy_runs():
     errors = np.empty((n, 9))
     for k in range(n):
         z = integrated(t_ns, samples + sd * rng.normal(size=samples.shape), 0, end, np.zeros(6))
-        turn = Rotation.from_matrix(exact.gamma.T @ z.gamma).as_rotvec()
-        errors[k] = np.concatenate([z.alpha - exact.alpha, turn, z.beta - exact.beta])
+        turn = Rotation.from_matrix(exact.delta_R.T @ z.delta_R).as_rotvec()
+        errors[k] = np.concatenate([z.delta_p - exact.delta_p, turn, z.delta_v - exact.delta_v])
     ratio = np.var(errors, axis=0) / np.diag(exact.covariance)
     assert np.all((ratio > 0.8) & (ratio < 1.25))
 
 
-def test_a_doubtful_sample_is_known_less():
+def test_an_invalid_sample_adds_noise():
     t_ns, samples = stretch(np.random.default_rng(1))
     sure = integrated(t_ns, samples, 0, int(t_ns[-1]), np.zeros(6))
-    doubt = np.zeros(len(t_ns), np.uint8)
-    doubt[10] = 1
-    z = blank_increment()
-    kernel.integrate(z, t_ns, samples, doubt, len(t_ns), 0, int(t_ns[-1]), np.zeros(6), NOISE)
-    assert z.alpha == pytest.approx(sure.alpha)
+    invalid = np.zeros(len(t_ns), np.uint8)
+    invalid[10] = 1
+    z = blank_preintegration()
+    kernel.integrate(z, ImuSamples(t_ns, samples, invalid), 0, int(t_ns[-1]), np.zeros(6), NOISE)
+    assert z.delta_p == pytest.approx(sure.delta_p)
     added = np.diag(z.covariance - sure.covariance)[6:]
-    assert added == pytest.approx(np.full(3, (NOISE.doubtful_force * 0.005) ** 2), rel=0.2)
+    assert added == pytest.approx(np.full(3, (NOISE.invalid_force * 0.005) ** 2), rel=0.2)

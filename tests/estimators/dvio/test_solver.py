@@ -10,16 +10,18 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
-from stridetwin.estimators.dvio.solver import blank_work, shift
-from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANES, Window
-from tests.estimators.dvio.scenes import NOISE, SHARED, TERMS, moved, see_corner, seen_window
+from stridetwin.estimators.dvio.solver import blank_work, drop_oldest
+from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, PLANES, ImuSamples, Window
+from tests.estimators.dvio.scenes import FACTORS, NOISE, SHARED, moved, see_corner, seen_window
 
 PERIOD_NS = 5_000_000
 SLOTS, POINTS = 5, 12
 
+QUADRATIC = FACTORS._replace(pixel_limit=1e3, depth_limit=1e3, planes=FACTORS.planes._replace(huber_sd=1e3))
+
 
 def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
-    """Frames 0.2 s apart with increments that fit nearly, noisy sightings, a prior of calibration and first frame."""
+    """Frames 0.2 s apart, IMU samples that nearly fit, noisy observations, a prior of calibration and first frame."""
     w = seen_window(rng, frames, POINTS, SLOTS)
     f, marks = w.frames, w.landmarks
     g = np.array([0.0, 0.0, -9.81])
@@ -32,12 +34,12 @@ def noisy_window(rng: np.random.Generator, frames: int = 3) -> Window:
         middle = f.R[k] @ Rotation.from_rotvec(0.1 * rate).as_matrix()
         samples = np.tile(np.concatenate([rate, middle.T @ a]), (n, 1)) + f.bias[k]
         kernel.integrate_into(
-            w.increments, k, t_ns, samples, np.zeros(n, np.uint8), n, t_ns[0], t_ns[-1], f.bias[k], NOISE
+            w.preintegrations, k, ImuSamples(t_ns, samples, np.zeros(n, np.uint8)), t_ns[0], t_ns[-1], f.bias[k], NOISE
         )
     marks.at[:] += 1e-3 * rng.normal(size=marks.at.shape)
-    marks.told[:] += 4e-3 * rng.normal(size=marks.told.shape) * (marks.told > 0)
+    marks.rho[:] += 4e-3 * rng.normal(size=marks.rho.shape) * (marks.rho > 0)
     see_corner(w)
-    w.planes.told[:] *= 1 + 0.02 * rng.normal(size=w.planes.told.shape)
+    w.planes.measured[:] *= 1 + 0.02 * rng.normal(size=w.planes.measured.shape)
     # Jacobians are those of no change of the time offset; held, all of them are exact.
     sd = np.concatenate([np.full(3, 2e-3), np.full(3, 5e-3), [1e-8, 1e-2], np.full(2, 2e-3)])
     w.prior.H[range(CALIBRATION), range(CALIBRATION)] = sd**-2
@@ -53,41 +55,41 @@ def hold_first(w: Window) -> None:
     f.R_first[0], f.p_first[0], f.v_first[0], f.bias_first[0] = f.R[0], f.p[0], f.v[0], f.bias[0]
 
 
-def residuals(w: Window, terms, depths: np.ndarray) -> np.ndarray:
+def residuals(w: Window, factors, depths: np.ndarray) -> np.ndarray:
     """All of (15), written down anew."""
     f, c, marks = w.frames, w.calibration, w.landmarks
     n = int(f.count[0])
-    g, out = np.array([0.0, 0.0, -terms.gravity]), []
+    g, out = np.array([0.0, 0.0, -factors.gravity]), []
     for k in range(n - 1):
-        z = type(w.increments)(*(a[k] for a in w.increments))
+        z = type(w.preintegrations)(*(a[k] for a in w.preintegrations))
         dt, off = z.dt[0], f.bias[k] - z.bias
         corrected = z.by_bias @ off
-        gamma = z.gamma @ Rotation.from_rotvec(corrected[3:6]).as_matrix()
+        gamma = z.delta_R @ Rotation.from_rotvec(corrected[3:6]).as_matrix()
         r = np.concatenate([
-            f.R[k].T @ (f.p[k + 1] - f.p[k] - f.v[k] * dt - 0.5 * g * dt**2) - z.alpha - corrected[:3],
+            f.R[k].T @ (f.p[k + 1] - f.p[k] - f.v[k] * dt - 0.5 * g * dt**2) - z.delta_p - corrected[:3],
             Rotation.from_matrix(gamma.T @ f.R[k].T @ f.R[k + 1]).as_rotvec(),
-            f.R[k].T @ (f.v[k + 1] - f.v[k] - g * dt) - z.beta - corrected[6:],
+            f.R[k].T @ (f.v[k + 1] - f.v[k] - g * dt) - z.delta_v - corrected[6:],
         ])  # fmt: skip
         out.append(np.linalg.cholesky(np.linalg.inv(z.covariance)).T @ r)
-        out.append((f.bias[k + 1] - f.bias[k]) / np.repeat([terms.rate_walk, terms.force_walk], 3) / np.sqrt(dt))
+        out.append((f.bias[k + 1] - f.bias[k]) / np.repeat([factors.rate_walk, factors.force_walk], 3) / np.sqrt(dt))
     R, p = [], []
     for k in range(n):
         late = c.offset[0] - f.offset[k]
         R.append(f.R[k] @ Rotation.from_rotvec(f.rate[k] * late).as_matrix())
         p.append(f.p[k] + f.v[k] * late)
-    depth_sd = terms.depth_weight**-0.5
+    depth_sd = factors.depth_weight**-0.5
     for l, xi in enumerate(depths):
-        m = np.array([*marks.at[l, 0] * (1 + c.lens), 1.0])
+        m = np.array([*marks.at[l, 0] * (1 + c.focal), 1.0])
         world = R[0] @ (c.R @ (m / xi) + c.p) + p[0]
-        out.append([(c.scale[0] * xi - marks.told[l, 0]) / depth_sd])
+        out.append([(c.scale[0] * xi - marks.rho[l, 0]) / depth_sd])
         for k in range(1, n):
             q = c.R.T @ (R[k].T @ (world - p[k]) - c.p)
-            out.append((q[:2] / q[2] - marks.at[l, k] * (1 + c.lens)) * terms.sight_weight**0.5)
-            out.append([(c.scale[0] / q[2] - marks.told[l, k]) * terms.again_weight**0.5])
+            out.append((q[:2] / q[2] - marks.at[l, k] * (1 + c.focal)) * factors.pixel_weight**0.5)
+            out.append([(c.scale[0] / q[2] - marks.rho[l, k]) * factors.later_depth_weight**0.5])
     for i, j in np.argwhere(w.planes.seen):
         normal = w.planes.normal[i]
         m = (R[j] @ c.R).T @ normal / (w.planes.distance[i] - normal @ (R[j] @ c.p + p[j]))
-        off = c.scale[0] * np.array([*(1 + c.lens), 1.0]) * m - w.planes.told[i, j]
+        off = c.scale[0] * np.array([*(1 + c.focal), 1.0]) * m - w.planes.measured[i, j]
         out.append(np.linalg.cholesky(w.planes.weight[i, j]).T @ off)
     return np.concatenate(out)
 
@@ -95,17 +97,17 @@ def residuals(w: Window, terms, depths: np.ndarray) -> np.ndarray:
 def test_finds_the_minimum_that_a_batch_solution_finds():
     rng = np.random.default_rng(3)
     start = noisy_window(rng)
-    terms = TERMS._replace(sight_limit=1e3, depth_limit=1e3, plane_limit=1e3)
+    factors = QUADRATIC
     n = SHARED + FRAME * 3
     prior = np.sqrt(np.diag(start.prior.H)[:n])
 
     w = copy.deepcopy(start)
-    kernel.minimise(w, terms, blank_work(SLOTS, POINTS, PLANES), 25, 0.0)
+    kernel.minimise(w, factors, blank_work(SLOTS, POINTS, PLANES), 25, 0.0)
 
     def cost(x: np.ndarray) -> np.ndarray:
         other = copy.deepcopy(start)
         moved(other, x[:n])
-        return np.concatenate([prior * x[:n], residuals(other, terms, x[n:])])
+        return np.concatenate([prior * x[:n], residuals(other, factors, x[n:])])
 
     x0 = np.concatenate([np.zeros(n), start.landmarks.inverse_depth])
     best = least_squares(cost, x0, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
@@ -121,19 +123,19 @@ def test_finds_the_minimum_that_a_batch_solution_finds():
     assert w.landmarks.inverse_depth == pytest.approx(best.x[n:], abs=1e-6)
 
 
-def test_the_prior_stands_for_what_was_marginalised():
+def test_the_prior_equals_what_was_marginalised():
     """After the oldest frame went with its landmarks, the remaining states have the same best estimate."""
     rng = np.random.default_rng(4)
     w = noisy_window(rng, frames=4)
-    w.landmarks.seen[:, 3] = 0  # the newest frame's sightings would change hands
-    terms, work = TERMS._replace(sight_limit=1e3, depth_limit=1e3, plane_limit=1e3), blank_work(SLOTS, POINTS, PLANES)
-    kernel.minimise(w, terms, work, 25, 0.0)
+    w.landmarks.seen[:, 3] = 0  # the newest frame's observations would change hands
+    factors, work = QUADRATIC, blank_work(SLOTS, POINTS, PLANES)
+    kernel.minimise(w, factors, work, 25, 0.0)
     whole = copy.deepcopy(w)
-    kernel.forget_oldest(w, terms, work, np.zeros(POINTS, np.uint8))
-    shift(w)
+    kernel.marginalize_oldest(w, factors, work, np.zeros(POINTS, np.uint8))
+    drop_oldest(w)
     assert w.frames.count[0] == 3
     before = w.frames.p[:3].copy()
-    kernel.minimise(w, terms, work, 5, 0.0)
+    kernel.minimise(w, factors, work, 5, 0.0)
     assert w.frames.p[:3] == pytest.approx(before, abs=1e-6)
     assert before == pytest.approx(whole.frames.p[1:4])
     H = w.prior.H[: SHARED + 2 * FRAME, : SHARED + 2 * FRAME]

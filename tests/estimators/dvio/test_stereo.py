@@ -51,19 +51,19 @@ def painted(c: CameraCalibration) -> Image:
     return Image(topic=c.topic, t_ns=7, pixels=np.clip(grey, 0, 255).astype(np.uint8))
 
 
-def test_tells_the_depth_of_a_wall():
+def test_measures_the_depth_of_a_wall():
     left, right = pair()
-    told = Stereo(left, right, "/head/depth").depth(painted(left), painted(right))
+    measured = Stereo(left, right, "/head/depth").depth(painted(left), painted(right))
     true, _ = depths(left)
-    there = told.depth > 0
-    assert told.t_ns == 7
-    assert told.depth.shape == true.shape
+    there = measured.depth > 0
+    assert measured.t_ns == 7
+    assert measured.depth.shape == true.shape
     assert there.mean() > 0.6
-    off = np.abs(1 / told.depth[there] - 1 / true[there])
+    off = np.abs(1 / measured.depth[there] - 1 / true[there])
     assert np.median(off) < 0.01
 
 
-def test_refuses_cameras_that_do_not_stand_side_by_side():
+def test_refuses_cameras_that_are_not_side_by_side():
     left, right = pair()
     with pytest.raises(ConfigError, match="to the right of"):
         Stereo(right, left, "/head/depth")

@@ -1,4 +1,4 @@
-"""A camera with IMU before a painted wall: what it sees and feels, without a renderer."""
+"""A camera with IMU before a painted wall: what it measures, without a renderer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Motion = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def rig(**imu: float) -> Rig:
-    """What the odometry is told."""
+    """What the odometry is measured."""
     T = np.eye(4)
     T[:3, 3] = P_CAMERA_IN_IMU
     camera = CameraCalibration(
@@ -30,12 +30,12 @@ def rig(**imu: float) -> Rig:
         height=HEIGHT, intrinsics=(FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2), depth_topic="/head/depth",
         imu_topic="/head/imu",
     )  # fmt: skip
-    told = ImuCalibration(
+    measured = ImuCalibration(
         topic="/head/imu", part="wall", rate_hz=IMU_HZ, mount=Mount(body="head"), gyroscope_noise_density=2.4e-4,
         gyroscope_random_walk=5e-6, accelerometer_noise_density=1.5e-3, accelerometer_random_walk=4e-5,
         gyroscope_bias_sd=0.02, accelerometer_bias_sd=0.1, gyroscope_range=17.0, accelerometer_range=39.0, **imu,
     )  # fmt: skip
-    return Rig(cameras={"/head/color": camera}, imus={"/head/imu": told})
+    return Rig(cameras={"/head/color": camera}, imus={"/head/imu": measured})
 
 
 def still(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +59,7 @@ class Wall:
         seconds: How long.
         seed: Of paint and noise.
         bias: (6,) of the IMU.
-        late_s: How much later than told pictures are taken.
+        late_s: How much later than measured images are taken.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Wall:
         return Rotation.from_rotvec(turn[0]).as_matrix() @ R_WORLD_CAMERA, p[0]
 
     def samples(self) -> Iterator[Sample]:
-        """In time order, pictures after the IMU's of the same time."""
+        """In time order, images after the IMU's of the same time."""
         n = round(self.seconds * IMU_HZ)
         t = np.arange(n + 1) / IMU_HZ
         _, turn = self._motion(t)
@@ -94,17 +94,17 @@ class Wall:
         rate = (R[:-1].inv() * R[1:]).as_rotvec() * IMU_HZ
         middle = R[:-1] * Rotation.from_rotvec(0.5 * rate / IMU_HZ)
         force = middle.inv().apply(np.diff(v, axis=0) * IMU_HZ - GRAVITY)
-        told = np.hstack([rate, force]) + self._bias
-        told += self._rng.normal(size=told.shape) * np.repeat([2.4e-4, 1.5e-3], 3) * np.sqrt(IMU_HZ)
+        measured = np.hstack([rate, force]) + self._bias
+        measured += self._rng.normal(size=measured.shape) * np.repeat([2.4e-4, 1.5e-3], 3) * np.sqrt(IMU_HZ)
         due = 0
         for k in range(n):
             t_ns = round((k + 1) * 1e9 / IMU_HZ)
             while round(due * 1e9 / CAMERA_HZ) < t_ns:
-                yield from self.pictures(round(due * 1e9 / CAMERA_HZ))
+                yield from self.images(round(due * 1e9 / CAMERA_HZ))
                 due += 1
-            yield Imu(topic="/head/imu", t_ns=t_ns, angular_rate=told[k, :3], specific_force=told[k, 3:])
+            yield Imu(topic="/head/imu", t_ns=t_ns, angular_rate=measured[k, :3], specific_force=measured[k, 3:])
 
-    def pictures(self, t_ns: int) -> tuple[Image, Depth]:
+    def images(self, t_ns: int) -> tuple[Image, Depth]:
         """Colour and depth stamped with a time."""
         R, p = self.pose(t_ns * 1e-9 + self._late)
         c = p + R @ P_CAMERA_IN_IMU

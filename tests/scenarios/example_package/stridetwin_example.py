@@ -1,4 +1,7 @@
-"""An estimator of another package: the attitude of a foot that stands, from gravity; its place stays the origin."""
+"""Attitude of one foot from gravity alone.
+
+An estimator of another package; the foot's place stays the origin.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ class GravityFoot:
     """Low-pass of the specific force of one foot; causal, of constant memory."""
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="gravity_foot", kind=PATH, description="attitude of one foot from gravity alone", per_foot=True,
+        name="gravity_foot", kind=PATH, per_foot=True,
         methods=("low_pass",), needs="/foot_l/imu or /foot_r/imu",
         summary="Gravity: the attitude of a foot that stands.",
     )  # fmt: skip

@@ -73,7 +73,7 @@ def test_time_is_counted_from_picture_to_picture_and_the_last_word_of_an_instant
     def update(sample: Sample) -> SimpleNamespace:
         p = np.array([next(told), 0.0, 0.0])
         pose = Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=np.eye(3), covariance=np.eye(6))
-        return SimpleNamespace(t_ns=sample.t_ns, pose=pose, health="coasting")
+        return SimpleNamespace(t_ns=sample.t_ns, pose=pose, health="imu_only")
 
     ride = follow(SimpleNamespace(update=update), samples)
     assert ride.told.path.t_ns.tolist() == [0, 5, 10, 15]

@@ -87,7 +87,7 @@ def random_pose(rng: np.random.Generator) -> Array:
     return pose(x, y, z, rng.uniform(-np.pi, np.pi), rng.uniform(-0.7, 0.7), rng.uniform(-0.7, 0.7))
 
 
-def image(brightness: Array, rng: np.random.Generator, noise: float = 1.5, t_ns: int = 0) -> Image:
-    """The picture that a camera with read noise gives."""
+def image_of(brightness: Array, rng: np.random.Generator, noise: float = 1.5, t_ns: int = 0) -> Image:
+    """The image that a camera with read noise gives."""
     noisy: NDArray[np.float64] = brightness + rng.normal(0.0, noise, brightness.shape)
     return Image(topic="/foot_l/camera", t_ns=t_ns, pixels=np.clip(np.round(noisy), 0, 255).astype(np.uint8))

@@ -1,0 +1,170 @@
+"""What the filter of one foot returns, and where it starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stridetwin.estimators.base import PathEstimate, deprecated
+from stridetwin.estimators.foot_ins.state import (
+    ATTITUDE,
+    HEADED,
+    IGNORED,
+    POSITION,
+    REPORTED,
+    START_HEADING_SD,
+    START_POSITION_SD,
+    T_LAST,
+    TRACKING,
+    VELOCITY,
+    Memory,
+)
+from stridetwin.streams.errors import ConfigError, RecordingError
+from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array
+from stridetwin.streams.trajectory import Pose, Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StartPose:
+    """Pose of the sensor at its first sample; gravity corrects the tilt of `q_world_imu`.
+
+    Attributes:
+        p_imu_in_world: (3,) m.
+        q_world_imu: (4,) unit quaternion (w, x, y, z); its heading is used unchanged.
+        position_sd: Standard deviation of the position, m.
+        heading_sd: Standard deviation of the heading, rad.
+    """
+
+    p_imu_in_world: Array
+    q_world_imu: Array
+    position_sd: float = START_POSITION_SD
+    heading_sd: float = START_HEADING_SD
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a value has another shape, is not finite or is no unit quaternion."""
+        for name, size in (("p_imu_in_world", 3), ("q_world_imu", 4)):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape != (size,) or not np.all(np.isfinite(value)):
+                raise ConfigError("StartPose", name, getattr(self, name), f"{size} finite numbers")
+        if abs(np.linalg.norm(self.q_world_imu) - 1.0) > 1e-3:
+            raise ConfigError("StartPose", "q_world_imu", self.q_world_imu, "a unit quaternion (w, x, y, z)")
+        for name in ("position_sd", "heading_sd"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise ConfigError("StartPose", name, getattr(self, name), "a finite number ≥ 0")
+
+    def place(self, memory: Memory) -> None:
+        """Places a foot without samples at this pose."""
+        q = np.asarray(self.q_world_imu, dtype=float)
+        memory.nominal[POSITION : POSITION + 3] = self.p_imu_in_world
+        memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
+        memory.start_sd[:] = self.position_sd, self.heading_sd
+        memory.clock[HEADED] = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FootInsEstimate:
+    """Estimated state of the foot's sensor after one sample.
+
+    Attributes:
+        t_ns: Time of the sample.
+        pose: Of the sensor, without covariance; valid once the vertical is found.
+        v_imu_in_world: (3,) m/s.
+        covariance: (15, 15) of the errors of position (m), velocity (m/s), attitude (rad, world axes), gyro
+            bias (rad/s) and accelerometer bias (m/s², both sensor axes).
+        standing_speed_sd: Standard deviation of the speed of a foot detected as stationary, m/s; inf if it is moving.
+        aligned: False until the vertical is found.
+    """
+
+    t_ns: int
+    pose: Pose
+    v_imu_in_world: Array
+    covariance: Array
+    standing_speed_sd: float
+    aligned: bool
+
+    @classmethod
+    def of(cls, memory: Memory, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
+        """A copy of the memory after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
+        x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
+        p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
+        return cls(
+            t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == TRACKING),
+            v_imu_in_world=x[VELOCITY : VELOCITY + 3],
+            covariance=memory.covariance[o : o + REPORTED, o : o + REPORTED].copy(),
+            standing_speed_sd=standing_speed_sd, aligned=phase == TRACKING,
+        )  # fmt: skip
+
+    @property
+    def p_imu_in_world(self) -> Array:
+        """(3,) m; deprecated, see `pose`."""
+        deprecated("FootInsEstimate.p_imu_in_world", "pose.p_frame_in_world")
+        return self.pose.p_frame_in_world
+
+    @property
+    def q_world_imu(self) -> Array:
+        """(4,) unit quaternion; deprecated, see `pose`."""
+        deprecated("FootInsEstimate.q_world_imu", "pose.q_world_frame")
+        return self.pose.q_world_frame
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FootInsPath:
+    """Estimates after each usable sample of a block.
+
+    Attributes:
+        trajectory: Poses of the sensor with covariance, one per usable sample.
+        v_imu_in_world: (N, 3) m/s.
+        standing_speed_sd: (N,) m/s, inf where the foot is not stationary.
+        aligned: (N,) bool.
+    """
+
+    trajectory: Trajectory
+    v_imu_in_world: Array
+    standing_speed_sd: Array
+    aligned: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, t_ns: NDArray[np.int64], phase: NDArray[np.int8], standing_speed_sd: Array, state: Array, covariance: Array
+    ) -> FootInsPath:
+        """The output of `kernel.run` for N samples, without those that it ignored."""
+        used = phase != IGNORED
+        return cls(
+            trajectory=Trajectory(
+                t_ns=t_ns[used],
+                p_frame_in_world=state[used, POSITION : POSITION + 3],
+                q_world_frame=state[used, ATTITUDE : ATTITUDE + 4],
+                covariance=covariance[used],
+            ),
+            v_imu_in_world=state[used, VELOCITY : VELOCITY + 3],
+            standing_speed_sd=standing_speed_sd[used],
+            aligned=phase[used] == TRACKING,
+        )
+
+    def estimate(
+        self, recording: Recording, name: str, foot: str, label: str, nis: Mapping[str, float], world: str = ""
+    ) -> PathEstimate:
+        """The path of the IMU on `foot` as the estimate `name`; see `PathEstimate`.
+
+        Raises:
+            RecordingError: The vertical was never found.
+        """
+        frame = f"foot_{foot}/imu"
+        if not self.aligned.any():
+            raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
+        ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])
+        return PathEstimate(
+            name=f"{name}_{foot}", frame=frame, path=self.trajectory, ready_ns=ready_ns, nis=nis, world=world,
+            label=label,
+        )  # fmt: skip
+
+
+def standing_nis(memory: Memory) -> float:
+    """Mean normalised innovation squared of zero-velocity updates, per degree of freedom; NaN before the first."""
+    total, count = memory.nis
+    return float(total / count) if count else math.nan
