@@ -24,9 +24,8 @@ from stridetwin.sim.kinematics.rigid_tree import Tree
 from stridetwin.sim.kinematics.rotation import cross, matrix_from_quat
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.body import tracked
-from stridetwin.sim.wearer.coupling import Coupling, Pose, wrench
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, couplings, wrench
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.samples import Array
 

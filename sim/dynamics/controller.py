@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.dynamics.couplings import chain_of
 from stridetwin.sim.dynamics.footstep_replanning import StepReplan
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
-from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian, rotate
+from stridetwin.sim.dynamics.spatial import bias_acceleration, chain_of, cross, jacobian, rotate
 from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, eliminate, solve
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.wearer.dimensions import Wearer

@@ -10,8 +10,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.dynamics.spatial import cross, rotate
-from stridetwin.sim.wearer.coupling import Coupling
+from stridetwin.sim.dynamics.spatial import chain_of, cross, rotate
+from stridetwin.sim.wearer.exo_couplings import Coupling
 from stridetwin.streams.samples import Array
 
 
@@ -46,17 +46,6 @@ class CouplingSet:
                 -1, 2, model.nv
             ),
         )
-
-
-def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
-    """(nv,) degrees of freedom that move a body."""
-    chain = np.zeros(model.nv, dtype=bool)
-    while body > 0:
-        first, count = model.body_dofadr[body], model.body_dofnum[body]
-        if count:
-            chain[first : first + count] = True
-        body = model.body_parentid[body]
-    return chain
 
 
 @numba.njit(cache=True)

@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 from stridetwin.sim.config import SIDES, Exo
-from stridetwin.sim.wearer.actuation import FRICTION_SPEED_RADPS, modules
+from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, modules
 from stridetwin.streams.samples import Array
 
 PERIOD_S, DRIVER_S = 0.01, 0.001

@@ -6,11 +6,23 @@ which saves a call into the engine for every point.
 
 from __future__ import annotations
 
+import mujoco
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
+
+
+def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
+    """(nv,) degrees of freedom that move a body."""
+    chain = np.zeros(model.nv, dtype=bool)
+    while body > 0:
+        first, count = model.body_dofadr[body], model.body_dofnum[body]
+        if count:
+            chain[first : first + count] = True
+        body = model.body_parentid[body]
+    return chain
 
 
 @numba.njit(cache=True)

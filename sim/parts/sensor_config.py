@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from stridetwin.sim.parts.calibration_error import CalibrationSd
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import ideal, part
+from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.streams.fields import DEG, MM, flag, number, words
 
 KIND = {

@@ -17,7 +17,7 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.drive import PERIOD_S
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Insole, Sample
-from stridetwin.studies.closed_loop.observers import Streams
+from stridetwin.studies.closed_loop.environment import Streams
 from stridetwin.studies.closed_loop.recognition import Recognition, Unaware
 
 LOADED_N = 80.0

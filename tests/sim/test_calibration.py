@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
-from stridetwin.sim.parts.calibration_error import CalibrationSd, depth_scale
+from stridetwin.sim.parts.nominal import CalibrationSd, depth_scale
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.rendering.cameras import Cameras, Due
 from stridetwin.sim.sensors.standard_rig import sensor_rig

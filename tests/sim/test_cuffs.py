@@ -17,8 +17,7 @@ from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.joint import InteractionModel
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.coupling import Pose, wrench
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
 from stridetwin.sim.wearer.exoskeleton import EXO_LEG_JOINTS
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block

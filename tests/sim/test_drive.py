@@ -13,7 +13,7 @@ from stridetwin.sim.config import Exo, Level, Route, TwinConfig
 from stridetwin.sim.dynamics.drive import DRIVER_S, PERIOD_S, Drive
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.actuation import HIP, KNEE
+from stridetwin.sim.wearer.exoskeleton import HIP, KNEE
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Actuator, Block
 

@@ -10,19 +10,17 @@ import pytest
 from scipy.optimize import nnls
 
 from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route, Segment, Stairs, TwinConfig
-from stridetwin.sim.dynamics.contact_bias import ContactBias
-from stridetwin.sim.dynamics.contact_sensing import Soles
+from stridetwin.sim.dynamics.contacts import ContactBias, Soles
 from stridetwin.sim.dynamics.couplings import CouplingSet, chain_of, coupling_forces
-from stridetwin.sim.dynamics.disturbances import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.footstep_replanning import Planned, Sensed, StepReplan
 from stridetwin.sim.dynamics.plan import plan_control
+from stridetwin.sim.dynamics.simulate import disturbed, misplaced, pushing
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.dynamics.soles import sole_points, toe_weights
 from stridetwin.sim.dynamics.spatial import bias_acceleration, cross, jacobian
 from stridetwin.sim.dynamics.whole_body_problem import PushingPoints, Tasks, contact_forces, eliminate, solve
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.coupling import Pose, wrench
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Pose, couplings, wrench
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 

@@ -23,24 +23,24 @@ from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.joint import InteractionModel
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.actuation import HIP, JOINTS, KNEE, modules
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.body import add_wearer, compile_model, wearer
-from stridetwin.sim.wearer.coupling import Coupling, Pose, strain, wrench
-from stridetwin.sim.wearer.exo_couplings import couplings
+from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, couplings, strain, wrench
 from stridetwin.sim.wearer.exoskeleton import (
-    DH_FRAMES,
     DH_SIGNS,
     EXO_LEG_BODIES,
     EXO_LEG_JOINTS,
+    HIP,
+    JOINTS,
+    KNEE,
     R_DH_BODY,
     RANGE_RAD,
     dh_table,
-    forward_kinematics,
-    frame_0_in_pelvis,
+    modules,
 )
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
+from tests.sim.dh_kinematics import DH_FRAMES, forward_kinematics, frame_0_in_pelvis
 
 
 def stops(q: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import pytest
 from stridetwin.scenarios.scenario_file import read_scenario
 from stridetwin.sim.config import Dynamics, Exo, Gait, Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.own_exo_body import add_own_exo
+from stridetwin.sim.wearer.exo_body import add_own_exo
 from stridetwin.sim.wearer.own_exo_model import files_of
 from stridetwin.sim.wearer.own_exo_rig import read_own_exo
 from stridetwin.streams.errors import ConfigError, StrideTwinError

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Exo, Level, Route, TwinConfig
-from stridetwin.sim.wearer.actuation import modules
+from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.sim.wearer.own_exo_rig import read_own_exo
 from stridetwin.streams.errors import ConfigError
 from stridetwin.studies.closed_loop import environment
